@@ -1,0 +1,93 @@
+"""What can go wrong, said in one sentence.
+
+Every error that a user can cause derives from :class:`OpenLockError`; its text is complete and
+names the remedy, so the command line prints it as it is and exits with status 2.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+
+class OpenLockError(Exception):
+    """Base of all errors that a user of the toolkit can cause and mend."""
+
+
+class SchemaError(OpenLockError):
+    """A schema that has no meaning.
+
+    Args:
+        message: What is wrong and what to do about it.
+        at: Where, as a path of keys into the schema file, such as ``("edges", "L0", "L3")``.
+    """
+
+    def __init__(self, message: str, at: tuple[str | int, ...] = ()) -> None:
+        super().__init__(message)
+        self.at = at
+
+
+class LayoutError(OpenLockError):
+    """An arrangement of levers that no room can have."""
+
+
+class RewardError(OpenLockError):
+    """A reward that is not made of known terms."""
+
+
+class ProtocolError(OpenLockError):
+    """A protocol or condition that cannot be carried out."""
+
+
+class LearnerError(OpenLockError):
+    """An unknown learner, a wrong hyper-parameter, or an action outside the action space."""
+
+
+class StoreError(OpenLockError):
+    """A results folder that cannot be used."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault in a file; line and column count from 1."""
+
+    line: int
+    column: int
+    message: str
+
+
+class FileError(OpenLockError):
+    """One or more faults in a file, each with its line and column.
+
+    Args:
+        path: The file.
+        faults: The faults; the text of the error has one line for each.
+    """
+
+    def __init__(self, path: Path | str, faults: Iterable[Fault]) -> None:
+        self.path = str(path)
+        self.faults = tuple(sorted(faults, key=lambda fault: (fault.line, fault.column)))
+        super().__init__(
+            "\n".join(
+                f"{self.path}:{fault.line}:{fault.column}: {fault.message}"
+                for fault in self.faults
+            )
+        )
+
+    def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:
+        return FileError, (self.path, self.faults)
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Say which known name was probably meant, and list what there is.
+
+    Returns:
+        A clause such as ``did you mean CC4? known: CC3, CC4``.
+    """
+    names = sorted(known)
+    lowered = {known_name.lower(): known_name for known_name in names}
+    close = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=0.5)
+    meant = f"did you mean {lowered[close[0]]}? " if close else ""
+    return f"{meant}known: {', '.join(names) or 'none'}"

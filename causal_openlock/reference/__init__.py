@@ -1,0 +1,32 @@
+"""Published facts: the room, the layouts, and what people and models did in it.
+
+``room.yaml`` holds the geometry of the paper's Figure 2a and the layouts that its authors
+published; ``results.yaml`` holds the results of three papers, measured from their figures.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+FOLDER = Path(__file__).parent
+
+
+@cache
+def room_facts() -> dict[str, Any]:
+    """The content of ``room.yaml``."""
+    return _load("room.yaml")
+
+
+@cache
+def results() -> dict[str, Any]:
+    """The content of ``results.yaml``."""
+    return _load("results.yaml")
+
+
+def _load(name: str) -> dict[str, Any]:
+    from ruamel.yaml import YAML
+
+    loaded: dict[str, Any] = YAML(typ="safe", pure=True).load(FOLDER / name)
+    return loaded

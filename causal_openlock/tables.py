@@ -1,0 +1,183 @@
+"""Many rooms as one table: the hot path.
+
+Every environment and every session steps rooms by the same gather. :class:`RoomTables` stacks the
+unrolled attempts of all rooms in use (:func:`causal_openlock.fsm.unroll`), re-indexed by position,
+into flat arrays. A room at some moment of an attempt is then a single integer, its *row*, and one
+step of B rooms is ``effect[row * A + action]``: what is seen, what is unlocked, and whether the
+attempt is over are further gathers by the new row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.fsm import FSM, Attempt, BoolArray, FloatArray, IntArray, unroll
+from causal_openlock.room import Layout, Room
+from causal_openlock.schema import Schema
+
+
+@dataclass(frozen=True)
+class RoomKey:
+    """What tells two stacked rooms apart."""
+
+    schema: Schema
+    places: tuple[int, ...]
+    action_limit: int
+
+
+class RoomTables:
+    """Stacked tables of rooms with the same number of positions.
+
+    R rows (a room's moments of an attempt), P positions, A = 2P + 1 actions, G rooms, K solutions
+    of the room that has most.
+
+    Args:
+        positions: P.
+
+    Attributes:
+        effect: ``[R * A]`` the row after an action that takes effect.
+        chance: ``[R * A]`` the probability that it takes effect.
+        idle: ``[R]`` the row after an action that moves nothing.
+        observation: ``[R, 2P + 2]`` what is seen, int8.
+        over: ``[R]`` whether the attempt is over.
+        used: ``[R]`` actions used so far in the attempt.
+        state: ``[R]`` state of the room's machine.
+        unlocked: ``[R]`` whether the door is unlocked.
+        opened: ``[R]`` whether the door is open.
+        solution: ``[R]`` which solution is pushed, -1 for none.
+        begins: ``[R, K]`` whether the actions so far begin solution *k*.
+        room: ``[R]`` index of the room.
+        start: ``[G]`` the row at which each room's attempts begin.
+        solutions: ``[G]`` how many solutions each room has.
+        action_limit: ``[G]`` how many actions an attempt has in each room.
+        rooms: The rooms themselves.
+        stochastic: Whether any room leaves something to chance.
+    """
+
+    def __init__(self, positions: int) -> None:
+        self.positions = positions
+        self.actions = 2 * positions + 1
+        self.rooms: list[Room] = []
+        self.stochastic = False
+        self._index: dict[RoomKey, int] = {}
+        self._attempts: dict[tuple[Schema, int], Attempt] = {}
+        self._machines: dict[Schema, FSM] = {}
+        width = 2 * positions + 2
+        self.effect: IntArray = np.zeros(0, np.int64)
+        self.chance: FloatArray = np.zeros(0)
+        self.idle: IntArray = np.zeros(0, np.int64)
+        self.observation: NDArray[np.int8] = np.zeros((0, width), np.int8)
+        self.over: BoolArray = np.zeros(0, bool)
+        self.used: IntArray = np.zeros(0, np.int64)
+        self.state: IntArray = np.zeros(0, np.int64)
+        self.unlocked: BoolArray = np.zeros(0, bool)
+        self.opened: BoolArray = np.zeros(0, bool)
+        self.solution: IntArray = np.zeros(0, np.int64)
+        self.begins: BoolArray = np.zeros((0, 0), bool)
+        self.room: IntArray = np.zeros(0, np.int64)
+        self.start: IntArray = np.zeros(0, np.int64)
+        self.solutions: IntArray = np.zeros(0, np.int64)
+        self.action_limit: IntArray = np.zeros(0, np.int64)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows, R."""
+        return len(self.over)
+
+    @property
+    def active(self) -> BoolArray:
+        """``[R, P]`` whether the lever at each position is active, as its colour shows."""
+        return self.observation[:, self.positions : 2 * self.positions] == 1
+
+    def add(self, rooms: list[tuple[Schema, Layout, int]]) -> IntArray:
+        """Stack rooms that are not there yet.
+
+        Args:
+            rooms: Schema, layout and action limit of each.
+
+        Returns:
+            ``[len(rooms)]`` index of each room in :attr:`rooms`.
+        """
+        keys = [RoomKey(schema, layout.places, limit) for schema, layout, limit in rooms]
+        new: list[tuple[RoomKey, Layout]] = []
+        for key, (_, layout, _) in zip(keys, rooms, strict=True):
+            if key not in self._index:
+                self._index[key] = len(self._index)
+                new.append((key, layout))
+        if new:
+            self._stack(new)
+        return np.array([self._index[key] for key in keys], dtype=np.int64)
+
+    def _stack(self, new: list[tuple[RoomKey, Layout]]) -> None:
+        from causal_openlock.fsm import compile
+
+        parts: dict[str, list[NDArray[np.generic]]] = {}
+        first = self.rows
+        starts, solutions, limits = [], [], []
+        for key, layout in new:
+            schema = key.schema
+            fsm = self._machines.setdefault(schema, self._machines.get(schema) or compile(schema))
+            unrolled_as = (schema, key.action_limit)
+            attempt = self._attempts.get(unrolled_as) or unroll(fsm, key.action_limit)
+            self._attempts[unrolled_as] = attempt
+            columns = layout.role_actions()
+            rows = len(attempt.state)
+            for name, part in (
+                ("effect", (first + attempt.effect[:, columns]).ravel()),
+                ("chance", attempt.chance[:, columns].ravel()),
+                ("idle", first + attempt.effect[:, -1]),
+                ("observation", layout.observations(fsm, attempt.state)),
+                ("over", attempt.over),
+                ("used", attempt.used),
+                ("state", attempt.state),
+                ("unlocked", fsm.unlocked[attempt.state]),
+                ("opened", fsm.opened[attempt.state]),
+                ("solution", fsm.solution[attempt.state]),
+                ("room", np.full(rows, len(self.rooms))),
+            ):
+                parts.setdefault(name, []).append(part)
+            parts.setdefault("begins", []).append(attempt.begins)
+            self.rooms.append(Room(fsm, layout))
+            starts.append(first)
+            solutions.append(len(schema.solutions))
+            limits.append(key.action_limit)
+            self.stochastic |= not schema.deterministic
+            first += rows
+        most = max(self.begins.shape[1], *solutions)
+        parts["begins"] = [_widen(part, most) for part in parts["begins"]]
+        self.begins = _widen(self.begins, most)
+        for name, pieces in parts.items():
+            setattr(self, name, np.concatenate([getattr(self, name), *pieces]))
+        self.start = np.concatenate([self.start, starts])
+        self.solutions = np.concatenate([self.solutions, solutions])
+        self.action_limit = np.concatenate([self.action_limit, limits])
+
+    def step(self, row: IntArray, action: IntArray, luck: FloatArray | None = None) -> IntArray:
+        """Take one action in each of B rooms.
+
+        Args:
+            row: ``[B]`` where each room is.
+            action: ``[B]`` what is done there.
+            luck: ``[B]`` uniform numbers in [0, 1), needed where a room leaves something to
+                chance: the action takes effect if its chance is above the number.
+
+        Returns:
+            ``[B]`` where each room is then.
+        """
+        flat = row * self.actions + action
+        after = self.effect[flat]
+        if self.stochastic:
+            if luck is None:
+                raise ValueError("these rooms leave something to chance; pass luck")
+            fails = (luck >= self.chance[flat]) & (self.chance[flat] > 0.0)
+            after = np.where(fails, self.idle[row], after)
+        return after
+
+
+def _widen(begins: NDArray[np.generic], width: int) -> BoolArray:
+    padded = np.zeros((len(begins), width), dtype=bool)
+    padded[:, : begins.shape[1]] = begins
+    return padded
