@@ -325,12 +325,13 @@ class RewardTable:
         self._sensitive: BoolArray = np.zeros(0, dtype=bool)
 
     def _fill(self) -> None:
-        """Evaluate the reward for every row, action and outcome that the tables have gained."""
+        """Evaluate the reward for every row and action that the tables have gained."""
         tables, done = self.tables, len(self._sensitive)
         row = np.repeat(np.arange(done, tables.rows), tables.actions)
         action = np.tile(np.arange(tables.actions), tables.rows - done)
         after = tables.effect[done * tables.actions :]
         paid = self.reward.pay(Events.of(tables, row, action, after))
+        paid[tables.over[row]] = 0.0  # putting a room back pays nothing
         self._paid = np.concatenate([self._paid, paid])
         # What was found before matters only where the door is unlocked: nothing else pays for it.
         self._sensitive = tables.unlocked & self.reward.heeds_found
@@ -340,31 +341,41 @@ class RewardTable:
         row: IntArray,
         action: IntArray,
         after: IntArray,
-        repeated: BoolArray,
+        previous: IntArray,
         found: BoolArray,
     ) -> FloatArray:
-        """The rewards of B actions; arguments as in :meth:`Events.of`."""
-        if len(self._sensitive) < self.tables.rows:
+        """``[B]`` the rewards of B actions.
+
+        Args:
+            row: ``[B]`` where each room was.
+            action: ``[B]`` what was done.
+            after: ``[B]`` where each room is then.
+            previous: ``[B]`` the action before it in the attempt, -1 for none.
+            found: ``[B, K]`` which solutions are found already.
+        """
+        tables, reward = self.tables, self.reward
+        if len(self._sensitive) < tables.rows:
             self._fill()
-        flat = row * self.tables.actions + action
-        paid = self._paid[flat]
-        again = np.zeros(len(row), dtype=bool)
-        if self.reward.heeds_repeats:
-            again |= repeated
-        if self.reward.heeds_found:
-            again |= self._sensitive[after] & found.any(axis=1)
-        if self.tables.stochastic:
-            again |= after != self.tables.effect[flat]
-        which = np.flatnonzero(again)
-        if len(which):
-            paid[which] = self.reward.pay(
+        flat = row * tables.actions + action
+        paid: FloatArray = self._paid.take(flat)
+        which: list[IntArray] = []
+        if reward.heeds_repeats:
+            which.append(np.flatnonzero(action == previous))
+        if reward.heeds_found:
+            touched = np.flatnonzero(self._sensitive.take(after))
+            which.append(touched[found[touched].any(axis=1)])
+        if tables.stochastic:
+            which.append(np.flatnonzero(after != tables.effect.take(flat)))
+        if any(map(len, which)):
+            again = np.unique(np.concatenate(which))
+            paid[again] = reward.pay(
                 Events.of(
-                    self.tables,
-                    row[which],
-                    action[which],
-                    after[which],
-                    repeated[which],
-                    found[which, : self.tables.begins.shape[1]],
+                    tables,
+                    row[again],
+                    action[again],
+                    after[again],
+                    action[again] == previous[again],
+                    found[again],
                 )
             )
         return paid

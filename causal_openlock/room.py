@@ -179,6 +179,12 @@ class Layout:
             lever: names[place] for lever, place in zip(schema.levers, self.places, strict=True)
         }
 
+    def in_room(self, positions: int) -> Layout:
+        """The same places in a room of another size."""
+        if positions == self.positions:
+            return self
+        return Layout(self.places, positions, self.name)
+
     def role_actions(self) -> IntArray:
         """``[2P + 1]`` the machine's action for each of the room's actions.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.fsm import FSM, Attempt, BoolArray, FloatArray, IntArray, unroll
+from causal_openlock.fsm import FSM, Attempt, BoolArray, FloatArray, IntArray, compile, unroll
 from causal_openlock.room import Layout, Room
 from causal_openlock.schema import Schema
 
@@ -38,9 +38,10 @@ class RoomTables:
         positions: P.
 
     Attributes:
-        effect: ``[R * A]`` the row after an action that takes effect.
+        effect: ``[R * A]`` the row after an action that takes effect. Where the attempt is over,
+            any action puts the room back to its start.
         chance: ``[R * A]`` the probability that it takes effect.
-        idle: ``[R]`` the row after an action that moves nothing.
+        idle: ``[R]`` the row after an action that moves nothing, likewise.
         observation: ``[R, 2P + 2]`` what is seen, int8.
         over: ``[R]`` whether the attempt is over.
         used: ``[R]`` actions used so far in the attempt.
@@ -112,23 +113,23 @@ class RoomTables:
         return np.array([self._index[key] for key in keys], dtype=np.int64)
 
     def _stack(self, new: list[tuple[RoomKey, Layout]]) -> None:
-        from causal_openlock.fsm import compile
-
         parts: dict[str, list[NDArray[np.generic]]] = {}
         first = self.rows
         starts, solutions, limits = [], [], []
         for key, layout in new:
             schema = key.schema
-            fsm = self._machines.setdefault(schema, self._machines.get(schema) or compile(schema))
+            fsm = self._machines.get(schema) or compile(schema)
+            self._machines[schema] = fsm
             unrolled_as = (schema, key.action_limit)
             attempt = self._attempts.get(unrolled_as) or unroll(fsm, key.action_limit)
             self._attempts[unrolled_as] = attempt
             columns = layout.role_actions()
             rows = len(attempt.state)
+            effect = np.where(attempt.over[:, None], 0, attempt.effect)
             for name, part in (
-                ("effect", (first + attempt.effect[:, columns]).ravel()),
+                ("effect", (first + effect[:, columns]).ravel()),
                 ("chance", attempt.chance[:, columns].ravel()),
-                ("idle", first + attempt.effect[:, -1]),
+                ("idle", first + effect[:, -1]),
                 ("observation", layout.observations(fsm, attempt.state)),
                 ("over", attempt.over),
                 ("used", attempt.used),

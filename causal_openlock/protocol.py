@@ -1,0 +1,288 @@
+"""Conditions and protocols, as data: which rooms a subject visits, and with what budgets.
+
+A *condition* is a sequence of trials: first those to train on, then perhaps those to test on.
+``CC4`` is a baseline (four-lever rooms governed by CC4), ``CC3-CC4`` a transfer (six rooms of CC3,
+then CC4). The paper's six conditions are instances of these two forms, and any other schema names
+fit them as well: ``chain3``, ``chain3-seven``.
+
+A *protocol* says how a condition is carried out: how many attempts a trial has, whether it ends
+when all solutions are found, how many trials there are and how often they are gone through.
+
+* ``human``: 30 attempts; a trial ends as soon as everything is found; baseline 5 trials, transfer
+  6 + 1 (paper, "Materials and Procedure").
+* ``rl``: 300 attempts in every trial, also after everything is found; a baseline loops 10 times
+  over its 5 trials; transfer loops 100 times over 6 training trials and 10 times over the 5 test
+  trials (paper, "Model Results"). Figure 6 shows 150,000 attempts for each schema and Figure 7
+  18,000 for each case, where these loops give 15,000 each: the text is followed here and the
+  loops are parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+
+from causal_openlock.errors import LayoutError, ProtocolError, nearest
+from causal_openlock.room import Layout, published_layouts
+from causal_openlock.schema import NAME, Schema
+
+PAPER_ACTION_LIMIT = 3
+PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
+LayoutSource = Literal["published", "random"]
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How a condition is carried out.
+
+    Attributes:
+        name: For the record.
+        attempt_limit: Attempts in a trial.
+        stop_when_solved: Whether a trial ends as soon as all its solutions are found.
+        baseline_trials: Trials of a condition without a test.
+        training_trials: Trials to train on, in a condition with a test.
+        test_trials: Trials to test on.
+        baseline_loops: How often the trials of a baseline are gone through.
+        train_loops: The same for trials to train on.
+        test_loops: The same for trials to test on.
+        layouts: Where layouts come from, if the condition does not say: those the paper's authors
+            published (as many as there are), or drawn at random.
+        test_layout: A published layout for every test trial (the authors' program always used
+            ``trial7``); none by default.
+        action_limit: Actions in an attempt; by default 3, or as many as the schema's longest
+            solution needs.
+    """
+
+    name: str
+    attempt_limit: int
+    stop_when_solved: bool
+    baseline_trials: int = 5
+    training_trials: int = 6
+    test_trials: int = 1
+    baseline_loops: int = 1
+    train_loops: int = 1
+    test_loops: int = 1
+    layouts: LayoutSource = "published"
+    test_layout: str | None = None
+    action_limit: int | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, int) and not isinstance(value, bool) and value < 1:
+                raise ProtocolError(f"{field.name} of protocol {self.name} must be at least 1")
+        if self.layouts not in ("published", "random"):
+            raise ProtocolError(f"layouts are published or random, not {self.layouts!r}")
+
+    def actions_for(self, schema: Schema) -> int:
+        """Actions in an attempt in a room of this schema.
+
+        Raises:
+            ProtocolError: If the protocol's limit is too small for the schema.
+        """
+        if self.action_limit is None:
+            return max(PAPER_ACTION_LIMIT, schema.least_action_limit)
+        if self.action_limit < schema.least_action_limit:
+            raise ProtocolError(
+                f"{schema.name} needs attempts of {schema.least_action_limit} actions and the "
+                f"protocol {self.name} allows {self.action_limit}; raise its action_limit"
+            )
+        return self.action_limit
+
+    def as_dict(self) -> dict[str, Any]:
+        """The protocol as plain data."""
+        return asdict(self)
+
+
+PROTOCOLS = {
+    "human": Protocol("human", attempt_limit=30, stop_when_solved=True),
+    "rl": Protocol(
+        "rl",
+        attempt_limit=300,
+        stop_when_solved=False,
+        test_trials=5,
+        baseline_loops=10,
+        train_loops=100,
+        test_loops=10,
+    ),
+}
+
+
+def find_protocol(name: str, own: dict[str, Protocol] | None = None) -> Protocol:
+    """A protocol by name.
+
+    Raises:
+        ProtocolError: If there is none; the message names the nearest.
+    """
+    known = {**PROTOCOLS, **(own or {})}
+    if name not in known:
+        raise ProtocolError(f"there is no protocol {name!r}; {nearest(name, known)}")
+    return known[name]
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Some trials in rooms of one schema.
+
+    Attributes:
+        schema: What governs the rooms.
+        layouts: Layouts to draw from without repeats; ``None`` leaves the source to the protocol.
+        number: How many trials; ``None`` leaves it to the protocol, or takes all given layouts.
+        shuffle: Whether the layouts come in random order.
+    """
+
+    schema: Schema
+    layouts: tuple[Layout, ...] | LayoutSource | None = None
+    number: int | None = None
+    shuffle: bool = True
+
+    def as_dict(self) -> dict[str, Any]:
+        """The trials as plain data, schema included."""
+        layouts = self.layouts
+        return {
+            "schema": self.schema.as_dict(),
+            "layouts": [list(layout.places) for layout in layouts]
+            if isinstance(layouts, tuple)
+            else layouts,
+            "number": self.number,
+            "shuffle": self.shuffle,
+        }
+
+    def draw(
+        self, generator: np.random.Generator, number: int, source: LayoutSource
+    ) -> list[Layout]:
+        """The layouts of one loop over these trials, for one subject."""
+        layouts: Any = self.layouts or source
+        if layouts == "published":
+            layouts = _published(self.schema) or "random"
+        number = self.number or (
+            len(layouts) if self.layouts and layouts != "random" else number
+        )
+        if layouts == "random":
+            drawn: dict[tuple[int, ...], Layout] = {}
+            for _ in range(1000 * number):
+                layout = Layout.random(self.schema, generator)
+                drawn.setdefault(layout.places, layout)
+                if len(drawn) == number:
+                    break
+            return list(drawn.values())
+        order = generator.permutation(len(layouts)) if self.shuffle else np.arange(len(layouts))
+        return [layouts[index] for index in order[:number]]
+
+
+@cache
+def _published(schema: Schema) -> tuple[Layout, ...]:
+    return tuple(Layout.of(schema, name) for name in published_layouts(schema))
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A sequence of trials.
+
+    Attributes:
+        name: For the record.
+        train: Trials in the order in which they come; all of a baseline's trials are here.
+        test: Trials to test on afterwards; empty for a baseline.
+    """
+
+    name: str
+    train: tuple[Trials, ...]
+    test: tuple[Trials, ...] = ()
+
+    @classmethod
+    def named(cls, name: str, find: Callable[[str], Schema]) -> Condition:
+        """The baseline ``A`` or the transfer ``A-B`` over schemas A and B.
+
+        Args:
+            name: One or two schema names; a path to a schema file stands for a baseline.
+            find: Finds a schema by name or path.
+        """
+        if name.endswith((".yaml", ".yml")):
+            schema = find(name)
+            return cls(schema.name, (Trials(schema),))
+        parts = name.split("-")
+        if len(parts) > 2 or not all(map(NAME.fullmatch, parts)):
+            raise ProtocolError(
+                f"{name!r} is no condition; write one schema for a baseline (CC4) or two for a "
+                "transfer (CC3-CC4)"
+            )
+        groups = [(Trials(find(part)),) for part in parts]
+        return cls(name, *groups)
+
+    @property
+    def schemas(self) -> tuple[Schema, ...]:
+        """The schemas met, each once, in order."""
+        return tuple(dict.fromkeys(trials.schema for trials in (*self.train, *self.test)))
+
+    def as_dict(self) -> dict[str, Any]:
+        """The condition as plain data, schemas included."""
+        return {
+            "name": self.name,
+            "train": [trials.as_dict() for trials in self.train],
+            "test": [trials.as_dict() for trials in self.test],
+        }
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One trial of one subject: where it stands in the condition, and its room."""
+
+    phase: str
+    loop: int
+    trial: int
+    schema: Schema
+    layout: Layout
+
+
+def plan(
+    condition: Condition, protocol: Protocol, generator: np.random.Generator
+) -> list[Visit]:
+    """The trials that one subject goes through, in order.
+
+    Each loop draws its layouts anew, without repeats within the loop.
+
+    Raises:
+        ProtocolError: If a schema does not fit the protocol.
+        LayoutError: If a schema does not fit the layout asked for.
+    """
+    visits: list[Visit] = []
+    baseline = not condition.test
+    train = (
+        (protocol.baseline_trials, protocol.baseline_loops)
+        if baseline
+        else (protocol.training_trials, protocol.train_loops)
+    )
+    test = (protocol.test_trials, protocol.test_loops)
+    for phase, groups, (number, loops) in (
+        ("train", condition.train, train),
+        ("test", _with_test_layout(condition.test, protocol), test),
+    ):
+        for loop in range(loops if groups else 0):
+            drawn: Iterable[tuple[Schema, Layout]] = (
+                (trials.schema, layout)
+                for trials in groups
+                for layout in trials.draw(generator, number, protocol.layouts)
+            )
+            visits += [
+                Visit(phase, loop + 1, trial + 1, schema, layout)
+                for trial, (schema, layout) in enumerate(drawn)
+            ]
+    for schema in condition.schemas:
+        protocol.actions_for(schema)
+    return visits
+
+
+def _with_test_layout(groups: tuple[Trials, ...], protocol: Protocol) -> tuple[Trials, ...]:
+    if protocol.test_layout is None:
+        return groups
+    try:
+        return tuple(
+            replace(trials, layouts=(Layout.of(trials.schema, protocol.test_layout),))
+            for trials in groups
+        )
+    except LayoutError as error:
+        raise ProtocolError(f"test_layout of protocol {protocol.name}: {error}") from None

@@ -1,0 +1,68 @@
+"""Randomness that belongs to a subject.
+
+Every subject has generators of its own, spawned from the experiment's seed by what the subject
+is, so that its data depend neither on the other subjects in its batch nor on the number of workers.
+:class:`Streams` hands out one number to each of B subjects at once without asking B generators
+every time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.fsm import FloatArray
+
+
+def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.Generator, ...]:
+    """One generator for each subject.
+
+    Args:
+        seed: Seed of the experiment.
+        key: What the generators are for; another key gives other numbers.
+        subjects: Numbers of the subjects.
+    """
+    digest = hashlib.sha256(key.encode()).digest()[:16]
+    words = tuple(int.from_bytes(digest[i : i + 4], "big") for i in range(0, 16, 4))
+    return tuple(
+        np.random.Generator(
+            np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(*words, subject)))
+        )
+        for subject in subjects
+    )
+
+
+class Streams:
+    """Uniform numbers for B subjects at once, each from its own generator.
+
+    The t-th call gives each subject the t-th number of its own stream, whoever else is there.
+
+    Args:
+        generators: One for each subject.
+        block: How many numbers to draw ahead.
+    """
+
+    def __init__(self, generators: Sequence[np.random.Generator], block: int = 512) -> None:
+        self._generators = tuple(generators)
+        self._block = block
+        self._drawn: FloatArray = np.zeros((0, len(self._generators)))
+        self._next = 0
+
+    def uniform(self) -> FloatArray:
+        """``[B]`` numbers in [0, 1)."""
+        if self._next == len(self._drawn):
+            drawn = np.empty((len(self._generators), self._block))
+            for subject, generator in enumerate(self._generators):
+                generator.random(out=drawn[subject])
+            # One contiguous row for each call, since that is how the numbers are used.
+            self._drawn = np.ascontiguousarray(drawn.T)
+            self._next = 0
+        self._next += 1
+        return self._drawn[self._next - 1]
+
+    def integers(self, high: int) -> NDArray[np.int64]:
+        """``[B]`` integers in [0, high), uniformly distributed."""
+        return (self.uniform() * high).astype(np.int64)

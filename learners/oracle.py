@@ -1,0 +1,46 @@
+"""The oracle: it knows the schema and the layout, and simply does what works.
+
+The floor of every comparison: as many attempts as the room has solutions (two with the paper's
+three levers, three with four). It takes the solutions one by one, pushes the next lever that does
+not stand pushed yet, and then the door; looking before it pushes makes it try again where a noisy
+room did not obey.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from causal_openlock.fsm import IntArray
+from causal_openlock.learner import Brief, InformedLearner, Truth, View
+
+
+class Oracle(InformedLearner):
+    """Carries out the solutions that it is told, one after another."""
+
+    def begin(self, brief: Brief) -> None:
+        """Remember the size of the room."""
+        self._door = 2 * brief.positions
+        self._plans = np.zeros((0, 0, 0), dtype=np.int64)
+        self._room = np.zeros(brief.subjects, dtype=np.int64)
+
+    def inform(self, truth: Truth) -> None:
+        """Write down, for each room, the positions to push for each of its solutions."""
+        self._room = truth.room
+        if len(self._plans) == len(truth.rooms):
+            return
+        solutions = max(len(room.schema.solutions) for room in truth.rooms)
+        length = max(len(levers) for room in truth.rooms for levers in room.schema.solutions)
+        self._plans = np.full((len(truth.rooms), solutions, length + 1), self._door)
+        for index, room in enumerate(truth.rooms):
+            for which, levers in enumerate(room.schema.solutions):
+                self._plans[index, which, : len(levers) + 1] = room.action_of(levers)
+
+    def act(self, view: View) -> IntArray:
+        """``[B]`` the first push of the present solution that is still to be done."""
+        # Solutions are carried out in order, so the number found is the index of the present one.
+        present = np.minimum(view.console.solutions_found, self._plans.shape[1] - 1)
+        plan = self._plans[self._room, present]
+        everyone = np.arange(len(plan))[:, None]
+        pushed = (plan < self._door) & (view.observation[everyone, plan % self._door] == 1)
+        chosen: IntArray = np.take_along_axis(plan, (~pushed).argmax(axis=1)[:, None], axis=1)[:, 0]
+        return chosen

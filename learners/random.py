@@ -1,0 +1,24 @@
+"""The random learner: every action equally likely, whatever happens.
+
+The lower bound of every comparison. Under the human protocol it almost never finishes a trial: of
+the 3,375 sequences of three actions only two or three open the door.
+"""
+
+from __future__ import annotations
+
+from causal_openlock.fsm import IntArray
+from causal_openlock.learner import Brief, Learner, View
+from causal_openlock.randomness import Streams
+
+
+class RandomLearner(Learner):
+    """Draws every action uniformly."""
+
+    def begin(self, brief: Brief) -> None:
+        """Open one stream of numbers for each subject."""
+        self._actions = brief.actions
+        self._streams = Streams(brief.generators)
+
+    def act(self, view: View) -> IntArray:
+        """``[B]`` uniformly random actions."""
+        return self._streams.integers(self._actions)
