@@ -23,6 +23,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from operator import index
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import gymnasium
@@ -35,9 +36,9 @@ from numpy.typing import NDArray
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
 from causal_openlock.protocol import PAPER_ACTION_LIMIT
-from causal_openlock.rewards import PAPER_REWARD, RewardFunction, RewardTable, find_reward
+from causal_openlock.rewards import BASIC_REWARD, RewardFunction, RewardTable, find_reward
 from causal_openlock.room import RANDOM_LAYOUT, Layout, Room, positions_for
-from causal_openlock.tables import RoomTables
+from causal_openlock.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
 
 if TYPE_CHECKING:
     from causal_openlock.schema import Schema
@@ -140,9 +141,8 @@ class _ListedRoom:
         self.effect: list[int] = tables.effect.tolist()
         self.chance: list[float] = tables.chance.tolist()
         self.idle: list[int] = tables.idle.tolist()
-        self.over: list[bool] = tables.over.tolist()
         self.unlocked: list[bool] = tables.unlocked.tolist()
-        self.actions_left: list[int] = (settings.action_limit - tables.used).tolist()
+        self.actions_left: list[int] = (tables.status & ACTIONS_LEFT).tolist()
         self.solution: list[int] = np.where(tables.opened, tables.solution, -1).tolist()
         self.observations = list(tables.observation)
         self.paid: list[float] = self.rewards.table().tolist()
@@ -173,7 +173,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self,
         schema: str | os.PathLike[str] | Schema = "CC3",
         layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
-        reward: str | Iterable[str] | RewardFunction = PAPER_REWARD,
+        reward: str | Iterable[str] | RewardFunction = BASIC_REWARD,
         episode: Episode = "attempt",
         attempt_limit: int = ATTEMPT_LIMIT,
         action_limit: int | None = None,
@@ -194,6 +194,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._stochastic = not self._settings.schema.deterministic
         self._heeds_repeats = self._settings.reward.heeds_repeats
         self._heeds_found = self._settings.reward.heeds_found
+        # Row of the room; after the end of an episode its complement, which is negative.
         self._row = -1
         self._new_trial_due = True
 
@@ -206,17 +207,16 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             seed: Seeds the environment and begins a new trial.
             options: ``{"new_trial": True}`` begins a new trial.
         """
-        super().reset(seed=seed)
-        abandoned = self._row > 0 and not self._listed_room.over[self._row]
-        if abandoned and not self._whole_trial:
-            self._attempt += 1
-            self._new_trial_due |= self._attempt > self._settings.attempt_limit
-        asked = bool(options and options.get("new_trial"))
+        if seed is not None:
+            super().reset(seed=seed)
+        if self._row > 0 and not self._whole_trial:
+            self._spend_attempt(solved=False)  # the attempt in progress is given up
+        asked = options is not None and options.get("new_trial", False)
         if self._new_trial_due or self._whole_trial or seed is not None or asked:
             self._begin_trial()
         self._row = 0
         self._previous = -1
-        return self._listed_room.observations[0].copy(), self._info(self._listed_room)
+        return self._observations[0].copy(), self._info(0)
 
     def _begin_trial(self) -> None:
         layout = self._settings.draw_layout(self.np_random)
@@ -225,9 +225,10 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
                 self._listed.clear()
             self._listed[layout] = _ListedRoom(self._settings, layout)
         self._listed_room = self._listed[layout]
-        self._attempt = 1
+        self._observations = self._listed_room.observations
+        self._attempts_left = self._settings.attempt_limit
         self._found: set[int] = set()
-        self._solutions = len(self._settings.schema.solutions)
+        self._solutions_left = len(self._settings.schema.solutions)
         self._new_trial_due = False
         self._latent = self._describe()
 
@@ -244,36 +245,38 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         if row < 0:
             raise ResetNeeded("call reset() before step(), and after the end of every episode")
         try:
-            if not 0 <= action < self._actions:
-                raise IndexError
-            flat = row * self._actions + action
-            listed = self._listed_room
-            after = listed.effect[flat]
-        except (IndexError, TypeError):
-            raise InvalidAction(
-                f"{action!r} is no action; actions are the integers 0 to {self._actions - 1}"
-            ) from None
+            action = index(action)
+        except TypeError:
+            action = -1
+        if not 0 <= action < self._actions:
+            raise InvalidAction(f"an action is an integer from 0 to {self._actions - 1}")
+        flat = row * self._actions + action
+        listed = self._listed_room
+        after = listed.effect[flat]
         if self._stochastic and self.np_random.random() >= listed.chance[flat] > 0.0:
             after = listed.idle[row]
         reward = listed.paid[flat]
         if (
-            (self._heeds_found and self._found and listed.unlocked[after])
+            (self._found and self._heeds_found and listed.unlocked[after])
             or (self._heeds_repeats and action == self._previous)
             or self._stochastic
         ):
             reward = self._judge(row, action, after)
-        self._row = after
         self._previous = action
-        if not listed.over[after]:
-            return listed.observations[after].copy(), reward, False, False, self._info(listed)
+        if listed.actions_left[after]:
+            self._row = after
+            return self._observations[after].copy(), reward, False, False, self._info(after)
         return self._end_attempt(listed, after, reward)
 
     def _judge(self, row: int, action: int, after: int) -> float:
         """The reward where history or luck matters."""
-        found = np.zeros((1, self._solutions), dtype=bool)
+        found = np.zeros((1, len(self._settings.schema.solutions)), dtype=bool)
         found[0, list(self._found)] = True
+        choice = row * self._actions + action
         paid = self._listed_room.rewards.pay(
-            *(np.array([value]) for value in (row, int(action), after, self._previous)), found
+            *(np.array([value]) for value in (choice, after, self._previous)),
+            found,
+            np.zeros(1, dtype=np.int64),
         )
         return float(paid[0])
 
@@ -283,44 +286,47 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         solution = listed.solution[after]
         if solution >= 0 and solution not in self._found:
             self._found.add(solution)
+            self._solutions_left -= 1
             self._latent = self._describe()
-        solved = len(self._found) == self._solutions
-        last = self._attempt == self._settings.attempt_limit
-        outcome = listed.observations[after].copy()
+        solved = not self._solutions_left
+        outcome = self._observations[after].copy()
         if not self._whole_trial:
-            info = self._info(listed)
-            self._new_trial_due = solved or last
-            self._attempt += 1
-            self._row = -1
+            info = self._info(after)
+            self._spend_attempt(solved)
+            self._row = ~after
             return outcome, reward, True, False, info
-        self._previous = -1
-        self._row = -1 if solved or last else 0
-        if not (solved or last):
-            self._attempt += 1
-        info = self._info(listed)
+        spent = self._attempts_left == 1 and not solved
+        if not (solved or spent):
+            self._spend_attempt(solved)
+        info = self._info(0)
         info["outcome"] = outcome
-        seen = listed.observations[0].copy()
-        return seen, reward, solved, last and not solved, info
+        self._previous = -1
+        self._row = ~0 if solved or spent else 0
+        return self._observations[0].copy(), reward, solved, spent, info
 
-    def _info(self, listed: _ListedRoom) -> dict[str, Any]:
-        found = len(self._found)
+    def _spend_attempt(self, solved: bool) -> None:
+        self._attempts_left -= 1
+        self._new_trial_due = solved or not self._attempts_left
+
+    def _info(self, row: int) -> dict[str, Any]:
         return {
             "console": {
-                "solutions_left": self._solutions - found,
-                "solutions_found": found,
-                "attempts_left": self._settings.attempt_limit + 1 - self._attempt,
-                "actions_left": listed.actions_left[self._row],
+                "solutions_left": self._solutions_left,
+                "solutions_found": len(self._found),
+                "attempts_left": self._attempts_left,
+                "actions_left": self._listed_room.actions_left[row],
             },
-            "latent": self._latent,
+            "latent": self._latent.copy(),
         }
 
     def _describe(self) -> dict[str, Any]:
+        """What no learner may see, in values that cannot be changed."""
         room = self._listed_room.room
         return {
             "schema": room.schema.name,
-            "layout": room.layout.as_mapping(room.schema),
+            "layout": tuple(room.layout.as_mapping(room.schema).items()),
             "solutions": room.schema.solutions,
-            "found": sorted(self._found),
+            "found": tuple(sorted(self._found)),
         }
 
     def render(self) -> Any:
@@ -332,8 +338,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
 
         if not hasattr(self, "_listed_room"):
             raise ResetNeeded("call reset() before render()")
-        # After the end of an episode the room is still shown as the attempt left it.
-        row = self._row
+        row = self._row if self._row >= 0 else ~self._row
         seen = self._listed_room.observations[row]
         positions = self._settings.positions
         if self.render_mode == "ansi":
@@ -368,7 +373,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         num_envs: int = 1,
         schema: str | os.PathLike[str] | Schema = "CC3",
         layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
-        reward: str | Iterable[str] | RewardFunction = PAPER_REWARD,
+        reward: str | Iterable[str] | RewardFunction = BASIC_REWARD,
         episode: Episode = "attempt",
         attempt_limit: int = ATTEMPT_LIMIT,
         action_limit: int | None = None,
@@ -390,6 +395,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self._tables = RoomTables(settings.positions)
         self._rewards = RewardTable(settings.reward, self._tables)
         self._solutions = len(settings.schema.solutions)
+        self._room_of: dict[int, int] = {}
         self._started = False
 
     def reset(
@@ -409,33 +415,49 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if mask is None or not self._started:
             self._room = np.zeros(many, dtype=np.int64)
             self._row = np.zeros(many, dtype=np.int64)
-            self._attempt = np.ones(many, dtype=np.int32)
+            self._attempts_left = np.zeros(many, dtype=np.int32)
             self._found = np.zeros((many, self._solutions), dtype=bool)
-            self._left = np.full(many, self._solutions, dtype=np.int32)
+            self._left = np.full(many, self._solutions, dtype=np.int16)
             self._previous = np.full(many, -1, dtype=np.int64)
-            # Rooms whose episode has ended, and those among them that are due for a new trial.
-            self._ended = np.zeros(many, dtype=bool)
-            self._due = np.zeros(many, dtype=bool)
+            # Rooms whose trial is over: the next step begins another.
+            self._due = _NONE
             mask = np.ones(many, dtype=bool)
             self._started = True
         self._begin_trials(np.flatnonzero(mask))
-        self._ended[mask] = False
-        return self._seen(), self._info()
+        self._due = np.setdiff1d(self._due, np.flatnonzero(mask))
+        return self._seen(), self._info(self._tables.status.take(self._row) & ACTIONS_LEFT)
 
     def _begin_trials(self, which: NDArray[np.int64]) -> None:
-        settings, tables = self._settings, self._tables
-        self._room[which] = tables.add(
-            [
-                (settings.schema, settings.draw_layout(self.np_random), settings.action_limit)
-                for _ in which
-            ]
+        self._room[which] = self._draw_rooms(len(which))
+        self._row, self._left, self._attempts_left = (
+            array.copy() for array in (self._row, self._left, self._attempts_left)
         )
-        self._row[which] = tables.start[self._room[which]]
-        self._attempt[which] = 1
-        self._found[which] = False
+        self._row[which] = self._tables.start[self._room[which]]
+        self._attempts_left[which] = self._settings.attempt_limit
         self._left[which] = self._solutions
+        self._found[which] = False
         self._previous[which] = -1
-        self._due[which] = False
+
+    def _draw_rooms(self, many: int) -> NDArray[np.int64]:
+        """``[many]`` rooms for new trials; a layout met before is not stacked again."""
+        settings = self._settings
+        if settings.layout is not None:
+            return np.repeat(self._stacked([settings.layout]), many)
+        levers, positions = len(settings.schema.levers), settings.positions
+        order = self.np_random.random((many, positions)).argsort(axis=1)[:, :levers]
+        codes, first, which = np.unique(
+            order @ positions ** np.arange(levers), return_index=True, return_inverse=True
+        )
+        new = [i for i, code in enumerate(codes.tolist()) if code not in self._room_of]
+        layouts = [Layout(tuple(order[first[i]].tolist()), positions) for i in new]
+        self._room_of.update(zip(codes[new].tolist(), self._stacked(layouts), strict=True))
+        return np.array([self._room_of[code] for code in codes.tolist()])[which]
+
+    def _stacked(self, layouts: list[Layout]) -> NDArray[np.int64]:
+        settings = self._settings
+        return self._tables.add(
+            [(settings.schema, layout, settings.action_limit) for layout in layouts]
+        )
 
     def step(
         self, actions: NDArray[np.int64]
@@ -452,31 +474,41 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if not self._started:
             raise ResetNeeded("call reset() before step()")
         actions = self._checked(actions)
-        tables, row = self._tables, self._row
+        tables, settings = self._tables, self._settings
         luck = self.np_random.random(self.num_envs) if tables.stochastic else None
-        after = tables.step(row, actions, luck)
-        reward = self._rewards.pay(row, actions, after, self._previous, self._found)
-        self._row = after
-        if self._settings.reward.heeds_repeats:
+        choice = tables.choice(self._row, actions)
+        self._row = tables.step(choice, luck)
+        status = tables.status.take(self._row)
+        experienced = _NONE
+        if settings.reward.heeds_found and status.max() >= UNLOCKED:
+            unlocked = np.flatnonzero(status >= UNLOCKED)
+            experienced = unlocked[self._left[unlocked] < self._solutions]
+        reward = self._rewards.pay(choice, self._row, self._previous, self._found, experienced)
+        if settings.reward.heeds_repeats:
             self._previous = actions.copy()
+        # Stepping a room whose attempt is over puts it back: that is the reset of NEXT_STEP.
+        # Where the trial was over too, another trial begins.
+        if len(self._due):
+            reward[self._due] = 0.0
+            self._begin_trials(self._due)
+            status[self._due] = tables.status[self._row[self._due]]
+            self._due = _NONE
 
-        over = tables.over.take(after)
-        terminated, truncated = over, np.zeros(self.num_envs, dtype=bool)
-        if self._settings.whole_trial:
-            # A room reset in this step has not acted, whatever the tables say.
-            if self._ended.any():
-                self._autoreset(reward)
-                over = tables.over.take(self._row)
-            terminated, truncated = self._end_attempts(over)
-            self._ended = terminated | truncated
-        else:
-            if self._due.any():
-                self._begin_trials(np.flatnonzero(self._due))
-                over = terminated = tables.over.take(self._row)
-            if over.any():
-                solved, last = self._end_attempts(over)
-                self._due = solved | last
-        return self._seen(), reward, terminated, truncated, self._info()
+        left = status & ACTIONS_LEFT
+        terminated, truncated = (np.zeros(self.num_envs, dtype=bool) for _ in range(2))
+        if left.min() > 0:
+            return self._seen(), reward, terminated, truncated, self._info(left)
+        over = left == 0
+        solved, spent = self._end_attempts(over, np.flatnonzero(status >= OPENED))
+        self._due = np.flatnonzero(solved | spent)
+        if settings.whole_trial:
+            self._spend(over & ~(solved | spent))
+            self._row = np.where(over, tables.start.take(self._room), self._row)
+            info = self._info(tables.status.take(self._row) & ACTIONS_LEFT)
+            return self._seen(), reward, solved, spent, info
+        info = self._info(left)
+        self._spend(over)
+        return self._seen(), reward, over, truncated, info
 
     def _checked(self, actions: Any) -> NDArray[np.int64]:
         actions = np.asarray(actions)
@@ -493,46 +525,48 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             )
         return actions
 
-    def _autoreset(self, reward: NDArray[Any]) -> None:
-        ended = np.flatnonzero(self._ended)
-        self._begin_trials(ended)
-        reward[ended] = 0.0
-
-    def _end_attempts(self, over: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
+    def _end_attempts(
+        self, over: NDArray[np.bool_], opened: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Book the attempts that ended.
+
+        Args:
+            over: ``[num_envs]`` whether the attempt is over.
+            opened: Indices of the rooms whose door is open.
 
         Returns:
             ``[num_envs]`` whether every solution is now found, and whether the attempts are spent
             without that.
         """
-        tables = self._tables
-        opened = np.flatnonzero(over & tables.opened.take(self._row))
         if len(opened):
-            solution = tables.solution[self._row[opened]]
+            solution = self._tables.solution[self._row[opened]]
             new = (solution >= 0) & ~self._found[opened, solution]
             self._found[opened[new], solution[new]] = True
+            self._left = self._left.copy()
             self._left[opened] -= new
         solved = over & (self._left == 0)
-        last = over & (self._attempt >= self._settings.attempt_limit) & ~solved
-        self._attempt += over
+        spent = over & (self._attempts_left <= 1) & ~solved
         if self._settings.reward.heeds_repeats:
             self._previous[over] = -1
-        if self._settings.whole_trial:
-            going_on = np.flatnonzero(over & ~solved & ~last)
-            self._row[going_on] = tables.start[self._room[going_on]]
-        return solved, last
+        return solved, spent
+
+    def _spend(self, over: NDArray[np.bool_]) -> None:
+        self._attempts_left = self._attempts_left - over
 
     def _seen(self) -> NDArray[np.int8]:
         return self._tables.observation.take(self._row, axis=0)
 
-    def _info(self) -> dict[str, Any]:
-        tables = self._tables
+    def _info(self, actions_left: NDArray[np.uint8]) -> dict[str, Any]:
+        # None of these arrays is written to again: what changes is replaced.
         return {
             "console": {
-                "solutions_left": self._left.copy(),
+                "solutions_left": self._left,
                 "solutions_found": self._solutions - self._left,
-                "attempts_left": self._settings.attempt_limit + 1 - self._attempt,
-                "actions_left": self._settings.action_limit - tables.used.take(self._row),
+                "attempts_left": self._attempts_left,
+                "actions_left": actions_left,
             },
-            "latent": {"rooms": tables.rooms, "room": self._room.copy()},
+            "latent": {"tables": self._tables, "row": self._row},
         }
+
+
+_NONE = np.zeros(0, dtype=np.int64)

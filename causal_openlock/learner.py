@@ -86,7 +86,7 @@ class Console:
     solutions_left: IntArray
     solutions_found: IntArray
     attempts_left: IntArray
-    actions_left: IntArray
+    actions_left: NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

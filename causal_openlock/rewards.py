@@ -24,7 +24,7 @@ not a sum: the first rung that fits pays and the rest does not count. They are t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,27 +78,19 @@ class Events:
         row: IntArray,
         action: IntArray,
         after: IntArray,
-        repeated: BoolArray | None = None,
-        found: BoolArray | None = None,
     ) -> Events:
-        """Read off the tables what N actions led to.
+        """Read off the tables what N actions led to, as if nothing had gone before.
 
         Args:
             tables: The rooms.
             row: ``[N]`` where each room was.
             action: ``[N]`` what was done.
             after: ``[N]`` where each room is then.
-            repeated: ``[N]`` whether the action equals the one before it; by default never.
-            found: ``[N, K]`` which solutions are found already; by default none.
         """
-        solution = tables.solution[after]
-        if found is None:
-            found = np.zeros((len(row), tables.begins.shape[1]), dtype=bool)
-        known = np.take_along_axis(found, np.maximum(solution, 0)[:, None], axis=1)[:, 0]
         positions = tables.positions
         lever = action < 2 * positions
         active = tables.active[row, np.where(lever, action % positions, 0)]
-        begins = tables.begins[after]
+        never = np.zeros(len(row), dtype=bool)
         return cls(
             first=tables.used[row] == 0,
             last=tables.over[after],
@@ -107,16 +99,44 @@ class Events:
             unlocks=tables.unlocked[after] & ~tables.unlocked[row],
             unlocked=tables.unlocked[after],
             opens=tables.opened[after] & ~tables.opened[row],
-            on_path=begins.any(axis=1),
-            repeated=np.zeros(len(row), dtype=bool) if repeated is None else repeated,
-            new=(solution >= 0) & ~known,
-            retraced=(begins & found).any(axis=1),
+            on_path=tables.begins[after].any(axis=1),
+            repeated=never,
+            new=tables.solution[after] >= 0,
+            retraced=never,
+            found=np.zeros(len(row), dtype=np.int64),
+        )
+
+    def with_history(
+        self, tables: RoomTables, after: IntArray, repeated: BoolArray, found: BoolArray
+    ) -> Events:
+        """The same events, given what went before.
+
+        Args:
+            tables: The rooms.
+            after: ``[N]`` where each room is then.
+            repeated: ``[N]`` whether the action before it was the same.
+            found: ``[N, K]`` which solutions are found already.
+        """
+        solution = tables.solution[after]
+        known = found[np.arange(len(after)), solution] & (solution >= 0)
+        return replace(
+            self,
+            repeated=repeated,
+            new=self.new & ~known,
+            retraced=(tables.begins[after] & found).any(axis=1),
             found=found.sum(axis=1),
         )
+
+    def at(self, which: IntArray) -> Events:
+        """The events of some of the actions."""
+        return Events(**{field.name: getattr(self, field.name)[which] for field in _FIELDS})
 
     def paid(self) -> FloatArray:
         """``[N]`` what ``basic`` pays."""
         return UNLOCK * self.unlocks + OPEN * self.opens
+
+
+_FIELDS = fields(Events)
 
 
 @dataclass(frozen=True)
@@ -246,8 +266,10 @@ class AuthorsReward:
 
 RewardFunction = Reward | AuthorsReward
 
+BASIC_REWARD = "basic"
+"""The plain reward, and the default of environments."""
 PAPER_REWARD = "paper"
-"""The paper's best combination, and the default."""
+"""The paper's best combination, and the default of sessions and experiments."""
 
 
 def _presets() -> dict[str, RewardFunction]:
@@ -321,67 +343,75 @@ class RewardTable:
     def __init__(self, reward: RewardFunction, tables: RoomTables) -> None:
         self.reward = reward
         self.tables = tables
-        self._paid: FloatArray = np.zeros(0)
-        self._sensitive: BoolArray = np.zeros(0, dtype=bool)
+        self._rows = 0
+
+    def table(self) -> FloatArray:
+        """``[R * A]`` the reward of every action that takes effect, with nothing gone before."""
+        if self._rows < self.tables.rows:
+            self._fill()
+        return self._paid
 
     def _fill(self) -> None:
-        """Evaluate the reward for every row and action that the tables have gained."""
-        tables, done = self.tables, len(self._sensitive)
-        row = np.repeat(np.arange(done, tables.rows), tables.actions)
-        action = np.tile(np.arange(tables.actions), tables.rows - done)
-        after = tables.effect[done * tables.actions :]
-        paid = self.reward.pay(Events.of(tables, row, action, after))
-        paid[tables.over[row]] = 0.0  # putting a room back pays nothing
-        self._paid = np.concatenate([self._paid, paid])
-        # What was found before matters only where the door is unlocked: nothing else pays for it.
-        self._sensitive = tables.unlocked & self.reward.heeds_found
+        """Evaluate the reward for every row and action."""
+        tables = self.tables
+        row, action = np.divmod(np.arange(tables.rows * tables.actions), tables.actions)
+        self._events = Events.of(tables, row, action, tables.effect)
+        self._paid = self.reward.pay(self._events)
+        # Does it matter here what was found before? Ask for the other extreme and compare.
+        events = replace(
+            self._events,
+            new=np.zeros(len(row), dtype=bool),
+            retraced=self._events.on_path,
+            found=np.ones(len(row), dtype=np.int64),
+        )
+        more = replace(self._events, found=np.ones(len(row), dtype=np.int64))
+        self._heeds = (self.reward.pay(events) != self._paid) | (
+            self.reward.pay(more) != self._paid
+        )
+        self._paid[tables.over[row]] = 0.0  # putting a room back pays nothing
+        self._rows = tables.rows
 
     def pay(
         self,
-        row: IntArray,
-        action: IntArray,
+        choice: IntArray,
         after: IntArray,
         previous: IntArray,
         found: BoolArray,
+        experienced: IntArray,
     ) -> FloatArray:
         """``[B]`` the rewards of B actions.
 
         Args:
-            row: ``[B]`` where each room was.
-            action: ``[B]`` what was done.
+            choice: ``[B]`` what was done where, from :meth:`RoomTables.choice`.
             after: ``[B]`` where each room is then.
             previous: ``[B]`` the action before it in the attempt, -1 for none.
             found: ``[B, K]`` which solutions are found already.
+            experienced: Indices of the subjects whose door is unlocked then and who have found
+                something before: nobody else's reward depends on what was found.
         """
         tables, reward = self.tables, self.reward
-        if len(self._sensitive) < tables.rows:
-            self._fill()
-        flat = row * tables.actions + action
-        paid: FloatArray = self._paid.take(flat)
-        which: list[IntArray] = []
+        paid: FloatArray = self.table().take(choice)
+        again = experienced
+        if len(again):
+            again = again[self._heeds[choice[again]]]
         if reward.heeds_repeats:
-            which.append(np.flatnonzero(action == previous))
-        if reward.heeds_found:
-            touched = np.flatnonzero(self._sensitive.take(after))
-            which.append(touched[found[touched].any(axis=1)])
+            again = np.union1d(again, np.flatnonzero(choice % tables.actions == previous))
         if tables.stochastic:
-            which.append(np.flatnonzero(after != tables.effect.take(flat)))
-        if any(map(len, which)):
-            again = np.unique(np.concatenate(which))
-            paid[again] = reward.pay(
-                Events.of(
-                    tables,
-                    row[again],
-                    action[again],
-                    after[again],
-                    action[again] == previous[again],
-                    found[again],
-                )
-            )
+            again = np.union1d(again, np.flatnonzero(after != tables.effect.take(choice)))
+        if len(again):
+            choice, after = choice[again], after[again]
+            row, action = np.divmod(choice, tables.actions)
+            if tables.stochastic:
+                events = Events.of(tables, row, action, after)
+            else:
+                events = self._events.at(choice)
+            events = events.with_history(tables, after, action == previous[again], found[again])
+            paid[again] = np.where(tables.over[row], 0.0, reward.pay(events))
         return paid
 
 
 __all__ = [
+    "BASIC_REWARD",
     "PAPER_REWARD",
     "PRESETS",
     "TERMS",

@@ -24,7 +24,7 @@ from causal_openlock.randomness import Streams, generators
 from causal_openlock.record import AttemptLog, assemble
 from causal_openlock.rewards import PAPER_REWARD, RewardFunction, RewardTable, find_reward
 from causal_openlock.room import action_names, positions_for
-from causal_openlock.tables import RoomTables
+from causal_openlock.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -163,12 +163,12 @@ class Session:
         tables = self._tables
         left = tables.solutions[self._room] - self._found_count
         return View(
-            observation=tables.observation[self._row],
+            observation=tables.observation.take(self._row, axis=0),
             console=Console(
                 solutions_left=left,
                 solutions_found=self._found_count.copy(),
                 attempts_left=self.protocol.attempt_limit + 1 - self._attempt,
-                actions_left=tables.action_limit[self._room] - tables.used[self._row],
+                actions_left=tables.status.take(self._row) & ACTIONS_LEFT,
             ),
             trial=self._visit + 1,
             attempt=self._attempt.copy(),
@@ -220,18 +220,22 @@ class Session:
         action = self._checked(action)
         luck = self._luck.uniform() if self._luck else None
         row = self._row
-        after = np.where(self._playing, tables.step(row, action, luck), row)
-        reward = self._reward.pay(row, action, after, self._previous, self._found)
+        choice = tables.choice(row, action)
+        after = np.where(self._playing, tables.step(choice, luck), row)
+        status = tables.status.take(after)
+        unlocked = np.flatnonzero(status >= UNLOCKED)
+        experienced = unlocked[self._found_count[unlocked] > 0]
+        reward = self._reward.pay(choice, after, self._previous, self._found, experienced)
 
-        moment = tables.used[row]
+        moment = tables.used.take(row)
         self._actions[self._everyone, moment] = action
         self._moved[self._everyone, moment] = tables.state[after] != tables.state[row]
         self._previous = action
-        self._was_unlocked |= tables.unlocked[after]
+        self._was_unlocked[unlocked] = True
         self._earned += reward
         self._row = after
 
-        attempt_over = tables.over[after] & self._playing
+        attempt_over = (status & ACTIONS_LEFT == 0) & self._playing
         trial_over = np.zeros(self.subjects, dtype=bool)
         new_solution = np.zeros(self.subjects, dtype=bool)
         ended = np.flatnonzero(attempt_over)
@@ -241,7 +245,9 @@ class Session:
         return Step(
             view=view,
             action=action,
-            outcome=tables.observation[after] if len(ended) else self._view.observation,
+            outcome=tables.observation.take(after, axis=0)
+            if len(ended)
+            else self._view.observation,
             reward=reward,
             attempt_over=attempt_over,
             trial_over=trial_over,

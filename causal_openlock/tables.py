@@ -19,6 +19,10 @@ from causal_openlock.room import Layout, Room
 from causal_openlock.schema import Schema
 
 
+UNLOCKED, OPENED, ACTIONS_LEFT = np.uint8(64), np.uint8(128), np.uint8(63)
+"""Bits of :attr:`RoomTables.status`: at least UNLOCKED is unlocked, at least OPENED is open."""
+
+
 @dataclass(frozen=True)
 class RoomKey:
     """What tells two stacked rooms apart."""
@@ -45,6 +49,8 @@ class RoomTables:
         observation: ``[R, 2P + 2]`` what is seen, int8.
         over: ``[R]`` whether the attempt is over.
         used: ``[R]`` actions used so far in the attempt.
+        status: ``[R]`` what a step has to know at once, in one byte: the actions left (0 if the
+            attempt is over) plus :data:`UNLOCKED`, plus :data:`OPENED` where it is that too.
         state: ``[R]`` state of the room's machine.
         unlocked: ``[R]`` whether the door is unlocked.
         opened: ``[R]`` whether the door is open.
@@ -73,6 +79,7 @@ class RoomTables:
         self.observation: NDArray[np.int8] = np.zeros((0, width), np.int8)
         self.over: BoolArray = np.zeros(0, bool)
         self.used: IntArray = np.zeros(0, np.int64)
+        self.status: NDArray[np.uint8] = np.zeros(0, np.uint8)
         self.state: IntArray = np.zeros(0, np.int64)
         self.unlocked: BoolArray = np.zeros(0, bool)
         self.opened: BoolArray = np.zeros(0, bool)
@@ -133,6 +140,7 @@ class RoomTables:
                 ("observation", layout.observations(fsm, attempt.state)),
                 ("over", attempt.over),
                 ("used", attempt.used),
+                ("status", _status(attempt)),
                 ("state", attempt.state),
                 ("unlocked", fsm.unlocked[attempt.state]),
                 ("opened", fsm.opened[attempt.state]),
@@ -156,26 +164,37 @@ class RoomTables:
         self.solutions = np.concatenate([self.solutions, solutions])
         self.action_limit = np.concatenate([self.action_limit, limits])
 
-    def step(self, row: IntArray, action: IntArray, luck: FloatArray | None = None) -> IntArray:
+    def choice(self, row: IntArray, action: IntArray) -> IntArray:
+        """``[B]`` index of an action at a row into everything that is ``[R * A]``."""
+        choice = row * self.actions
+        choice += action
+        return choice
+
+    def step(self, choice: IntArray, luck: FloatArray | None = None) -> IntArray:
         """Take one action in each of B rooms.
 
         Args:
-            row: ``[B]`` where each room is.
-            action: ``[B]`` what is done there.
+            choice: ``[B]`` what is done where, from :meth:`choice`.
             luck: ``[B]`` uniform numbers in [0, 1), needed where a room leaves something to
                 chance: the action takes effect if its chance is above the number.
 
         Returns:
-            ``[B]`` where each room is then.
+            ``[B]`` the row of each room then.
         """
-        flat = row * self.actions + action
-        after = self.effect[flat]
+        after: IntArray = self.effect.take(choice)
         if self.stochastic:
             if luck is None:
                 raise ValueError("these rooms leave something to chance; pass luck")
-            fails = (luck >= self.chance[flat]) & (self.chance[flat] > 0.0)
-            after = np.where(fails, self.idle[row], after)
+            chance = self.chance.take(choice)
+            fails = (luck >= chance) & (chance > 0.0)
+            after = np.where(fails, self.idle.take(choice // self.actions), after)
         return after
+
+
+def _status(attempt: Attempt) -> NDArray[np.uint8]:
+    fsm, state = attempt.fsm, attempt.state
+    left = np.where(attempt.over, 0, attempt.action_limit - attempt.used).astype(np.uint8)
+    return left | UNLOCKED * fsm.unlocked[state] | OPENED * fsm.opened[state]
 
 
 def _widen(begins: NDArray[np.generic], width: int) -> BoolArray:

@@ -37,12 +37,7 @@ SUBJECT = ["experiment", "seed", "subject"]
 VISIT = ["phase", "loop", "trial"]
 """What tells the trials of a subject apart, in the order of time."""
 
-_ORDER = {
-    "condition": PAPER_CONDITIONS,
-    "protocol": ("human",),
-    "phase": PHASES,
-    "category": CATEGORIES,
-}
+_FIRST = {"condition": PAPER_CONDITIONS, "protocol": ("human",), "phase": PHASES}
 _NEVER = np.iinfo(np.int32).max
 
 
@@ -84,7 +79,7 @@ def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
         One row for each ``learner``, ``condition``, ``protocol``, ``phase``, ``block`` (from 1)
         and ``category`` (every one of :data:`~causal_openlock.record.CATEGORIES`), with
 
-        - ``count``: attempts of all subjects.
+        - ``count``: attempts of all subjects, and ``subjects``: how many these are.
         - ``until``: attempts of one subject from the phase's first to the block's last, averaged
           over subjects.
 
@@ -96,34 +91,36 @@ def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
         raise ValueError(f"blocks is {blocks}; it must be at least 1")
     trials = _Trials.of(record)
     table, row_trial = trials.table, trials.row_trial
-    phase = _group_index(table, [*CELL, "phase"])
+    grouped = table.groupby([*CELL, "phase"], observed=True, sort=True)
+    phase = grouped.ngroup().to_numpy()
+    groups = grouped.size().reset_index()[[*CELL, "phase"]]
     subject_phase = _group_index(table, [*CELL, *SUBJECT, "phase"])
 
     length = table["last_attempt"].to_numpy()
     ends = np.cumsum(length)
     first = np.flatnonzero(np.diff(subject_phase, prepend=-1))
-    total = np.diff(ends[first] - length[first], append=ends[-1:])  # attempts per subject and phase
+    total = np.diff(ends[first] - length[first], append=ends[-1:])  # of a subject in a phase
     before = ends - length - (ends[first] - length[first])[subject_phase]
 
     # In the order of time, attempt i of n lies in block floor(i * blocks / n).
     time = before[row_trial] + record["attempt"].to_numpy() - 1
     block = time * blocks // total[subject_phase][row_trial]
-    category, names = _encode(record, "category")
+    category, names = _encode(record, "category", CATEGORIES)
     code = (phase[row_trial] * blocks + block) * len(names) + category
-    phases = int(phase.max(initial=-1)) + 1
-    counts = np.bincount(code, minlength=phases * blocks * len(names))
+    counts = np.bincount(code, minlength=len(groups) * blocks * len(names))
 
-    one = table.loc[np.flatnonzero(np.diff(phase, prepend=-1)), [*CELL, "phase"]]
-    counted = one.loc[one.index.repeat(blocks * len(names))].reset_index(drop=True)
-    mean_total = np.bincount(phase[first], weights=total) / np.maximum(np.bincount(phase[first]), 1)
-    shares = np.arange(1, blocks + 1) / blocks
-    counted["block"] = np.tile(np.repeat(np.arange(1, blocks + 1), len(names)), phases)
-    counted["category"] = pd.Categorical.from_codes(
-        np.tile(np.arange(len(names)), phases * blocks), list(names)
+    subjects = np.bincount(phase[first], minlength=len(groups))
+    mean_total = np.bincount(phase[first], total, len(groups)) / np.maximum(subjects, 1)
+    until = np.outer(mean_total, np.arange(1, blocks + 1) / blocks).ravel()
+    category_codes = np.tile(np.arange(len(names)), len(groups) * blocks)
+    counted = groups.loc[groups.index.repeat(blocks * len(names))].reset_index(drop=True)
+    return counted.assign(
+        block=np.tile(np.repeat(np.arange(1, blocks + 1), len(names)), len(groups)),
+        category=pd.Categorical.from_codes(category_codes, list(names)),
+        count=counts,
+        subjects=np.repeat(subjects, blocks * len(names)),
+        until=np.repeat(until, len(names)),
     )
-    counted["count"] = counts
-    counted["until"] = np.repeat(np.outer(mean_total[:phases], shares).ravel(), len(names))
-    return counted
 
 
 def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
@@ -245,7 +242,9 @@ def _check_complete(table: pd.DataFrame, rows: IntArray) -> None:
         )
 
 
-def _encode(record: pa.Table, column: str) -> tuple[IntArray, tuple[str, ...]]:
+def _encode(
+    record: pa.Table, column: str, known: tuple[str, ...] = ()
+) -> tuple[IntArray, tuple[str, ...]]:
     """``[N]`` codes of a text column, and the names they stand for, in a fixed order."""
     import pyarrow as pa
 
@@ -253,16 +252,20 @@ def _encode(record: pa.Table, column: str) -> tuple[IntArray, tuple[str, ...]]:
     if not pa.types.is_dictionary(record[column].type):
         chunks = [chunk.dictionary_encode() for chunk in chunks]
     dictionaries = [chunk.dictionary.to_pylist() for chunk in chunks]
-    names = ordered({name for names in dictionaries for name in names}, _ORDER.get(column, ()))
-    if column in {"phase", "category"}:
-        names = _ORDER[column] + names[len([name for name in names if name in _ORDER[column]]) :]
+    found = {name for dictionary in dictionaries for name in dictionary}
+    names = known or ordered(found, _FIRST.get(column, ()))
+    if not found.issubset(names):
+        raise StoreError(
+            f"the record's column {column} holds {min(found.difference(names))!r}, which is not "
+            f"one of {', '.join(names)}; was it written by another version?"
+        )
     place = {name: code for code, name in enumerate(names)}
-    parts = [
+    codes = [
         np.array([place[name] for name in dictionary], np.int64)[chunk.indices.to_numpy()]
         for chunk, dictionary in zip(chunks, dictionaries, strict=True)
         if len(chunk)
     ]
-    return np.concatenate([np.zeros(0, np.int64), *parts]), names
+    return np.concatenate([np.zeros(0, np.int64), *codes]), names
 
 
 def ordered(names: Iterable[str], first: Sequence[str] = PAPER_CONDITIONS) -> tuple[str, ...]:

@@ -1,0 +1,72 @@
+"""Which learners discover a causal schema by acting, and carry it to a new situation?
+
+The names below are loaded when they are first used, so that importing the package costs little
+more than importing Gymnasium. Importing it registers the environment
+``causal_openlock/OpenLock-v0``.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from gymnasium.envs.registration import register, registry
+
+if TYPE_CHECKING:
+    from causal_openlock.envs import OpenLockEnv as OpenLockEnv
+    from causal_openlock.envs import OpenLockVectorEnv as OpenLockVectorEnv
+    from causal_openlock.errors import OpenLockError as OpenLockError
+    from causal_openlock.fsm import FSM as FSM
+    from causal_openlock.fsm import compile as compile
+    from causal_openlock.learner import Brief as Brief
+    from causal_openlock.learner import InformedLearner as InformedLearner
+    from causal_openlock.learner import Learner as Learner
+    from causal_openlock.learner import OneSubjectLearner as OneSubjectLearner
+    from causal_openlock.learner import Step as Step
+    from causal_openlock.learner import View as View
+    from causal_openlock.protocol import Condition as Condition
+    from causal_openlock.protocol import Protocol as Protocol
+    from causal_openlock.room import Layout as Layout
+    from causal_openlock.room import Room as Room
+    from causal_openlock.schema import Gate as Gate
+    from causal_openlock.schema import Schema as Schema
+    from causal_openlock.schema_file import find_schema as find_schema
+    from causal_openlock.schema_file import read_schema as read_schema
+    from causal_openlock.schema_file import write_schema as write_schema
+    from causal_openlock.session import Session as Session
+
+__version__ = "0.1.0"
+
+ENV_ID = "causal_openlock/OpenLock-v0"
+
+_HOMES = {
+    "envs": ("OpenLockEnv", "OpenLockVectorEnv"),
+    "errors": ("OpenLockError",),
+    "fsm": ("FSM", "compile"),
+    "learner": ("Brief", "InformedLearner", "Learner", "OneSubjectLearner", "Step", "View"),
+    "protocol": ("Condition", "Protocol"),
+    "room": ("Layout", "Room"),
+    "schema": ("Gate", "Schema"),
+    "schema_file": ("find_schema", "read_schema", "write_schema"),
+    "session": ("Session",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = ["ENV_ID", "__version__", *_HOME_OF]  # noqa: PLE0604
+
+if ENV_ID not in registry:
+    register(
+        id=ENV_ID,
+        entry_point="causal_openlock.envs:OpenLockEnv",
+        vector_entry_point="causal_openlock.envs:OpenLockVectorEnv",
+    )
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME_OF:
+        return getattr(importlib.import_module(f"{__name__}.{_HOME_OF[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

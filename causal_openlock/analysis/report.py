@@ -1,0 +1,285 @@
+"""All of it in one page: the report of a record.
+
+``report.html`` is a single file: its style, its figures and its tables are inside it, and it
+fetches nothing. Beside it lie ``summary.csv`` and the figures as PNG and SVG. Nothing in any of
+them depends on when or where the report was written.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from causal_openlock.analysis import style
+from causal_openlock.analysis.figures import draw_all
+from causal_openlock.analysis.measures import attempts_to_solve, ordered
+from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.summary import (
+    headline,
+    headline_table,
+    people_per_condition,
+    summarise,
+    write_table,
+)
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+FEW_SUBJECTS = 20
+"""Groups of fewer subjects than this are warned about."""
+
+_SHOWN = 8  # groups named in a warning before "and n more"
+_KNOWN = ("name", "title", "seed")
+
+
+def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str, Any]) -> Path:
+    """Write the report of a record.
+
+    Args:
+        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        out_dir: The folder to write ``report.html``, ``summary.csv`` and ``figures/`` to; it is
+            made if it does not exist.
+        experiment: What was run, as plain data (mappings, lists, text, numbers). Everything in it
+            is shown. ``name``, ``title`` and ``seed`` head the page; ``learners`` (a mapping by
+            label, or a list of labels or of mappings with a ``label``) gives the order in which
+            learners appear; ``versions`` maps packages to a version, or to a list of them if
+            cells were run with several, which is warned about.
+
+    Returns:
+        The path of ``report.html``.
+
+    Raises:
+        StoreError: If the record has attempts missing or twice.
+    """
+    folder = Path(out_dir)
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    trials = attempts_to_solve(record)
+    learners = ordered(trials["learner"], _labels(experiment.get("learners", ())))
+    summary = summarise(trials)
+    write_table(summary, folder / "summary.csv")
+    drawings = draw_all(record, learners)
+    figures = []
+    for drawing in drawings:
+        _, svg = style.save(drawing.figure, folder / "figures" / drawing.name)
+        figures.append(_inline(drawing, svg.read_text(encoding="utf-8")))
+
+    path = folder / "report.html"
+    page = _template().render(
+        title=experiment.get("title") or experiment.get("name") or "Report",
+        name=experiment.get("name"),
+        seed=experiment.get("seed"),
+        attempts=f"{record.num_rows:,}",
+        trials=f"{len(trials):,}",
+        people_count=people_per_condition(),
+        headline=_headline_blocks(headline(trials), learners),
+        figures=figures,
+        summary=_rows(summary, learners),
+        compared=bool(summary["human_attempts"].notna().any()),
+        experiment={
+            key: value
+            for key, value in experiment.items()
+            if key not in _KNOWN and value not in (None, "", [], {})
+        },
+        warnings=warnings_of(trials, summary, experiment.get("versions") or {}),
+    )
+    path.write_text(page, encoding="utf-8", newline="\n")
+    return path
+
+
+def warnings_of(
+    trials: pd.DataFrame, summary: pd.DataFrame, versions: Mapping[str, Any]
+) -> list[str]:
+    """What a reader should know before believing the numbers, a sentence each.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        summary: From :func:`~causal_openlock.analysis.summary.summarise`.
+        versions: Versions of packages; a list where cells were run with several.
+    """
+    found = []
+    group = ["learner", "condition", "protocol"]
+    grouped = summary.groupby(group, observed=True)["subjects"]
+    least = grouped.min().sort_values(kind="stable")
+    few = least[least < FEW_SUBJECTS]
+    if len(few):
+        names = [f"{_group(key)}: {count}" for key, count in few.items()]
+        found.append(
+            f"Fewer than {FEW_SUBJECTS} subjects, so intervals are unreliable ({_some(names)})."
+        )
+    uneven = grouped.min()[grouped.min() != grouped.max()]
+    if len(uneven):
+        names = [_group(key) for key in uneven.index]
+        found.append(
+            "Not every subject played every trial, so means of different trials are about "
+            f"different subjects ({_some(names)})."
+        )
+    solved = trials.groupby([*group, "phase"], observed=True)["solved"].mean()
+    unsolved = solved[solved < 1]
+    if len(unsolved):
+        names = [
+            f"{_group(key)}: {_percent(1 - share)}"
+            for key, share in unsolved.sort_values(kind="stable").items()
+        ]
+        found.append(
+            "Some trials were not solved and count as the limit, so the means there are too low "
+            f"(share of trials not solved: {_some(names)})."
+        )
+    for package, version in versions.items():
+        several = _several(version)
+        if len(several) > 1:
+            found.append(
+                f"Cells were run with different versions of {package} ({', '.join(several)})."
+            )
+    return found
+
+
+def _several(version: Any) -> list[str]:
+    if isinstance(version, str) or not isinstance(version, Iterable):
+        return [str(version)]
+    return sorted({str(one) for one in version})
+
+
+def _group(key: Any) -> str:
+    learner, condition, protocol, *phase = key
+    return ", ".join([str(learner), " ".join([str(condition), *map(str, phase)]), str(protocol)])
+
+
+def _some(names: Sequence[str]) -> str:
+    more = len(names) - _SHOWN
+    shown = "; ".join(names[:_SHOWN])
+    return f"{shown}; and {more} more, see the table" if more > 0 else shown
+
+
+def _labels(learners: Any) -> list[str]:
+    """Labels of learners in the order in which the experiment lists them."""
+    return [
+        str(one.get("label", one.get("name"))) if isinstance(one, Mapping) else str(one)
+        for one in learners
+    ]
+
+
+def _headline_blocks(table: pd.DataFrame, learners: Sequence[str]) -> list[dict[str, Any]]:
+    """The headline by protocol: a row for each learner, a column for each condition."""
+    blocks = []
+    for protocol in ordered(table["protocol"], ("human",)):
+        rows = table[table["protocol"] == protocol]
+        cells = {(str(cell["learner"]), str(cell["condition"])): cell for cell in _records(rows)}
+        conditions = ordered(rows["condition"])
+        columns = [
+            {
+                "condition": condition,
+                "measured": " or ".join(
+                    dict.fromkeys(rows.loc[rows["condition"] == condition, "measured"])
+                ),
+            }
+            for condition in conditions
+        ]
+        compared = []
+        for condition in conditions:
+            of = [cell for (_, name), cell in cells.items() if name == condition]
+            same = of[0]["human_attempts"] and len({cell["measured"] for cell in of}) == 1
+            compared.append(of[0] if same else None)
+        blocks.append(
+            {
+                "protocol": protocol,
+                "columns": columns,
+                "people": compared if any(compared) else None,
+                "rows": [
+                    {"learner": name, "cells": [cells.get((name, of)) for of in conditions]}
+                    for name in learners
+                    if any((name, of) in cells for of in conditions)
+                ],
+            }
+        )
+    return blocks
+
+
+def _rows(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict[str, Any]]:
+    """The summary's rows, learners in order; ``starts`` marks where a group begins."""
+    rows = sorted(_records(summary), key=lambda row: learners.index(row["learner"]))
+    before: Any = None
+    for row in rows:
+        group = (row["learner"], row["condition"], row["protocol"])
+        row["starts"], before = group != before, group
+    return rows
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows as mappings, with None for what does not exist."""
+    return [
+        {
+            str(name): None if isinstance(value, float) and math.isnan(value) else value
+            for name, value in row.items()
+        }
+        for row in table.to_dict("records")
+    ]
+
+
+def _inline(drawing: Drawing, svg: str) -> dict[str, Any]:
+    """A figure for inside the page: sized by it, and with names of its own."""
+    from markupsafe import Markup, escape
+
+    svg = re.sub(r"<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    svg = re.sub(r'\bid="', f'id="{drawing.name}-', svg)
+    svg = re.sub(r'((?:xlink:)?href="|url\()#', rf"\1#{drawing.name}-", svg)
+    box = re.search(r'viewBox="0 0 ([\d.]+) [\d.]+"', svg)
+    assert box is not None
+    root = (
+        f'<svg {box[0]} role="img" aria-label="{escape(drawing.title)}" '
+        f'style="max-width: {float(box[1]) / 12:.1f}rem">'
+    )
+    return {
+        "name": drawing.name,
+        "title": drawing.title,
+        "caption": drawing.caption,
+        "svg": Markup(
+            root + svg[svg.index(">") + 1 :]
+        ),  # matplotlib escapes the text that it draws
+    }
+
+
+def _template() -> Any:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("causal_openlock.analysis", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    environment.filters.update(
+        decimals=_decimals, signed=_signed, percent=_percent, interval=_interval, plain=_plain
+    )
+    return environment.get_template("report.html.j2")
+
+
+def _decimals(value: float) -> str:
+    return f"{value + 0.0:.3f}"
+
+
+def _signed(value: float) -> str:
+    return f"{round(value, 3) + 0.0:+.3f}".replace("-", "−")
+
+
+def _percent(share: float) -> str:
+    if 0 < share < 0.0005 or 0.9995 < share < 1:  # some is not none, and not all
+        return "<0.1%" if share < 0.5 else ">99.9%"
+    return f"{100 * share:.1f}%"
+
+
+def _interval(row: Mapping[str, Any]) -> str:
+    if row["ci_low"] is None:
+        return "–"
+    return f"{_decimals(row['ci_low'])}–{_decimals(row['ci_high'])}"
+
+
+def _plain(values: Iterable[Any]) -> bool:
+    return all(value is None or isinstance(value, str | int | float) for value in values)
+
+
+__all__ = ["FEW_SUBJECTS", "headline_table", "warnings_of", "write_report"]

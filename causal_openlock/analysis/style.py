@@ -1,0 +1,176 @@
+"""What the figures have in common: colours, panels, and how they are saved.
+
+A colour means the same thing in every figure: orange is common cause, dark blue common effect, and
+purple, from light to dark, how close an attempt came to the last solution. Each pair also differs
+in lightness, so that figures survive colour blindness and a black-and-white printer.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import textwrap
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from causal_openlock.record import CATEGORIES
+
+COMMON_CAUSE, COMMON_EFFECT = "#E69F00", "#00427A"
+OTHER = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
+CATEGORY_COLOURS = dict(
+    zip(CATEGORIES, ("#E2E2E2", "#D3C5EA", "#AB8FD3", "#7F55B3", "#4C2483"), strict=True)
+)
+CATEGORY_NAMES = dict(
+    zip(CATEGORIES, ("else", "unlock", "open 1", "open 2", "open 3"), strict=True)
+)
+
+WIDTH = 7.2
+"""Width of a full figure in inches: two columns of a printed page."""
+
+_SETTINGS: Any = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.grid.axis": "y",
+    "axes.axisbelow": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "hatch.linewidth": 0.6,
+    "figure.facecolor": "white",
+    "svg.fonttype": "path",  # looks the same wherever it is opened
+    "svg.hashsalt": "causal-openlock",  # equal figures are equal files
+}
+_NO_METADATA: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure and what is said about it.
+
+    Attributes:
+        name: For files: lower-case letters, digits and underscores.
+        title: A heading.
+        caption: What is seen, and what the error bars are.
+        figure: The figure.
+    """
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
+@contextmanager
+def settings() -> Iterator[None]:
+    """Draw, and save, with the settings that all figures share."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_SETTINGS)
+        yield
+
+
+def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
+    """A figure of small multiples, wrapped over rows, with common scales.
+
+    Args:
+        count: How many panels.
+        columns: The most in a row.
+        height: Height of a panel in inches.
+
+    Returns:
+        The figure and its ``count`` panels; only the first of a row has labels on its y axis.
+    """
+    rows = math.ceil(count / columns)
+    columns = math.ceil(count / rows)  # four panels are two and two, not three and one
+    width = WIDTH if columns > 1 else 0.62 * WIDTH
+    figure = Figure(figsize=(width, rows * height + 0.5), layout="constrained")
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel().tolist()
+    for unused in grid[count:]:
+        unused.remove()
+    for axes in grid[:count]:
+        axes.tick_params(axis="x", length=0)
+    return figure, grid[:count]
+
+
+def label_rows(axes: Sequence[Axes], text: str) -> None:
+    """Write the label of the y axis at the first panel of each row."""
+    for panel in axes:
+        if panel.get_subplotspec().is_first_col():  # type: ignore[union-attr]
+            panel.set_ylabel(text)
+
+
+def panel_title(axes: Axes, name: str, detail: str = "") -> None:
+    """Name a panel; long names are wrapped, and ``$`` is no mathematics here."""
+    lines = textwrap.wrap(name, 26, max_lines=2, placeholder="…") or [name]
+    axes.set_title("\n".join(lines).replace("$", r"\$"), loc="left", pad=16 if detail else 6)
+    if detail:
+        axes.annotate(
+            detail.replace("$", r"\$"),
+            (0, 1),
+            xytext=(0, 4),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            color="#444444",
+            fontsize=8,
+        )
+
+
+def legend(figure: Figure, handles: Sequence[Any], columns: int | None = None) -> None:
+    """A legend above all panels."""
+    figure.legend(
+        handles=list(handles),
+        loc="outside upper left",
+        ncols=columns or len(handles),
+        handlelength=1.6,
+        columnspacing=1.4,
+    )
+
+
+def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
+    """Write ``stem.png`` (200 dots per inch) and ``stem.svg``; equal figures give equal bytes."""
+    png, svg = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.svg")
+    with settings():
+        figure.savefig(png, dpi=200, metadata={"Software": None})
+    svg.write_text(svg_text(figure), encoding="utf-8", newline="\n")
+    return png, svg
+
+
+def svg_text(figure: Figure) -> str:
+    """The figure as an SVG document, without a date."""
+    buffer = io.StringIO()
+    with settings():
+        figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
+    return buffer.getvalue()
+
+
+__all__ = [
+    "CATEGORY_COLOURS",
+    "CATEGORY_NAMES",
+    "COMMON_CAUSE",
+    "COMMON_EFFECT",
+    "OTHER",
+    "Drawing",
+    "label_rows",
+    "legend",
+    "panel_title",
+    "panels",
+    "save",
+    "settings",
+    "svg_text",
+]

@@ -1,0 +1,235 @@
+"""The tables of results, with people's published results beside them.
+
+People are known only as published means and error bars (the paper's Figures 3 and 4: baseline
+trials and transfer tests, 40 people for each condition). They are shown as such, beside learners
+that played under the same protocol, ``human``, and no other.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock import reference
+from causal_openlock.analysis.measures import (
+    CELL,
+    attempts_to_solve,
+    by_subject,
+    mean_by_trial,
+)
+from causal_openlock.analysis.statistics import mean_intervals
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+HUMAN_PROTOCOL = "human"
+"""The only protocol under which learners and people can be compared."""
+
+SUMMARY_COLUMNS = (
+    *CELL,
+    "phase",
+    "trial",
+    "loops",
+    "subjects",
+    "attempts",
+    "se",
+    "ci_low",
+    "ci_high",
+    "share_solved",
+    "human_attempts",
+    "human_se",
+    "difference",
+)
+
+
+def people() -> pd.DataFrame:
+    """What people did, as published.
+
+    Returns:
+        One row for each ``condition``, ``phase`` and ``trial`` that the paper reports, with
+        ``human_attempts`` (mean) and ``human_se`` (the error bar: population SD / √40).
+    """
+    human = reference.results()["cogsci2018"]["human"]
+    rows = [
+        (condition, "train", trial, mean, se)
+        for condition, values in human["baseline"].items()
+        for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
+    ]
+    rows += [
+        (condition, "test", 1, values["mean"], values["se"])
+        for condition, values in human["transfer"].items()
+    ]
+    columns = ["condition", "phase", "trial", "human_attempts", "human_se"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def people_per_condition() -> int:
+    """How many people each published mean is of."""
+    return int(reference.results()["cogsci2018"]["human"]["n_per_condition"])
+
+
+def summary_table(record: pa.Table) -> pd.DataFrame:
+    """Every trial of every condition: how many attempts it took, and how that compares.
+
+    Args:
+        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+
+    Returns:
+        See :func:`summarise`.
+    """
+    return summarise(attempts_to_solve(record))
+
+
+def summarise(trials: pd.DataFrame) -> pd.DataFrame:
+    """The summary of trials that are counted already.
+
+    A protocol with loops visits a trial number many times; a subject's visits are averaged first,
+    so a row is about one trial number over all loops, and every subject counts once.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+    Returns:
+        One row for each ``learner``, ``condition``, ``protocol``, ``phase`` and ``trial``, with
+
+        - ``loops``: visits that were averaged (the most of any subject).
+        - ``subjects``: how many.
+        - ``attempts``: mean attempts to solve the trial; an unsolved trial counts as the limit.
+        - ``se``: population SD / √subjects, as the paper's error bars.
+        - ``ci_low``, ``ci_high``: 95% bootstrap interval over subjects; NaN for one subject.
+        - ``share_solved``: share of visits in which every solution was found, from 0 to 1.
+        - ``human_attempts``, ``human_se``: people's, as published; NaN where there are none.
+        - ``difference``: ``attempts`` minus ``human_attempts``.
+    """
+    table = _means(trials, ["phase", "trial"]).rename(columns={"visits": "loops"})
+    return _beside_people(table)[list(SUMMARY_COLUMNS)]
+
+
+def write_summary(record: pa.Table, path: Path | str) -> None:
+    """Write the summary as CSV; equal data give equal bytes.
+
+    Rows and columns have a fixed order, numbers at most six significant digits and lines end in
+    a line feed, so two runs of an experiment can be compared byte for byte. A value that does not
+    exist is left empty.
+
+    Args:
+        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        path: The file to write.
+    """
+    write_table(summary_table(record), path)
+
+
+def write_table(table: pd.DataFrame, path: Path | str) -> None:
+    """Write a table of results as CSV; see :func:`write_summary`."""
+    with Path(path).open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(table.columns)
+        for row in table.itertuples(index=False):
+            writer.writerow([_cell(value) for value in row])
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value + 0.0:.6g}"  # + 0.0: no minus zero
+    return str(value)
+
+
+def headline_table(record: pa.Table) -> pd.DataFrame:
+    """What each learner came to in each condition, in one row.
+
+    Args:
+        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+
+    Returns:
+        See :func:`headline`.
+    """
+    return headline(attempts_to_solve(record))
+
+
+def headline(trials: pd.DataFrame) -> pd.DataFrame:
+    """The headline of trials that are counted already.
+
+    A condition with a test phase is judged by its test (the mean of a subject's test trials, in
+    the human protocol a single one); one without, by the last trial of its last loop.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+    Returns:
+        One row for each ``learner``, ``protocol`` and ``condition``, with ``measured`` (such as
+        ``trial 5`` or ``test``), ``subjects``, ``attempts``, ``ci_low``, ``ci_high``,
+        ``share_solved``, ``human_attempts``, ``human_se`` and ``difference`` as in
+        :func:`summarise`.
+    """
+    cell = trials.groupby(CELL, observed=True)
+    tested = (trials["phase"] == "test").groupby([trials[c] for c in CELL], observed=True)
+    is_test = trials["phase"] == "test"
+    last_loop = trials["loop"] == cell["loop"].transform("max")
+    chosen = trials[is_test | (~tested.transform("any") & last_loop)]
+    last = chosen["trial"] == chosen.groupby(CELL, observed=True)["trial"].transform("max")
+    chosen = chosen[last | (chosen["phase"] == "test")]
+    # People's test is one trial, number 1; a baseline is compared trial by trial.
+    chosen = chosen.assign(trial=np.where(chosen["phase"] == "test", 1, chosen["trial"]))
+    table = _beside_people(_means(chosen, ["phase", "trial"]))
+    measured = [
+        "test" if phase == "test" else f"trial {trial}"
+        for phase, trial in zip(table["phase"], table["trial"], strict=True)
+    ]
+    table = table.assign(measured=measured).sort_values(
+        ["learner", "protocol", "condition"], kind="stable", ignore_index=True
+    )
+    return table[
+        [
+            "learner",
+            "protocol",
+            "condition",
+            "measured",
+            "subjects",
+            "attempts",
+            "ci_low",
+            "ci_high",
+            "share_solved",
+            "human_attempts",
+            "human_se",
+            "difference",
+        ]
+    ]
+
+
+def _means(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+    means = mean_by_trial(trials, by).rename(columns={"mean": "attempts"})
+    intervals = mean_intervals(by_subject(trials, by), [*CELL, *by], "attempts")
+    return means.assign(ci_low=intervals["ci_low"], ci_high=intervals["ci_high"])
+
+
+def _beside_people(table: pd.DataFrame) -> pd.DataFrame:
+    published = people().set_index(["condition", "phase", "trial"])
+    keys = pd.MultiIndex.from_arrays(
+        [table[c].astype(object) for c in ("condition", "phase", "trial")]
+    )
+    beside = published.reindex(keys).reset_index(drop=True)
+    beside[(table["protocol"] != HUMAN_PROTOCOL).to_numpy()] = np.nan
+    return table.assign(
+        human_attempts=beside["human_attempts"],
+        human_se=beside["human_se"],
+        difference=table["attempts"] - beside["human_attempts"],
+    )
+
+
+__all__ = [
+    "HUMAN_PROTOCOL",
+    "SUMMARY_COLUMNS",
+    "headline",
+    "headline_table",
+    "people",
+    "people_per_condition",
+    "summarise",
+    "summary_table",
+    "write_summary",
+    "write_table",
+]
