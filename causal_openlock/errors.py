@@ -45,6 +45,10 @@ class LearnerError(OpenLockError):
     """An unknown learner, a wrong hyper-parameter, or an action outside the action space."""
 
 
+class ExperimentError(OpenLockError):
+    """An experiment whose parts do not fit together."""
+
+
 class StoreError(OpenLockError):
     """A results folder that cannot be used."""
 

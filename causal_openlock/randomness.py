@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,31 +39,46 @@ def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.
 class Streams:
     """Uniform numbers for B subjects at once, each from its own generator.
 
-    The t-th call gives each subject the t-th number of its own stream, whoever else is there.
+    The t-th call gives each subject the t-th numbers of its own stream, whoever else is there.
 
     Args:
         generators: One for each subject.
-        block: How many numbers to draw ahead.
+        width: How many numbers a subject gets at a time; ``None`` gives a single one.
+        block: How many times to draw ahead.
     """
 
-    def __init__(self, generators: Sequence[np.random.Generator], block: int = 512) -> None:
+    def __init__(
+        self,
+        generators: Sequence[np.random.Generator],
+        width: int | None = None,
+        block: int = 512,
+    ) -> None:
         self._generators = tuple(generators)
-        self._block = block
+        self._shape = (block,) if width is None else (block, width)
         self._drawn: FloatArray = np.zeros((0, len(self._generators)))
         self._next = 0
 
     def uniform(self) -> FloatArray:
-        """``[B]`` numbers in [0, 1)."""
+        """``[B]`` or ``[B, width]`` numbers in [0, 1)."""
         if self._next == len(self._drawn):
-            drawn = np.empty((len(self._generators), self._block))
-            for subject, generator in enumerate(self._generators):
-                generator.random(out=drawn[subject])
-            # One contiguous row for each call, since that is how the numbers are used.
-            self._drawn = np.ascontiguousarray(drawn.T)
+            drawn = np.stack([generator.random(self._shape) for generator in self._generators], 1)
+            # One contiguous piece for each call, since that is how the numbers are used.
+            self._drawn = np.ascontiguousarray(drawn)
             self._next = 0
         self._next += 1
         return self._drawn[self._next - 1]
 
     def integers(self, high: int) -> NDArray[np.int64]:
-        """``[B]`` integers in [0, high), uniformly distributed."""
+        """``[B]`` or ``[B, width]`` integers in [0, high), uniformly distributed."""
         return (self.uniform() * high).astype(np.int64)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the streams stand, for a checkpoint."""
+        states = [generator.bit_generator.state for generator in self._generators]
+        return {"states": states, "drawn": self._drawn, "next": self._next}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        for generator, saved in zip(self._generators, state["states"], strict=True):
+            generator.bit_generator.state = saved
+        self._drawn, self._next = state["drawn"], state["next"]

@@ -18,14 +18,14 @@ again, and drops title, lever order, gates and inert levers. In a text from DAGi
 the door whatever it is called, positions and the roles latent, adjusted and selected are passed
 over, and edges other than ``->`` and ``<-`` are refused.
 
-BIF can only be written. It holds the causal model of :func:`to_bayesian_network`, from which
-gates and strengths cannot be told apart any more.
+BIF can only be written: it holds the tables of :func:`to_bayesian_network`, not their gates.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import compress, product
 from pathlib import Path
@@ -115,7 +115,7 @@ def write_schema_as(schema: Schema, path: Path | str, format: str | None = None)
 
     Args:
         schema: What to write.
-        path: Where; a file that is there already is replaced in one step.
+        path: Where; a file that is there is replaced in one step.
         format: Name of the format; by default the one that the path's suffix stands for.
 
     Raises:
@@ -241,10 +241,9 @@ def _names(value: Any) -> Any:
 
 def _number(value: Any, kind: type[int] | type[float]) -> Any:
     """A number that a format may hold as text; what is none is left to the check that follows."""
-    try:
+    with suppress(ValueError):
         return kind(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
+    return value
 
 
 def _no_graph(format: str, why: object, remedy: str) -> SchemaError:

@@ -192,7 +192,7 @@ def link(nodes, edges, **more) -> str:
         ("node-link", link([1, DOOR], [(1, DOOR)]), "node-link .*string"),
         ("node-link", link(["A", "B", DOOR], [("A", DOOR)]), "on no path to the door"),
         ("node-link", link(["A", "B", DOOR], [("A", "B"), ("B", "A"), ("A", DOOR)]), "cycle"),
-        ("node-link", link(["A", DOOR], [("A", DOOR)], graph={"levers": ["B"]}), "lacks the node 'A'"),
+        ("node-link", link(["A", DOOR], [("A", DOOR)], graph={"levers": ["B"]}), "lacks the node"),
         ("node-link", link(["A", DOOR], [("A", DOOR)], graph={"levers": 3}), "node-link"),
         ("node-link", link(["A", DOOR], [("A", DOOR)], graph={"name": "a b"}), "name"),
         ("gml", "garbage", "gml .*write_gml"),
@@ -346,8 +346,8 @@ def test_a_known_noisy_or() -> None:
     assert chance_by_network(BUNDLED["noisy_CC3"], {"L0": 0}, 1.0) == 0.0
 
 
-@settings(max_examples=25, deadline=None)
-@given(schema=schemas(max_levers=6, stochastic=True))
+@settings(max_examples=20, deadline=None)
+@given(schema=schemas(max_levers=4, stochastic=True))
 def test_bif_gives_the_same_tables(schema: Schema) -> None:
     from pgmpy.readwrite import BIFReader
 

@@ -1,0 +1,1 @@
+"""Pictures: schemas as printed graphs, rooms as pixels or text."""
