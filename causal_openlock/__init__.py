@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from causal_openlock.learner import Brief as Brief
     from causal_openlock.learner import InformedLearner as InformedLearner
     from causal_openlock.learner import Learner as Learner
-    from causal_openlock.learner import OneSubjectLearner as OneSubjectLearner
     from causal_openlock.learner import Step as Step
     from causal_openlock.learner import View as View
+    from causal_openlock.one_subject import OneSubjectLearner as OneSubjectLearner
     from causal_openlock.protocol import Condition as Condition
     from causal_openlock.protocol import Protocol as Protocol
     from causal_openlock.room import Layout as Layout
@@ -43,7 +43,8 @@ _HOMES = {
     "envs": ("OpenLockEnv", "OpenLockVectorEnv"),
     "errors": ("OpenLockError",),
     "fsm": ("FSM", "compile"),
-    "learner": ("Brief", "InformedLearner", "Learner", "OneSubjectLearner", "Step", "View"),
+    "learner": ("Brief", "InformedLearner", "Learner", "Step", "View"),
+    "one_subject": ("OneSubjectLearner",),
     "protocol": ("Condition", "Protocol"),
     "room": ("Layout", "Room"),
     "schema": ("Gate", "Schema"),
@@ -52,7 +53,7 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = ["ENV_ID", "__version__", *_HOME_OF]  # noqa: PLE0604
+__all__ = ["ENV_ID", "__version__", *_HOME_OF]
 
 if ENV_ID not in registry:
     register(

@@ -75,8 +75,7 @@ class FileError(OpenLockError):
         self.faults = tuple(sorted(faults, key=lambda fault: (fault.line, fault.column)))
         super().__init__(
             "\n".join(
-                f"{self.path}:{fault.line}:{fault.column}: {fault.message}"
-                for fault in self.faults
+                f"{self.path}:{fault.line}:{fault.column}: {fault.message}" for fault in self.faults
             )
         )
 

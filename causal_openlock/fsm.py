@@ -182,7 +182,7 @@ class Attempt:
     @property
     def on_path(self) -> BoolArray:
         """``[N]`` whether the actions so far are the beginning of some solution."""
-        return self.begins.any(axis=1)
+        return np.logical_or.reduce(self.begins, axis=1)
 
 
 def unroll(fsm: FSM, action_limit: int) -> Attempt:
@@ -212,7 +212,9 @@ def unroll(fsm: FSM, action_limit: int) -> Attempt:
     begins = pushes_only[:, None] & (state[:, None] & ~solutions == 0)
     opened = fsm.opened[state]
     complete = np.bitwise_count(solutions) + 1 == used[:, None]
-    begins |= opened[:, None] & complete & (fsm.solution[state][:, None] == np.arange(len(solutions)))
+    begins |= (
+        opened[:, None] & complete & (fsm.solution[state][:, None] == np.arange(len(solutions)))
+    )
     return Attempt(
         fsm=fsm,
         action_limit=action_limit,

@@ -1,4 +1,4 @@
-"""The contract of a learner, and the registry that finds learners by name.
+"""The contract of a learner: what it is told, what it sees, what it answers.
 
 A :class:`Learner` plays B subjects at once: every array is ``[B, ...]`` and no subject sees
 another's data. It is told a :class:`Brief`, sees a :class:`View`, answers with actions, and is
@@ -6,36 +6,24 @@ told in a :class:`Step` what they led to. None of these types can hold a role, a
 solution: what is latent lives in :class:`Truth`, and only an :class:`InformedLearner`, which the
 record then shows beside the others as a bound, is ever given one.
 
-Learners are found through the entry-point group ``causal_openlock.learners``, so that a package
-of one's own adds learners by declaring them::
-
-    [project.entry-points."causal_openlock.learners"]
-    mine = "my_package:MyLearner"
-
-For a first learner, :class:`OneSubjectLearner` asks for a single method, ``act(observation)``.
+Learners are found by name through :mod:`causal_openlock.learner_registry`. For a first learner,
+:class:`~causal_openlock.one_subject.OneSubjectLearner` asks for a single method,
+``act(observation)``.
 """
 
 from __future__ import annotations
 
-import importlib
-import os
-import pickle
-import sys
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, ClassVar, get_type_hints
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.errors import LearnerError, nearest
+from causal_openlock.errors import LearnerError
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.room import Room
 
-ENTRY_POINTS = "causal_openlock.learners"
 Observations = NDArray[np.int8]
 
 
@@ -191,228 +179,3 @@ class InformedLearner(Learner):
     @abstractmethod
     def inform(self, truth: Truth) -> None:
         """Told after :meth:`begin`, and again whenever a subject enters another room."""
-
-
-@dataclass(frozen=True)
-class Moment:
-    """A :class:`Step` of one subject, in plain numbers.
-
-    Attributes:
-        observation: ``[2P + 2]`` what was seen before the action.
-        action: What was done.
-        outcome: ``[2P + 2]`` what was seen right after it.
-        reward: The reward for it.
-        attempt_over: Whether the attempt ended with it.
-        trial_over: Whether the trial ended with it.
-        new_solution: Whether it completed a solution not found before in the trial.
-        solutions_left: Solutions still to be found in the trial.
-    """
-
-    observation: Observations
-    action: int
-    outcome: Observations
-    reward: float
-    attempt_over: bool
-    trial_over: bool
-    new_solution: bool
-    solutions_left: int
-
-
-class OneSubjectLearner(ABC):
-    """A learner written for a single subject; each subject gets an instance of its own.
-
-    ``self.brief`` and ``self.generator`` are set before :meth:`begin` is called.
-
-    Args:
-        parameters: An instance of the class's ``Parameters``; by default their defaults.
-    """
-
-    Parameters: ClassVar[type] = NoParameters
-    brief: Brief
-    generator: np.random.Generator
-
-    def __init__(self, parameters: Any = None) -> None:
-        self.parameters = self.Parameters() if parameters is None else parameters
-
-    def begin(self) -> None:
-        """Get ready to play."""
-
-    @abstractmethod
-    def act(self, observation: Observations) -> int:
-        """The action for what is seen: ``[2P + 2]`` of 0 and 1."""
-
-    def learn(self, moment: Moment) -> None:
-        """Take in what the action led to."""
-
-
-class Chorus(Learner):
-    """Plays B instances of a :class:`OneSubjectLearner` as one learner."""
-
-    def __init__(self, single: type[OneSubjectLearner], parameters: Any = None) -> None:
-        super().__init__(NoParameters())
-        self._single = single
-        self._parameters = parameters
-        self._players: list[OneSubjectLearner] = []
-
-    def begin(self, brief: Brief) -> None:
-        """Make one player for each subject."""
-        self._brief = brief
-        self._players = []
-        for generator in brief.generators:
-            player = self._single(self._parameters)
-            player.brief, player.generator = brief, generator
-            player.begin()
-            self._players.append(player)
-
-    def act(self, view: View) -> IntArray:
-        """Ask each player that still plays."""
-        actions = np.zeros(len(self._players), dtype=np.int64)
-        for subject in np.flatnonzero(view.playing):
-            actions[subject] = self._players[subject].act(view.observation[subject])
-        return actions
-
-    def learn(self, step: Step) -> None:
-        """Tell each player what its own action led to."""
-        left = step.view.console.solutions_left - step.new_solution
-        for subject in np.flatnonzero(step.view.playing):
-            self._players[subject].learn(
-                Moment(
-                    observation=step.view.observation[subject],
-                    action=int(step.action[subject]),
-                    outcome=step.outcome[subject],
-                    reward=float(step.reward[subject]),
-                    attempt_over=bool(step.attempt_over[subject]),
-                    trial_over=bool(step.trial_over[subject]),
-                    new_solution=bool(step.new_solution[subject]),
-                    solutions_left=int(left[subject]),
-                )
-            )
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that the players hold, generators included."""
-        kept = [{k: v for k, v in vars(p).items() if k != "brief"} for p in self._players]
-        return {"players": pickle.dumps(kept)}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Give each player back what it held."""
-        for player, kept in zip(self._players, pickle.loads(state["players"]), strict=True):
-            vars(player).update(kept)
-
-
-# -- the registry -------------------------------------------------------------------------------
-
-
-def registry() -> dict[str, EntryPoint]:
-    """Every installed learner by name; none of them is loaded by this.
-
-    Raises:
-        LearnerError: If two packages register the same name.
-    """
-    found: dict[str, EntryPoint] = {}
-    for entry in entry_points(group=ENTRY_POINTS):
-        other = found.setdefault(entry.name, entry)
-        if other.value != entry.value:
-            raise LearnerError(
-                f"the learner {entry.name!r} is registered twice, as {other.value} and as "
-                f"{entry.value}; uninstall one of these packages or rename its learner"
-            )
-    return dict(sorted(found.items()))
-
-
-@cache
-def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
-    """A learner's class by its registered name, or by ``module:Class``.
-
-    Raises:
-        LearnerError: If there is none, it cannot be imported, or it is no learner.
-    """
-    if ":" in name:
-        # A module beside the experiment, as in a notebook, needs no package of its own.
-        if os.getcwd() not in sys.path:
-            sys.path.insert(0, os.getcwd())
-        entry = EntryPoint(name, name, ENTRY_POINTS)
-    else:
-        known = registry()
-        if name not in known:
-            raise LearnerError(f"there is no learner {name!r}; {nearest(name, known)}")
-        entry = known[name]
-    try:
-        importlib.import_module(entry.module)
-        loaded = entry.load()
-    except (ImportError, AttributeError) as error:
-        raise LearnerError(
-            f"the learner {name!r} ({entry.value}) cannot be imported: {error}"
-        ) from error
-    if not (isinstance(loaded, type) and issubclass(loaded, Learner | OneSubjectLearner)):
-        raise LearnerError(
-            f"the learner {name!r} ({entry.value}) is no subclass of Learner or OneSubjectLearner"
-        )
-    return loaded
-
-
-def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
-    """A learner, ready for :meth:`Learner.begin`.
-
-    Args:
-        name: As for :func:`learner_class`.
-        parameters: Hyper-parameters that differ from their defaults.
-
-    Raises:
-        LearnerError: If there is no such learner, or a parameter is unknown or has a wrong value.
-    """
-    kind = learner_class(name)
-    checked = parse_parameters(name, parameters or {})
-    return kind(checked) if issubclass(kind, Learner) else Chorus(kind, checked)
-
-
-def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
-    """Hyper-parameters from plain data, as an instance of the learner's ``Parameters``.
-
-    Raises:
-        LearnerError: If a parameter is unknown or its value does not fit; ``error.at`` names it.
-    """
-    from pydantic import TypeAdapter, ValidationError
-
-    declared: Any = learner_class(name).Parameters
-    hints = get_type_hints(declared, include_extras=True)
-    values = {}
-    for key, value in parameters.items():
-        if key not in {field.name for field in fields(declared)}:
-            raise LearnerError(
-                f"the learner {name} has no parameter {key!r}; "
-                f"{nearest(str(key), (field.name for field in fields(declared)))}"
-            )
-        try:
-            values[key] = TypeAdapter(hints[key]).validate_python(value, strict=True)
-        except ValidationError as error:
-            said = error.errors(include_url=False)[0]["msg"].removeprefix("Input ")
-            raise LearnerError(
-                f"the parameter {key} of {name} {said}, and this is {value!r}"
-            ) from None
-    return declared(**values)
-
-
-@dataclass(frozen=True)
-class ParameterInfo:
-    """A hyper-parameter as it is told to users."""
-
-    name: str
-    default: Any
-    meaning: str
-
-
-def parameter_table(name: str) -> list[ParameterInfo]:
-    """The hyper-parameters of a learner, with defaults and meanings."""
-    declared: Any = learner_class(name).Parameters
-    hints = get_type_hints(declared, include_extras=True)
-    table = []
-    for field in fields(declared):
-        notes = getattr(hints[field.name], "__metadata__", ())
-        meaning = " ".join(
-            note if isinstance(note, str) else note.description
-            for note in notes
-            if isinstance(note, str) or getattr(note, "description", None)
-        )
-        default = None if field.default is MISSING else field.default
-        table.append(ParameterInfo(field.name, default, meaning))
-    return table

@@ -159,9 +159,7 @@ class Trials:
         layouts: Any = self.layouts or source
         if layouts == "published":
             layouts = _published(self.schema) or "random"
-        number = self.number or (
-            len(layouts) if self.layouts and layouts != "random" else number
-        )
+        number = self.number or (len(layouts) if self.layouts and layouts != "random" else number)
         if layouts == "random":
             drawn: dict[tuple[int, ...], Layout] = {}
             for _ in range(1000 * number):
@@ -238,9 +236,7 @@ class Visit:
     layout: Layout
 
 
-def plan(
-    condition: Condition, protocol: Protocol, generator: np.random.Generator
-) -> list[Visit]:
+def plan(condition: Condition, protocol: Protocol, generator: np.random.Generator) -> list[Visit]:
     """The trials that one subject goes through, in order.
 
     Each loop draws its layouts anew, without repeats within the loop.

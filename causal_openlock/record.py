@@ -126,7 +126,9 @@ class AttemptLog:
         return self._columns[name][: self.rows]
 
 
-def assemble(log: AttemptLog, visits: dict[str, NDArray[Any]], constants: dict[str, Any]) -> pa.Table:
+def assemble(
+    log: AttemptLog, visits: dict[str, NDArray[Any]], constants: dict[str, Any]
+) -> pa.Table:
     """A session's log as a record, sorted by subject and time.
 
     Args:

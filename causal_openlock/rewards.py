@@ -99,7 +99,7 @@ class Events:
             unlocks=tables.unlocked[after] & ~tables.unlocked[row],
             unlocked=tables.unlocked[after],
             opens=tables.opened[after] & ~tables.opened[row],
-            on_path=tables.begins[after].any(axis=1),
+            on_path=np.logical_or.reduce(tables.begins[after], axis=1),
             repeated=never,
             new=tables.solution[after] >= 0,
             retraced=never,
@@ -123,7 +123,7 @@ class Events:
             self,
             repeated=repeated,
             new=self.new & ~known,
-            retraced=(tables.begins[after] & found).any(axis=1),
+            retraced=np.logical_or.reduce(tables.begins[after] & found, axis=1),
             found=found.sum(axis=1),
         )
 
@@ -174,24 +174,24 @@ def _basic(events: Events, terms: tuple[str, ...]) -> FloatArray:
 
 
 def _unique_solutions(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return -events.paid() * ~events.new
+    return np.where(events.new, 0.0, -events.paid())
 
 
 def _state_change(events: Events, terms: tuple[str, ...]) -> FloatArray:
     instead = events.first & events.on_path if "partial_sequence" in terms else False
-    return 0.5 * (events.changed & ~np.asarray(instead))
+    return np.where(events.changed & ~np.asarray(instead), 0.5, 0.0)
 
 
 def _negative_immovable(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return -0.5 * ~events.changed
+    return np.where(events.changed, 0.0, -0.5)
 
 
 def _negative_repeat(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return -0.25 * events.repeated
+    return np.where(events.repeated, -0.25, 0.0)
 
 
 def _partial_sequence(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return 1.0 * (events.first & events.on_path)
+    return np.where(events.first & events.on_path, 1.0, 0.0)
 
 
 def _solution_multiplier(events: Events, terms: tuple[str, ...]) -> FloatArray:
@@ -330,95 +330,3 @@ def find_reward(reward: str | Iterable[str] | RewardFunction) -> RewardFunction:
     if not terms:
         raise RewardError(f"a reward needs at least one term; known: {', '.join(TERMS)}")
     return Reward("+".join(terms), terms)
-
-
-class RewardTable:
-    """A reward over the tables of all rooms: a gather, and a second look where history matters.
-
-    Almost every reward is a function of the row and the action alone and is looked up. Where the
-    action before, or the solutions found before, can make a difference, the reward function itself
-    is asked again, for those subjects only.
-    """
-
-    def __init__(self, reward: RewardFunction, tables: RoomTables) -> None:
-        self.reward = reward
-        self.tables = tables
-        self._rows = 0
-
-    def table(self) -> FloatArray:
-        """``[R * A]`` the reward of every action that takes effect, with nothing gone before."""
-        if self._rows < self.tables.rows:
-            self._fill()
-        return self._paid
-
-    def _fill(self) -> None:
-        """Evaluate the reward for every row and action."""
-        tables = self.tables
-        row, action = np.divmod(np.arange(tables.rows * tables.actions), tables.actions)
-        self._events = Events.of(tables, row, action, tables.effect)
-        self._paid = self.reward.pay(self._events)
-        # Does it matter here what was found before? Ask for the other extreme and compare.
-        events = replace(
-            self._events,
-            new=np.zeros(len(row), dtype=bool),
-            retraced=self._events.on_path,
-            found=np.ones(len(row), dtype=np.int64),
-        )
-        more = replace(self._events, found=np.ones(len(row), dtype=np.int64))
-        self._heeds = (self.reward.pay(events) != self._paid) | (
-            self.reward.pay(more) != self._paid
-        )
-        self._paid[tables.over[row]] = 0.0  # putting a room back pays nothing
-        self._rows = tables.rows
-
-    def pay(
-        self,
-        choice: IntArray,
-        after: IntArray,
-        previous: IntArray,
-        found: BoolArray,
-        experienced: IntArray,
-    ) -> FloatArray:
-        """``[B]`` the rewards of B actions.
-
-        Args:
-            choice: ``[B]`` what was done where, from :meth:`RoomTables.choice`.
-            after: ``[B]`` where each room is then.
-            previous: ``[B]`` the action before it in the attempt, -1 for none.
-            found: ``[B, K]`` which solutions are found already.
-            experienced: Indices of the subjects whose door is unlocked then and who have found
-                something before: nobody else's reward depends on what was found.
-        """
-        tables, reward = self.tables, self.reward
-        paid: FloatArray = self.table().take(choice)
-        again = experienced
-        if len(again):
-            again = again[self._heeds[choice[again]]]
-        if reward.heeds_repeats:
-            again = np.union1d(again, np.flatnonzero(choice % tables.actions == previous))
-        if tables.stochastic:
-            again = np.union1d(again, np.flatnonzero(after != tables.effect.take(choice)))
-        if len(again):
-            choice, after = choice[again], after[again]
-            row, action = np.divmod(choice, tables.actions)
-            if tables.stochastic:
-                events = Events.of(tables, row, action, after)
-            else:
-                events = self._events.at(choice)
-            events = events.with_history(tables, after, action == previous[again], found[again])
-            paid[again] = np.where(tables.over[row], 0.0, reward.pay(events))
-        return paid
-
-
-__all__ = [
-    "BASIC_REWARD",
-    "PAPER_REWARD",
-    "PRESETS",
-    "TERMS",
-    "AuthorsReward",
-    "Events",
-    "Reward",
-    "RewardFunction",
-    "RewardTable",
-    "find_reward",
-]

@@ -60,9 +60,10 @@ def positions_for(schema: Schema) -> int:
 
 
 def action_names(positions: int) -> tuple[str, ...]:
-    """Names of the actions, by index: ``push_UPPERRIGHT``, ..., ``pull_LOWERRIGHT``, ``push_door``."""
+    """Names of the actions by index: ``push_UPPERRIGHT``, ..., ``push_door``."""
     names = position_names(positions)
-    return (*(f"push_{name}" for name in names), *(f"pull_{name}" for name in names), "push_door")
+    moves = [f"{verb}_{name}" for verb in ("push", "pull") for name in names]
+    return (*moves, "push_door")
 
 
 def position_coordinates(positions: int) -> NDArray[np.float64]:

@@ -18,13 +18,13 @@ from pathlib import Path
 
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment import Cell, Experiment
-from causal_openlock.learner import create
+from causal_openlock.learner_registry import create
 from causal_openlock.session import Session
 from causal_openlock.store import Store
 from causal_openlock.yaml_file import write_text
 
 # One thread for each worker: the cores are shared out by cells, and the matrices are small.
-ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def play_cell(cell: Cell, folder: str) -> int:

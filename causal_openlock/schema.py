@@ -72,7 +72,8 @@ class Schema:
             breaks another rule; ``error.at`` says where.
 
     Example:
-        >>> cc3 = Schema("CC3", ["L0", "L1", "L2"], {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]})
+        >>> edges = {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]}
+        >>> cc3 = Schema("CC3", ["L0", "L1", "L2"], edges)
         >>> cc3.solutions
         (('L0', 'L1'), ('L0', 'L2'))
         >>> cc3.least_action_limit
@@ -332,4 +333,3 @@ class Schema:
 
     def __repr__(self) -> str:
         return f"<Schema {self.name}: {len(self.levers)} levers, {len(self.solutions)} solutions>"
-

@@ -93,7 +93,9 @@ def _one_of(what: str) -> WrapValidator:
 
 
 def _lowered(message: str) -> str:
-    return message.removeprefix("Input ").replace("Extra inputs are not permitted", "is no key here")
+    return message.removeprefix("Input ").replace(
+        "Extra inputs are not permitted", "is no key here"
+    )
 
 
 Effects = Annotated[

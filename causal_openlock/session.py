@@ -22,8 +22,10 @@ from causal_openlock.learner import Brief, Console, InformedLearner, Learner, St
 from causal_openlock.protocol import Condition, Protocol, plan
 from causal_openlock.randomness import Streams, generators
 from causal_openlock.record import AttemptLog, assemble
-from causal_openlock.rewards import PAPER_REWARD, RewardFunction, RewardTable, find_reward
-from causal_openlock.room import action_names, positions_for
+from causal_openlock.reward_table import RewardTable
+from causal_openlock.rewards import PAPER_REWARD, RewardFunction, find_reward
+from causal_openlock.room import Layout, action_names, positions_for
+from causal_openlock.schema import Schema
 from causal_openlock.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
 
 if TYPE_CHECKING:
@@ -102,7 +104,7 @@ class Session:
         positions, protocol = self._tables.positions, self.protocol
         limits = {schema: protocol.actions_for(schema) for schema in self.condition.schemas}
         distinct: dict[Any, int] = {}
-        rooms = []
+        rooms: list[tuple[Schema, Layout, int]] = []
         for row in visits:
             for visit in row:
                 key = (id(visit.schema), visit.layout)
@@ -177,9 +179,7 @@ class Session:
 
     # -- the loop -------------------------------------------------------------------------------
 
-    def play(
-        self, learner: Learner, progress: Callable[[float], None] | None = None
-    ) -> pa.Table:
+    def play(self, learner: Learner, progress: Callable[[float], None] | None = None) -> pa.Table:
         """Let a learner play to the end.
 
         Args:

@@ -66,7 +66,9 @@ class Store:
                 )
             else:
                 self.cells.mkdir(parents=True, exist_ok=True)
-                text = json.dumps({"identity": experiment.identity, **experiment.as_dict()}, indent=1)
+                text = json.dumps(
+                    {"identity": experiment.identity, **experiment.as_dict()}, indent=1
+                )
                 write_text(declared, text + "\n")
             self.cells.mkdir(exist_ok=True)
         except OSError as error:

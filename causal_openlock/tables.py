@@ -18,7 +18,6 @@ from causal_openlock.fsm import FSM, Attempt, BoolArray, FloatArray, IntArray, c
 from causal_openlock.room import Layout, Room
 from causal_openlock.schema import Schema
 
-
 UNLOCKED, OPENED, ACTIONS_LEFT = np.uint8(64), np.uint8(128), np.uint8(63)
 """Bits of :attr:`RoomTables.status`: at least UNLOCKED is unlocked, at least OPENED is open."""
 

@@ -268,6 +268,4 @@ def _fields(model: Any, where: Where) -> list[str]:
             if isinstance(key, str) and key in part.model_fields
             for found in models(part.model_fields[key].annotation)
         ] or here
-    return [
-        field.alias or name for part in here for name, field in part.model_fields.items()
-    ]
+    return [field.alias or name for part in here for name, field in part.model_fields.items()]

@@ -35,7 +35,9 @@ class StackedMLP(nn.Module):
                 (rng.uniform(-bound, bound, (width_in, width_out)), rng.uniform(-bound, bound, (1, width_out)))
                 for rng in generators
             ]  # fmt: skip
-            for store, values in zip((self.weights, self.biases), zip(*drawn, strict=True), strict=True):
+            for store, values in zip(
+                (self.weights, self.biases), zip(*drawn, strict=True), strict=True
+            ):
                 store.append(nn.Parameter(torch.tensor(np.stack(values), dtype=torch.float32)))
 
     def forward(self, inputs: Tensor) -> Tensor:

@@ -230,6 +230,8 @@ def _curve(drawing: Drawing, path: Sequence[Place], steepest: float) -> Points:
     ways = [np.array([math.sin(angle), -math.cos(angle)]) for angle in leans]
     at[0] = at[0] + _to_border(drawing, path[0], ways[0])
     at[-1] = at[-1] - _to_border(drawing, path[-1], ways[-1], tip=0.04)
+    if len(at) == 2 and abs(leans[0]) < steepest:
+        ways = [(at[1] - at[0]) / np.hypot(*(at[1] - at[0]))] * 2
     t = np.linspace(0.0, 1.0, PIECE)[:, None]
     pieces = []
     for i in range(len(at) - 1):

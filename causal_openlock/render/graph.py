@@ -147,9 +147,9 @@ def _draw_nodes(ax: Axes, schema: Schema, drawing: Drawing, points: float) -> No
             ax.add_patch(Polygon(outline, facecolor="white", **style))
         gate = _gate_mark(schema, node)
         text: Any = {"ha": "center", "zorder": 4, "color": "0.35" if inert else "black"}
-        size = (0.25 if node == DOOR else 0.28) * points
+        size = (0.235 if node == DOOR else 0.28) * points
         # Set by the baseline, so that names with and without descenders stand alike.
-        ax.text(x, y - 0.1 + (0.09 if gate else 0), node, fontsize=size, va="baseline", **text)
+        ax.text(x, y - 0.095 + (0.09 if gate else 0), node, fontsize=size, va="baseline", **text)
         if gate:
             style = {"fontsize": 0.185 * points, "style": "italic", "va": "baseline"}
             ax.text(x, y - 0.235, gate, **style, **text)

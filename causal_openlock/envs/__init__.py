@@ -1,0 +1,26 @@
+"""The room as a Gymnasium environment, one or thousands at once.
+
+``gymnasium.make("causal_openlock/OpenLock-v0", schema="CC4", layout="trial7")`` gives one room,
+``gymnasium.make_vec(..., num_envs=16384, vectorization_mode="vector_entry_point")`` many. Both step
+the tables of :mod:`causal_openlock.tables`.
+
+An *episode* is either one attempt or a whole trial:
+
+* ``episode="attempt"``: it terminates when the door opens or the actions are spent; nothing
+  follows that a learner could value. ``reset`` begins the next attempt in the same room; once
+  every solution is found or no attempt is left, it begins a new trial.
+* ``episode="trial"``: it terminates when every solution is found and is truncated when no attempt
+  is left. After each attempt the room is put back, and what is returned is the room as it then
+  stands; how the attempt ended is in ``info["outcome"]``.
+
+``reset(seed=...)`` and ``reset(options={"new_trial": True})`` always begin a new trial. ``info``
+carries the console, which a person sees too, and under the key ``"latent"`` what no learner may
+see: it is for analysis.
+"""
+
+from __future__ import annotations
+
+from causal_openlock.envs.single import OpenLockEnv
+from causal_openlock.envs.vector import OpenLockVectorEnv
+
+__all__ = ["OpenLockEnv", "OpenLockVectorEnv"]

@@ -1,0 +1,104 @@
+"""The arguments that the environments share, checked once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from gymnasium import spaces
+
+from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
+from causal_openlock.protocol import PAPER_ACTION_LIMIT
+from causal_openlock.rewards import RewardFunction, find_reward
+from causal_openlock.room import RANDOM_LAYOUT, Layout, positions_for
+
+if TYPE_CHECKING:
+    from causal_openlock.schema import Schema
+
+ATTEMPT_LIMIT = 30
+Episode = Literal["attempt", "trial"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The arguments that both environments share, checked.
+
+    Attributes:
+        schema: What governs the room.
+        layout: Where the levers stand; ``None`` draws a layout for every trial.
+        positions: Number of positions.
+        reward: What each action pays.
+        whole_trial: Whether an episode is a whole trial.
+        attempt_limit: Attempts in a trial.
+        action_limit: Actions in an attempt.
+    """
+
+    schema: Schema
+    layout: Layout | None
+    positions: int
+    reward: RewardFunction
+    whole_trial: bool
+    attempt_limit: int
+    action_limit: int
+
+    @classmethod
+    def of(
+        cls,
+        schema: str | os.PathLike[str] | Schema,
+        layout: str | Mapping[str, str] | Layout,
+        reward: str | Iterable[str] | RewardFunction,
+        episode: str,
+        attempt_limit: int,
+        action_limit: int | None,
+        positions: int | None,
+    ) -> Settings:
+        """Check the arguments of an environment.
+
+        Raises:
+            OpenLockError: With what is wrong and how to mend it.
+        """
+        from causal_openlock.schema_file import find_schema
+
+        schema = find_schema(schema)
+        positions = positions or positions_for(schema)
+        if positions < len(schema.levers):
+            raise LayoutError(
+                f"{schema.name} has {len(schema.levers)} levers, more than {positions} positions"
+            )
+        if episode not in ("attempt", "trial"):
+            raise OpenLockError(f"an episode is 'attempt' or 'trial', not {episode!r}")
+        if attempt_limit < 1:
+            raise ProtocolError(f"attempt_limit must be at least 1, not {attempt_limit}")
+        if action_limit is None:
+            action_limit = max(PAPER_ACTION_LIMIT, schema.least_action_limit)
+        if action_limit < schema.least_action_limit:
+            raise ProtocolError(
+                f"{schema.name} needs attempts of at least {schema.least_action_limit} actions, "
+                f"so action_limit cannot be {action_limit}"
+            )
+        return cls(
+            schema=schema,
+            layout=None if layout == RANDOM_LAYOUT else Layout.of(schema, layout, positions),
+            positions=positions,
+            reward=find_reward(reward),
+            whole_trial=episode == "trial",
+            attempt_limit=attempt_limit,
+            action_limit=action_limit,
+        )
+
+    def draw_layout(self, generator: np.random.Generator) -> Layout:
+        """The layout of a new trial."""
+        return self.layout or Layout.random(self.schema, generator, self.positions)
+
+    @property
+    def observation_space(self) -> spaces.MultiBinary:
+        """``MultiBinary(2P + 2)``: 16 bits in the paper's room."""
+        return spaces.MultiBinary(2 * self.positions + 2)
+
+    @property
+    def action_space(self) -> spaces.Discrete[Any]:
+        """``Discrete(2P + 1)``: 15 actions in the paper's room."""
+        return spaces.Discrete(2 * self.positions + 1)

@@ -1,0 +1,241 @@
+"""One room as a Gymnasium environment."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from operator import index
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import InvalidAction, ResetNeeded
+from numpy.typing import NDArray
+
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
+from causal_openlock.errors import OpenLockError
+from causal_openlock.reward_table import RewardTable
+from causal_openlock.rewards import BASIC_REWARD, RewardFunction
+from causal_openlock.room import RANDOM_LAYOUT, Layout, Room
+from causal_openlock.tables import ACTIONS_LEFT, RoomTables
+
+if TYPE_CHECKING:
+    from causal_openlock.schema import Schema
+
+
+class _ListedRoom:
+    """The tables of one room as Python lists, which a single step reads fastest."""
+
+    def __init__(self, settings: Settings, layout: Layout) -> None:
+        tables = RoomTables(settings.positions)
+        tables.add([(settings.schema, layout, settings.action_limit)])
+        self.tables = tables
+        self.rewards = RewardTable(settings.reward, tables)
+        self.room: Room = tables.rooms[0]
+        self.effect: list[int] = tables.effect.tolist()
+        self.chance: list[float] = tables.chance.tolist()
+        self.idle: list[int] = tables.idle.tolist()
+        self.unlocked: list[bool] = tables.unlocked.tolist()
+        self.actions_left: list[int] = (tables.status & ACTIONS_LEFT).tolist()
+        self.solution: list[int] = np.where(tables.opened, tables.solution, -1).tolist()
+        self.observations = list(tables.observation)
+        self.paid: list[float] = self.rewards.table().tolist()
+
+
+class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
+    """One room.
+
+    Args:
+        schema: Name of a schema, path of a schema file, or a Schema.
+        layout: A published layout such as ``trial7``, a mapping ``{lever: position}``, or
+            ``random``, which draws one for every trial.
+        reward: Name of a preset, a list of terms, or a reward function
+            (:mod:`causal_openlock.rewards`).
+        episode: ``attempt`` or ``trial``.
+        attempt_limit: Attempts in a trial.
+        action_limit: Actions in an attempt; by default 3, or as many as the schema needs.
+        positions: Number of positions; by default seven, or as many as there are levers.
+        render_mode: ``ansi`` (text) or ``rgb_array`` (a picture).
+
+    Raises:
+        OpenLockError: If the arguments do not fit together.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own form
+        "render_modes": ["ansi", "rgb_array"],
+        "render_fps": 4,
+    }
+
+    def __init__(
+        self,
+        schema: str | os.PathLike[str] | Schema = "CC3",
+        layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
+        reward: str | Iterable[str] | RewardFunction = BASIC_REWARD,
+        episode: Episode = "attempt",
+        attempt_limit: int = ATTEMPT_LIMIT,
+        action_limit: int | None = None,
+        positions: int | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        self._settings = Settings.of(
+            schema, layout, reward, episode, attempt_limit, action_limit, positions
+        )
+        self.observation_space = self._settings.observation_space
+        self.action_space = self._settings.action_space
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise OpenLockError(f"render_mode is ansi or rgb_array, not {render_mode!r}")
+        self.render_mode = render_mode
+        self._listed: dict[Layout, _ListedRoom] = {}
+        self._actions = 2 * self._settings.positions + 1
+        self._whole_trial = self._settings.whole_trial
+        self._stochastic = not self._settings.schema.deterministic
+        self._heeds_repeats = self._settings.reward.heeds_repeats
+        self._heeds_found = self._settings.reward.heeds_found
+        # Row of the room; after the end of an episode its complement, which is negative.
+        self._row = -1
+        self._new_trial_due = True
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.int8], dict[str, Any]]:
+        """Begin the next attempt, or a new trial.
+
+        Args:
+            seed: Seeds the environment and begins a new trial.
+            options: ``{"new_trial": True}`` begins a new trial.
+        """
+        if seed is not None:
+            super().reset(seed=seed)
+        if self._row > 0 and not self._whole_trial:
+            self._spend_attempt(solved=False)  # the attempt in progress is given up
+        asked = options is not None and options.get("new_trial", False)
+        if self._new_trial_due or self._whole_trial or seed is not None or asked:
+            self._begin_trial()
+        self._row = 0
+        self._previous = -1
+        return self._observations[0].copy(), self._info(0)
+
+    def _begin_trial(self) -> None:
+        layout = self._settings.draw_layout(self.np_random)
+        if layout not in self._listed:
+            if len(self._listed) >= 1000:
+                self._listed.clear()
+            self._listed[layout] = _ListedRoom(self._settings, layout)
+        self._listed_room = self._listed[layout]
+        self._observations = self._listed_room.observations
+        self._attempts_left = self._settings.attempt_limit
+        self._found: set[int] = set()
+        self._solutions_left = len(self._settings.schema.solutions)
+        self._new_trial_due = False
+        self._latent = self._describe()
+
+    def step(self, action: int) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
+        """Take one action.
+
+        Raises:
+            ResetNeeded: Before the first reset, and after the end of an episode.
+            InvalidAction: If the action is none of the action space.
+        """
+        row = self._row
+        if row < 0:
+            raise ResetNeeded("call reset() before step(), and after the end of every episode")
+        try:
+            action = index(action)
+        except TypeError:
+            action = -1
+        if not 0 <= action < self._actions:
+            raise InvalidAction(f"an action is an integer from 0 to {self._actions - 1}")
+        flat = row * self._actions + action
+        listed = self._listed_room
+        after = listed.effect[flat]
+        if self._stochastic and self.np_random.random() >= listed.chance[flat] > 0.0:
+            after = listed.idle[row]
+        reward = listed.paid[flat]
+        if (
+            (self._found and self._heeds_found and listed.unlocked[after])
+            or (self._heeds_repeats and action == self._previous)
+            or self._stochastic
+        ):
+            reward = self._judge(row, action, after)
+        self._previous = action
+        if listed.actions_left[after]:
+            self._row = after
+            return self._observations[after].copy(), reward, False, False, self._info(after)
+        return self._end_attempt(listed, after, reward)
+
+    def _judge(self, row: int, action: int, after: int) -> float:
+        """The reward where history or luck matters."""
+        found = np.zeros((1, len(self._settings.schema.solutions)), dtype=bool)
+        found[0, list(self._found)] = True
+        choice = row * self._actions + action
+        paid = self._listed_room.rewards.pay(
+            *(np.array([value]) for value in (choice, after, self._previous)),
+            found=found,
+            experienced=np.zeros(1, dtype=np.int64),
+        )
+        return float(paid[0])
+
+    def _end_attempt(
+        self, listed: _ListedRoom, after: int, reward: float
+    ) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
+        solution = listed.solution[after]
+        if solution >= 0 and solution not in self._found:
+            self._found.add(solution)
+            self._solutions_left -= 1
+            self._latent = self._describe()
+        solved = not self._solutions_left
+        outcome = self._observations[after].copy()
+        if not self._whole_trial:
+            info = self._info(after)
+            self._spend_attempt(solved)
+            self._row = ~after
+            return outcome, reward, True, False, info
+        spent = self._attempts_left == 1 and not solved
+        if not (solved or spent):
+            self._spend_attempt(solved)
+        info = self._info(0)
+        info["outcome"] = outcome
+        self._previous = -1
+        self._row = ~0 if solved or spent else 0
+        return self._observations[0].copy(), reward, solved, spent, info
+
+    def _spend_attempt(self, solved: bool) -> None:
+        self._attempts_left -= 1
+        self._new_trial_due = solved or not self._attempts_left
+
+    def _info(self, row: int) -> dict[str, Any]:
+        return {
+            "console": {
+                "solutions_left": self._solutions_left,
+                "solutions_found": len(self._found),
+                "attempts_left": self._attempts_left,
+                "actions_left": self._listed_room.actions_left[row],
+            },
+            "latent": self._latent.copy(),
+        }
+
+    def _describe(self) -> dict[str, Any]:
+        """What no learner may see, in values that cannot be changed."""
+        room = self._listed_room.room
+        return {
+            "schema": room.schema.name,
+            "layout": tuple(room.layout.as_mapping(room.schema).items()),
+            "solutions": room.schema.solutions,
+            "found": tuple(sorted(self._found)),
+        }
+
+    def render(self) -> Any:
+        """The room as text or as a ``[height, width, 3]`` picture of bytes, by ``render_mode``."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("pass render_mode='ansi' or 'rgb_array' to see the room")
+            return None
+        from causal_openlock.render.room import draw_room, room_text
+
+        if not hasattr(self, "_listed_room"):
+            raise ResetNeeded("call reset() before render()")
+        row = self._row if self._row >= 0 else ~self._row
+        seen = self._listed_room.observations[row]
+        positions = self._settings.positions
+        if self.render_mode == "ansi":
+            return room_text(seen, positions)
+        return draw_room(seen, positions)

@@ -1,0 +1,249 @@
+"""Many rooms at once as a Gymnasium vector environment."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import InvalidAction, ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
+from causal_openlock.errors import OpenLockError
+from causal_openlock.reward_table import RewardTable
+from causal_openlock.rewards import BASIC_REWARD, RewardFunction
+from causal_openlock.room import RANDOM_LAYOUT, Layout
+from causal_openlock.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
+
+if TYPE_CHECKING:
+    from causal_openlock.schema import Schema
+
+
+class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
+    """Many rooms at once, each with its own trial.
+
+    Episodes end and begin as in :class:`OpenLockEnv`. A room whose episode has ended is reset by
+    the next step, which ignores its action and pays nothing (Gymnasium's ``NEXT_STEP``).
+
+    Args:
+        num_envs: How many rooms.
+        schema: As for :class:`OpenLockEnv`, like all that follow.
+        layout: See there; ``random`` draws one for every trial of every room.
+        reward: See there.
+        episode: See there.
+        attempt_limit: See there.
+        action_limit: See there.
+        positions: See there.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own form
+        "render_modes": [],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        schema: str | os.PathLike[str] | Schema = "CC3",
+        layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
+        reward: str | Iterable[str] | RewardFunction = BASIC_REWARD,
+        episode: Episode = "attempt",
+        attempt_limit: int = ATTEMPT_LIMIT,
+        action_limit: int | None = None,
+        positions: int | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None:
+            raise OpenLockError("many rooms at once are not drawn; use OpenLockEnv to see one")
+        settings = Settings.of(
+            schema, layout, reward, episode, attempt_limit, action_limit, positions
+        )
+        self._settings = settings
+        self.num_envs = num_envs
+        self.render_mode = None
+        self.single_observation_space = settings.observation_space
+        self.single_action_space = settings.action_space
+        self.observation_space = batch_space(settings.observation_space, num_envs)
+        self.action_space = batch_space(settings.action_space, num_envs)
+        self._tables = RoomTables(settings.positions)
+        self._rewards = RewardTable(settings.reward, self._tables)
+        self._solutions = len(settings.schema.solutions)
+        self._room_of: dict[int, int] = {}
+        self._started = False
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.int8], dict[str, Any]]:
+        """Begin a new trial in every room.
+
+        Args:
+            seed: One seed for the whole batch; a list of seeds is combined into one.
+            options: ``{"reset_mask": [num_envs] of bool}`` resets only those rooms.
+        """
+        if isinstance(seed, list):
+            seed = int(np.random.SeedSequence([s or 0 for s in seed]).generate_state(1)[0])
+        super().reset(seed=seed)
+        many = self.num_envs
+        mask = (options or {}).get("reset_mask")
+        if mask is None or not self._started:
+            self._room = np.zeros(many, dtype=np.int64)
+            self._row = np.zeros(many, dtype=np.int64)
+            self._attempts_left = np.zeros(many, dtype=np.int32)
+            self._found = np.zeros((many, self._solutions), dtype=bool)
+            self._left = np.full(many, self._solutions, dtype=np.int16)
+            self._previous = np.full(many, -1, dtype=np.int64)
+            # Rooms whose trial is over: the next step begins another.
+            self._due = _NONE
+            mask = np.ones(many, dtype=bool)
+            self._started = True
+        self._begin_trials(np.flatnonzero(mask))
+        self._due = np.setdiff1d(self._due, np.flatnonzero(mask))
+        return self._seen(), self._info(self._tables.status.take(self._row) & ACTIONS_LEFT)
+
+    def _begin_trials(self, which: NDArray[np.int64]) -> None:
+        self._room[which] = self._draw_rooms(len(which))
+        self._row = self._row.copy()
+        self._left = self._left.copy()
+        self._attempts_left = self._attempts_left.copy()
+        self._row[which] = self._tables.start[self._room[which]]
+        self._attempts_left[which] = self._settings.attempt_limit
+        self._left[which] = self._solutions
+        self._found[which] = False
+        self._previous[which] = -1
+
+    def _draw_rooms(self, many: int) -> NDArray[np.int64]:
+        """``[many]`` rooms for new trials; a layout met before is not stacked again."""
+        settings = self._settings
+        if settings.layout is not None:
+            return np.repeat(self._stacked([settings.layout]), many)
+        levers, positions = len(settings.schema.levers), settings.positions
+        order = self.np_random.random((many, positions)).argsort(axis=1)[:, :levers]
+        codes, first, which = np.unique(
+            order @ positions ** np.arange(levers), return_index=True, return_inverse=True
+        )
+        new = [i for i, code in enumerate(codes.tolist()) if code not in self._room_of]
+        layouts = [Layout(tuple(order[first[i]].tolist()), positions) for i in new]
+        self._room_of.update(zip(codes[new].tolist(), self._stacked(layouts), strict=True))
+        return np.array([self._room_of[code] for code in codes.tolist()])[which]
+
+    def _stacked(self, layouts: list[Layout]) -> NDArray[np.int64]:
+        settings = self._settings
+        return self._tables.add(
+            [(settings.schema, layout, settings.action_limit) for layout in layouts]
+        )
+
+    def step(
+        self, actions: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int8], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Take one action in every room.
+
+        Args:
+            actions: ``[num_envs]`` integers.
+
+        Raises:
+            ResetNeeded: Before the first reset.
+            InvalidAction: If there are not ``num_envs`` actions, or one is outside the space.
+        """
+        if not self._started:
+            raise ResetNeeded("call reset() before step()")
+        actions = self._checked(actions)
+        tables, settings = self._tables, self._settings
+        luck = self.np_random.random(self.num_envs) if tables.stochastic else None
+        choice = tables.choice(self._row, actions)
+        self._row = tables.step(choice, luck)
+        status = tables.status.take(self._row)
+        experienced = _NONE
+        if settings.reward.heeds_found and status.max() >= UNLOCKED:
+            unlocked = np.flatnonzero(status >= UNLOCKED)
+            experienced = unlocked[self._left[unlocked] < self._solutions]
+        reward = self._rewards.pay(choice, self._row, self._previous, self._found, experienced)
+        if settings.reward.heeds_repeats:
+            self._previous = actions.copy()
+        # Stepping a room whose attempt is over puts it back: that is the reset of NEXT_STEP.
+        # Where the trial was over too, another trial begins.
+        if len(self._due):
+            reward[self._due] = 0.0
+            self._begin_trials(self._due)
+            status[self._due] = tables.status[self._row[self._due]]
+            self._due = _NONE
+
+        left = status & ACTIONS_LEFT
+        terminated, truncated = (np.zeros(self.num_envs, dtype=bool) for _ in range(2))
+        if left.min() > 0:
+            return self._seen(), reward, terminated, truncated, self._info(left)
+        over = left == 0
+        solved, spent = self._end_attempts(over, np.flatnonzero(status >= OPENED))
+        self._due = np.flatnonzero(solved | spent)
+        if settings.whole_trial:
+            self._spend(over & ~(solved | spent))
+            self._row = np.where(over, tables.start.take(self._room), self._row)
+            info = self._info(tables.status.take(self._row) & ACTIONS_LEFT)
+            return self._seen(), reward, solved, spent, info
+        info = self._info(left)
+        self._spend(over)
+        return self._seen(), reward, over, truncated, info
+
+    def _checked(self, actions: Any) -> NDArray[np.int64]:
+        actions = np.asarray(actions)
+        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
+            raise InvalidAction(
+                f"step takes {self.num_envs} integers, one for each room, and not "
+                f"{actions.dtype} of shape {actions.shape}"
+            )
+        actions = actions.astype(np.int64, copy=False)
+        # Seen as unsigned, a negative number is a very large one: one look finds both.
+        if actions.view(np.uint64).max() >= self._tables.actions:
+            raise InvalidAction(
+                f"an action is outside the space; actions are 0 to {self._tables.actions - 1}"
+            )
+        return actions
+
+    def _end_attempts(
+        self, over: NDArray[np.bool_], opened: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Book the attempts that ended.
+
+        Args:
+            over: ``[num_envs]`` whether the attempt is over.
+            opened: Indices of the rooms whose door is open.
+
+        Returns:
+            ``[num_envs]`` whether every solution is now found, and whether the attempts are spent
+            without that.
+        """
+        if len(opened):
+            solution = self._tables.solution[self._row[opened]]
+            new = (solution >= 0) & ~self._found[opened, solution]
+            self._found[opened[new], solution[new]] = True
+            self._left = self._left.copy()
+            self._left[opened] -= new
+        solved = over & (self._left == 0)
+        spent = over & (self._attempts_left <= 1) & ~solved
+        if self._settings.reward.heeds_repeats:
+            self._previous[over] = -1
+        return solved, spent
+
+    def _spend(self, over: NDArray[np.bool_]) -> None:
+        self._attempts_left = self._attempts_left - over
+
+    def _seen(self) -> NDArray[np.int8]:
+        return self._tables.observation.take(self._row, axis=0)
+
+    def _info(self, actions_left: NDArray[np.uint8]) -> dict[str, Any]:
+        # None of these arrays is written to again: what changes is replaced.
+        return {
+            "console": {
+                "solutions_left": self._left,
+                "solutions_found": self._solutions - self._left,
+                "attempts_left": self._attempts_left,
+                "actions_left": actions_left,
+            },
+            "latent": {"tables": self._tables, "row": self._row},
+        }
+
+
+_NONE = np.zeros(0, dtype=np.int64)

@@ -1,0 +1,148 @@
+"""Finding learners by name, and checking their hyper-parameters.
+
+Learners are found through the entry-point group ``causal_openlock.learners``, so that a package of
+one's own adds learners by declaring them::
+
+    [project.entry-points."causal_openlock.learners"]
+    mine = "my_package:MyLearner"
+
+The learners that come with the toolkit are registered in the same way. ``module:Class`` names a
+learner that is not registered, such as one in a file of the working directory.
+
+Hyper-parameters are the fields of the learner's frozen dataclass ``Parameters``. What an experiment
+file says of them is checked against the types of these fields; a text in their ``Annotated`` types
+tells users what they mean.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from causal_openlock.errors import LearnerError, nearest
+from causal_openlock.learner import Learner
+from causal_openlock.one_subject import Chorus, OneSubjectLearner
+
+ENTRY_POINTS = "causal_openlock.learners"
+
+
+def registry() -> dict[str, EntryPoint]:
+    """Every installed learner by name; none of them is loaded by this.
+
+    Raises:
+        LearnerError: If two packages register the same name.
+    """
+    found: dict[str, EntryPoint] = {}
+    for entry in entry_points(group=ENTRY_POINTS):
+        other = found.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            raise LearnerError(
+                f"the learner {entry.name!r} is registered twice, as {other.value} and as "
+                f"{entry.value}; uninstall one of these packages or rename its learner"
+            )
+    return dict(sorted(found.items()))
+
+
+@cache
+def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
+    """A learner's class by its registered name, or by ``module:Class``.
+
+    Raises:
+        LearnerError: If there is none, it cannot be imported, or it is no learner.
+    """
+    if ":" in name:
+        # A module beside the experiment, as in a notebook, needs no package of its own.
+        if (here := str(Path.cwd())) not in sys.path:
+            sys.path.insert(0, here)
+        entry = EntryPoint(name, name, ENTRY_POINTS)
+    else:
+        known = registry()
+        if name not in known:
+            raise LearnerError(f"there is no learner {name!r}; {nearest(name, known)}")
+        entry = known[name]
+    try:
+        importlib.import_module(entry.module)
+        loaded = entry.load()
+    except (ImportError, AttributeError) as error:
+        raise LearnerError(
+            f"the learner {name!r} ({entry.value}) cannot be imported: {error}"
+        ) from error
+    if not (isinstance(loaded, type) and issubclass(loaded, Learner | OneSubjectLearner)):
+        raise LearnerError(
+            f"the learner {name!r} ({entry.value}) is no subclass of Learner or OneSubjectLearner"
+        )
+    return loaded
+
+
+def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
+    """A learner, ready for :meth:`Learner.begin`.
+
+    Args:
+        name: As for :func:`learner_class`.
+        parameters: Hyper-parameters that differ from their defaults.
+
+    Raises:
+        LearnerError: If there is no such learner, or a parameter is unknown or has a wrong value.
+    """
+    kind = learner_class(name)
+    checked = parse_parameters(name, parameters or {})
+    return kind(checked) if issubclass(kind, Learner) else Chorus(kind, checked)
+
+
+def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
+    """Hyper-parameters from plain data, as an instance of the learner's ``Parameters``.
+
+    Raises:
+        LearnerError: If a parameter is unknown or its value does not fit; ``error.at`` names it.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    declared: Any = learner_class(name).Parameters
+    hints = get_type_hints(declared, include_extras=True)
+    values = {}
+    for key, value in parameters.items():
+        if key not in {field.name for field in fields(declared)}:
+            raise LearnerError(
+                f"the learner {name} has no parameter {key!r}; "
+                f"{nearest(str(key), (field.name for field in fields(declared)))}"
+            )
+        try:
+            values[key] = TypeAdapter(hints[key]).validate_python(value, strict=True)
+        except ValidationError as error:
+            said = error.errors(include_url=False)[0]["msg"].removeprefix("Input ")
+            raise LearnerError(
+                f"the parameter {key} of {name} {said}, and this is {value!r}"
+            ) from None
+    return declared(**values)
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """A hyper-parameter as it is told to users."""
+
+    name: str
+    default: Any
+    meaning: str
+
+
+def parameter_table(name: str) -> list[ParameterInfo]:
+    """The hyper-parameters of a learner, with defaults and meanings."""
+    declared: Any = learner_class(name).Parameters
+    hints = get_type_hints(declared, include_extras=True)
+    table = []
+    for field in fields(declared):
+        notes = getattr(hints[field.name], "__metadata__", ())
+        meaning = " ".join(
+            note if isinstance(note, str) else note.description
+            for note in notes
+            if isinstance(note, str) or getattr(note, "description", None)
+        )
+        default = None if field.default is MISSING else field.default
+        table.append(ParameterInfo(field.name, default, meaning))
+    return table

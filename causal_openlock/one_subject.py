@@ -1,0 +1,131 @@
+"""Learners written for a single subject.
+
+A :class:`~causal_openlock.learner.Learner` plays many subjects at once, which is fast and asks for
+arrays. A :class:`OneSubjectLearner` answers for one subject in plain numbers; each subject gets an
+instance of its own, and a :class:`Chorus` of them plays as one learner. The registry takes either.
+"""
+
+from __future__ import annotations
+
+import pickle
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from causal_openlock.fsm import IntArray
+from causal_openlock.learner import (
+    Brief,
+    Learner,
+    NoParameters,
+    Observations,
+    Step,
+    View,
+)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A :class:`Step` of one subject, in plain numbers.
+
+    Attributes:
+        observation: ``[2P + 2]`` what was seen before the action.
+        action: What was done.
+        outcome: ``[2P + 2]`` what was seen right after it.
+        reward: The reward for it.
+        attempt_over: Whether the attempt ended with it.
+        trial_over: Whether the trial ended with it.
+        new_solution: Whether it completed a solution not found before in the trial.
+        solutions_left: Solutions still to be found in the trial.
+    """
+
+    observation: Observations
+    action: int
+    outcome: Observations
+    reward: float
+    attempt_over: bool
+    trial_over: bool
+    new_solution: bool
+    solutions_left: int
+
+
+class OneSubjectLearner(ABC):
+    """A learner written for a single subject; each subject gets an instance of its own.
+
+    ``self.brief`` and ``self.generator`` are set before :meth:`begin` is called.
+
+    Args:
+        parameters: An instance of the class's ``Parameters``; by default their defaults.
+    """
+
+    Parameters: ClassVar[type] = NoParameters
+    brief: Brief
+    generator: np.random.Generator
+
+    def __init__(self, parameters: Any = None) -> None:
+        self.parameters = self.Parameters() if parameters is None else parameters
+
+    def begin(self) -> None:
+        """Get ready to play."""
+
+    @abstractmethod
+    def act(self, observation: Observations) -> int:
+        """The action for what is seen: ``[2P + 2]`` of 0 and 1."""
+
+    def learn(self, moment: Moment) -> None:
+        """Take in what the action led to."""
+
+
+class Chorus(Learner):
+    """Plays B instances of a :class:`OneSubjectLearner` as one learner."""
+
+    def __init__(self, single: type[OneSubjectLearner], parameters: Any = None) -> None:
+        super().__init__(NoParameters())
+        self._single = single
+        self._parameters = parameters
+        self._players: list[OneSubjectLearner] = []
+
+    def begin(self, brief: Brief) -> None:
+        """Make one player for each subject."""
+        self._brief = brief
+        self._players = []
+        for generator in brief.generators:
+            player = self._single(self._parameters)
+            player.brief, player.generator = brief, generator
+            player.begin()
+            self._players.append(player)
+
+    def act(self, view: View) -> IntArray:
+        """Ask each player that still plays."""
+        actions = np.zeros(len(self._players), dtype=np.int64)
+        for subject in np.flatnonzero(view.playing):
+            actions[subject] = self._players[subject].act(view.observation[subject])
+        return actions
+
+    def learn(self, step: Step) -> None:
+        """Tell each player what its own action led to."""
+        left = step.view.console.solutions_left - step.new_solution
+        for subject in np.flatnonzero(step.view.playing):
+            self._players[subject].learn(
+                Moment(
+                    observation=step.view.observation[subject],
+                    action=int(step.action[subject]),
+                    outcome=step.outcome[subject],
+                    reward=float(step.reward[subject]),
+                    attempt_over=bool(step.attempt_over[subject]),
+                    trial_over=bool(step.trial_over[subject]),
+                    new_solution=bool(step.new_solution[subject]),
+                    solutions_left=int(left[subject]),
+                )
+            )
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that the players hold, generators included."""
+        kept = [{k: v for k, v in vars(p).items() if k != "brief"} for p in self._players]
+        return {"players": pickle.dumps(kept)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Give each player back what it held."""
+        for player, kept in zip(self._players, pickle.loads(state["players"]), strict=True):
+            vars(player).update(kept)
