@@ -8,6 +8,7 @@ shared: an agent's gradient comes from its own loss alone, since the losses are 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,20 +29,16 @@ class StackedMLP(nn.Module):
         self.sizes = tuple(sizes)
         self.weights = nn.ParameterList()
         self.biases = nn.ParameterList()
-        for width_in, width_out in zip(sizes, sizes[1:], strict=False):
+        for width_in, width_out in pairwise(sizes):
             # Uniform within 1/sqrt(fan in), as torch initialises a single linear layer.
             bound = width_in**-0.5
-            drawn = [
-                (rng.uniform(-bound, bound, (width_in, width_out)), rng.uniform(-bound, bound, (1, width_out)))
-                for rng in generators
-            ]  # fmt: skip
-            for store, values in zip(
-                (self.weights, self.biases), zip(*drawn, strict=True), strict=True
-            ):
-                store.append(nn.Parameter(torch.tensor(np.stack(values), dtype=torch.float32)))
+            for parameters, rows in ((self.weights, width_in), (self.biases, 1)):
+                drawn = [rng.uniform(-bound, bound, (rows, width_out)) for rng in generators]
+                stack = torch.tensor(np.stack(drawn), dtype=torch.float32)
+                parameters.append(nn.Parameter(stack))
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """``[N, M, out]`` outputs for ``[N, M, in]`` inputs; ``[M, in]`` is given to every agent."""
+        """``[N, M, out]`` outputs for ``[N, M, in]`` inputs; ``[M, in]`` goes to every agent."""
         hidden = inputs
         last = len(self.weights) - 1
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):

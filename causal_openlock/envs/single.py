@@ -167,10 +167,11 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         """The reward where history or luck matters."""
         found = np.zeros((1, len(self._settings.schema.solutions)), dtype=bool)
         found[0, list(self._found)] = True
-        choice = row * self._actions + action
         paid = self._listed_room.rewards.pay(
-            *(np.array([value]) for value in (choice, after, self._previous)),
-            found=found,
+            np.array([row * self._actions + action]),
+            np.array([after]),
+            np.array([self._previous]),
+            found,
             experienced=np.zeros(1, dtype=np.int64),
         )
         return float(paid[0])

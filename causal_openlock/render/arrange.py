@@ -161,25 +161,25 @@ def _upright(
     }
     for _ in range(60):
         for places, offset in zip(rows, offsets, strict=True):
-            wish = []
+            wish, weights = [], []
             for place in places:
                 pull = near[place] or [(place, 1.0)]
-                wish.append(np.average([x[to] for to, _ in pull], weights=[w for _, w in pull]))
-            x |= dict(
-                zip(places, (_rising(np.array(wish) - offset) + offset).tolist(), strict=True)
-            )
+                weights.append(sum(weight for _, weight in pull))
+                wish.append(sum(x[to] * weight for to, weight in pull) / weights[-1])
+            rising = _rising(np.array(wish) - offset, weights)
+            x |= dict(zip(places, (rising + offset).tolist(), strict=True))
     return x
 
 
-def _rising(wish: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rising(wish: Points, weights: Sequence[float]) -> Points:
     """The sequence nearest to ``wish`` that never falls: runs that would fall get their mean."""
-    runs: list[tuple[float, int]] = []
-    for value in wish.tolist():
-        runs.append((value, 1))
+    runs: list[tuple[float, float, int]] = []
+    for value, weight in zip(wish.tolist(), weights, strict=True):
+        runs.append((value, weight, 1))
         while len(runs) > 1 and runs[-2][0] > runs[-1][0]:
-            (a, n), (b, m) = runs[-2:]
-            runs[-2:] = [((a * n + b * m) / (n + m), n + m)]
-    return np.repeat([mean for mean, _ in runs], [count for _, count in runs])
+            (a, v, n), (b, w, m) = runs[-2:]
+            runs[-2:] = [((a * v + b * w) / (v + w), v + w, n + m)]
+    return np.repeat([mean for mean, _, _ in runs], [count for _, _, count in runs])
 
 
 # -- edges ----------------------------------------------------------------------------------------
@@ -249,7 +249,14 @@ def _to_border(drawing: Drawing, place: Place, way: Points, tip: float = 0.0) ->
     if place == DOOR:
         # All arrows end on the upper side, the more aslant the nearer to a corner.
         return np.array([0.8 * RADIUS * way[0], way[1] / abs(way[1]) * RADIUS]) + tip * way
-    return way * (RADIUS + tip)
+    # From inside a circle pulled apart by `flat` to each side: out through its straight part or
+    # through one of its rounded ends.
+    flat = drawing.half_width[place] - RADIUS
+    if flat >= RADIUS * abs(way[0] / way[1]):
+        length = RADIUS / abs(way[1])
+    else:
+        length = flat * abs(way[0]) + math.sqrt(RADIUS**2 - (flat * way[1]) ** 2)
+    return np.asarray(way * (length + tip))
 
 
 def _place_labels(schema: Schema, drawing: Drawing, paths: Paths) -> None:

@@ -1,0 +1,68 @@
+"""The command line: ``causal-openlock``.
+
+Each command is a few lines over the library. What a user can get wrong is said in one sentence, on
+standard error, with exit status 2; everything heavy is loaded only by the command that needs it.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from causal_openlock.cli import comparison, learners, schemas
+
+app = typer.Typer(
+    name="causal-openlock",
+    help="Which learners discover a causal schema by acting, and carry it to a new situation?",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.add_typer(schemas.app, name="schema")
+app.command("learners")(learners.show)
+app.command("compare")(comparison.compare)
+app.command("report")(comparison.report)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from causal_openlock import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Options of every command."""
+
+
+def main() -> None:
+    """Run the command line; the entry point ``causal-openlock``."""
+    from causal_openlock.errors import OpenLockError
+
+    try:
+        app()
+    except OpenLockError as error:
+        _fail(str(error), 2)
+    except BrokenPipeError:
+        # The reader of our output has seen enough.
+        sys.stderr.close()
+        sys.exit(0)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        _fail(f"{where}{error.strerror or error}; check the path, its permissions and the disk", 2)
+    except KeyboardInterrupt:
+        _fail("stopped; the same command goes on where it was", 130)
+
+
+def _fail(message: str, status: int) -> None:
+    for line in message.splitlines():
+        print(f"error: {line}", file=sys.stderr)
+    sys.exit(status)

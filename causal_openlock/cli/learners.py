@@ -1,0 +1,41 @@
+"""``causal-openlock learners``: what can play, and with which parameters."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def show(
+    name: Annotated[str | None, typer.Argument(help="Show the parameters of this learner.")] = None,
+) -> None:
+    """List the installed learners, or the parameters of one."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from causal_openlock.learner_registry import learner_class, parameter_table, registry
+
+    console = Console()
+    if name is None:
+        table = Table("learner", "what it is", "from", box=None, pad_edge=False)
+        for known, entry in registry().items():
+            about = _first_line(learner_class(known).__doc__)
+            table.add_row(known, about, entry.dist.name if entry.dist else "")
+        console.print(table)
+        console.print("\ncausal-openlock learners NAME shows the parameters of one.")
+        return
+    about = learner_class(name).__doc__ or ""
+    console.print(f"[bold]{name}[/bold]: {_first_line(about)}\n")
+    rows = parameter_table(name)
+    if not rows:
+        console.print("It has no parameters.")
+        return
+    table = Table("parameter", "default", "meaning", box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(row.name, "null" if row.default is None else str(row.default), row.meaning)
+    console.print(table)
+
+
+def _first_line(text: str | None) -> str:
+    return (text or "").strip().split("\n", 1)[0]

@@ -1,0 +1,204 @@
+"""``causal-openlock schema``: look at schemas, check them, draw them, begin one of one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from causal_openlock.fsm import FSM
+    from causal_openlock.schema import Schema
+
+app = typer.Typer(no_args_is_help=True, help="List, show, check, draw, export and begin schemas.")
+
+SchemaName = Annotated[str, typer.Argument(help="Name of a schema, or path of a file.")]
+Output = Annotated[Path | None, typer.Option("--out", "-o", help="File to write.")]
+
+
+@app.command("list")
+def list_schemas() -> None:
+    """List the schemas that come with the package, and those in ./schemas."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from causal_openlock.errors import OpenLockError
+    from causal_openlock.schema_file import bundled_schemas, read_schema
+
+    table = Table("schema", "levers", "solutions", "actions", "title", box=None, pad_edge=False)
+    found = bundled_schemas()
+    faults = []
+    for path in sorted(Path("schemas").glob("*.yaml")):
+        try:
+            found[path.stem] = read_schema(path)
+        except OpenLockError as error:
+            faults.append(str(error))
+    for name, schema in found.items():
+        table.add_row(
+            name,
+            str(len(schema.levers)),
+            str(len(schema.solutions)),
+            str(schema.least_action_limit),
+            schema.title,
+        )
+    console = Console()
+    console.print(table)
+    for fault in faults:
+        console.print(fault, style="yellow", highlight=False, soft_wrap=True)
+
+
+@app.command()
+def show(
+    name: SchemaName,
+    layout: Annotated[
+        str | None, typer.Option(help="Show the solutions in this layout too, such as trial7.")
+    ] = None,
+) -> None:
+    """Show a schema: its graph, its solutions, and the states that an attempt can reach."""
+    from causal_openlock.fsm import compile
+    from causal_openlock.render.graph import schema_text
+
+    schema = _read(name)
+    typer.echo(schema_text(schema))
+    if layout is not None:
+        _show_layout(schema, layout)
+    _show_states(compile(schema))
+
+
+def _show_layout(schema: Schema, layout: str) -> None:
+    from causal_openlock.room import Room, action_names
+
+    room = Room.of(schema, layout)
+    names = action_names(room.positions)
+    typer.echo(f"In {room.layout.name}:")
+    for levers in schema.solutions:
+        typer.echo("  " + ", ".join(names[action] for action in room.action_of(levers)))
+    typer.echo("")
+
+
+def _show_states(fsm: FSM) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from causal_openlock.fsm import NO_SOLUTION, unroll
+
+    limit = max(3, fsm.schema.least_action_limit)
+    attempt = unroll(fsm, limit)
+    reached = list(dict.fromkeys(attempt.state.tolist()))
+    shown = reached[:64]
+    table = Table("state", "after it, these actions do something", box=None, pad_edge=False)
+    for state in shown:
+        does = [
+            fsm.action_name(action)
+            + ("" if fsm.chance[state, action] == 1 else f" ({fsm.chance[state, action]:.2g})")
+            for action in range(fsm.actions)
+            if fsm.chance[state, action] > 0 and not fsm.opened[state]
+        ]
+        solution = fsm.solution[state]
+        mark = f"  = solution {solution + 1}" if solution != NO_SOLUTION else ""
+        table.add_row(fsm.describe(state) + mark, ", ".join(does))
+    typer.echo(
+        f"{len(reached)} of {fsm.states} states can be reached in an attempt of {limit} actions:"
+    )
+    Console(soft_wrap=True).print(table, highlight=False)
+    if len(reached) > len(shown):
+        typer.echo(f"and {len(reached) - len(shown)} more")
+
+
+@app.command()
+def check(
+    names: Annotated[list[str], typer.Argument(help="Names of schemas, or paths of files.")],
+) -> None:
+    """Check schemas; every fault is named with its line and column."""
+    from causal_openlock.errors import OpenLockError
+
+    faults = []
+    for name in names:
+        try:
+            schema = _read(name)
+        except OpenLockError as error:
+            faults.append(str(error))
+            continue
+        levers, solutions = len(schema.levers), len(schema.solutions)
+        typer.echo(
+            f"{name}: good: {levers} lever{'s' * (levers > 1)}, "
+            f"{solutions} solution{'s' * (solutions > 1)}, attempts of at least "
+            f"{schema.least_action_limit} actions"
+        )
+    if faults:
+        raise OpenLockError("\n".join(faults))
+
+
+@app.command()
+def draw(name: SchemaName, out: Output = None) -> None:
+    """Draw a schema as a figure (PNG, SVG or PDF, by the suffix of --out)."""
+    from causal_openlock.render.graph import save_schema_figure
+
+    schema = _read(name)
+    path = out or Path(f"{schema.name}.svg")
+    save_schema_figure(schema, path)
+    typer.echo(f"{path} written")
+
+
+@app.command()
+def export(
+    name: SchemaName,
+    format: Annotated[
+        str | None,
+        typer.Option("--format", "-f", help="yaml, json, gml, dot, dagitty or bif."),
+    ] = None,
+    out: Output = None,
+) -> None:
+    """Write a schema in another format; a file in one of these formats can be read, too."""
+    from causal_openlock.schema_formats import export_schema, write_schema_as
+
+    schema = _read(name)
+    if out is not None:
+        write_schema_as(schema, out, format)
+        typer.echo(f"{out} written")
+    else:
+        typer.echo(export_schema(schema, format or "yaml"), nl=False)
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Its name: letters, digits and underscores.")],
+    like: Annotated[str, typer.Option(help="A schema to begin with.")] = "CC3",
+    out: Output = None,
+) -> None:
+    """Begin a schema of one's own: a commented file to change."""
+    from causal_openlock.errors import OpenLockError
+    from causal_openlock.schema_file import dump_schema, schema_from_dict
+    from causal_openlock.yaml_file import write_text
+
+    path = out or Path(f"{name}.yaml")
+    if path.exists():
+        raise OpenLockError(f"{path} exists already; choose another name, or remove it first")
+    start = _read(like)
+    schema = schema_from_dict({**start.as_dict(), "name": name, "title": f"{name}, after {like}"})
+    write_text(path, _GUIDE + dump_schema(schema))
+    typer.echo(f"{path} written; change it, then try:")
+    typer.echo(f"  causal-openlock schema check {path}")
+    typer.echo(f"  causal-openlock schema show {path}")
+    typer.echo(f"  causal-openlock compare --condition {path} --learner oracle --learner random")
+
+
+_GUIDE = """\
+# A causal schema: which lever enables which, and what unlocks the door.
+#   levers  the active levers; a lever that no edge leads to moves freely
+#   edges   cause: [effects]; the effect `door` is the door. Where a push does not always take
+#           effect, write L0: {L1: {strength: 0.8}}
+#   gates   how a node combines its causes: any (if nothing is said), all, {at_least: 2}
+#   inert   levers that move but lead nowhere
+"""
+
+
+def _read(name: str) -> Schema:
+    from causal_openlock.schema_file import find_schema
+    from causal_openlock.schema_formats import read_schema_as
+
+    path = Path(name)
+    if path.suffix not in ("", ".yaml", ".yml") and path.is_file():
+        return read_schema_as(path)
+    return find_schema(name)
