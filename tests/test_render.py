@@ -49,7 +49,13 @@ NAMED = Schema(
     inert=["L3"],
     gates={DOOR: Gate("at_least", 2)},
 )
-HARD = [COMPLETE, FAN, WIDE, NAMED]
+# Edges to the door that would run through a neighbour, were the rows not moved apart.
+SPARSE = Schema(
+    "sparse",
+    LEVERS,
+    {**{lever: [DOOR] for lever in LEVERS}, "L3": ["L9"], "L4": ["L7"], "L6": ["L8"]},
+)
+HARD = [SPARSE, COMPLETE, FAN, WIDE, NAMED]
 
 
 def ids(schema: Schema) -> str:

@@ -1,0 +1,55 @@
+# Everything runs in a virtual environment of its own, .venv, made on first use.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+
+.PHONY: help compare test lint bench json-schemas lock clean
+
+help:
+	@echo "make compare  set up, run the default comparison, write results/default/report.html"
+	@echo "make test     set up, lint, type-check, run every test"
+	@echo "make bench    set up, measure speed against named peers"
+
+compare: $(VENV)/installed
+	$(BIN)/causal-openlock compare default --out results/default
+
+test: $(VENV)/installed-test lint
+	$(BIN)/python -m pytest -n auto -q
+
+lint: $(VENV)/installed-test
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+bench: $(VENV)/installed-test
+	$(BIN)/python benchmarks/run.py
+
+# The JSON Schemas that editors use, made anew from the models.
+json-schemas: $(VENV)/installed
+	$(BIN)/python -m causal_openlock.json_schemas
+
+# The exact versions of everything, from a fresh environment.
+lock:
+	rm -rf $(VENV)-lock
+	$(PYTHON) -m venv $(VENV)-lock
+	$(VENV)-lock/bin/python -m pip install -q torch==2.13.0
+	$(VENV)-lock/bin/python -m pip install -q -e ".[test]"
+	(sed -n '/^#/p' constraints.txt; $(VENV)-lock/bin/python -m pip freeze --exclude-editable | sed 's/+cpu$$//') > constraints.new
+	mv constraints.new constraints.txt
+	rm -rf $(VENV)-lock
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+$(BIN)/python:
+	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, and this is " + sys.version.split()[0] + "; pass PYTHON=...") if sys.version_info < (3, 11) else None'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/installed: $(BIN)/python pyproject.toml constraints.txt
+	$(PIP) install -q -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/installed-test: $(BIN)/python pyproject.toml constraints.txt
+	$(PIP) install -q -c constraints.txt -e ".[test]"
+	@touch $@ $(VENV)/installed

@@ -1,0 +1,28 @@
+"""The JSON Schemas by which editors check and complete schema and experiment files.
+
+``python -m causal_openlock.json_schemas`` writes them beside the files they describe, in a checkout.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from causal_openlock import experiment_file, schema_file
+from causal_openlock.schema_file import bundled
+from causal_openlock.yaml_file import write_text
+
+
+def json_schema_files() -> dict[Path, dict[str, Any]]:
+    """The files and what belongs into them."""
+    return {
+        bundled("schemas") / "schema.json": schema_file.json_schema(),
+        bundled("experiments") / "schema.json": experiment_file.json_schema(),
+    }
+
+
+if __name__ == "__main__":
+    for path, content in json_schema_files().items():
+        write_text(path, json.dumps(content, indent=2) + "\n")
+        print(path)
