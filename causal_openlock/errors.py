@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+MOST_TOLD = 20
+
 
 class OpenLockError(Exception):
     """Base of all errors that a user of the toolkit can cause and mend."""
@@ -67,17 +69,19 @@ class FileError(OpenLockError):
 
     Args:
         path: The file.
-        faults: The faults; the text of the error has one line for each.
+        faults: The faults; the text of the error has one line for each of the first twenty.
     """
 
     def __init__(self, path: Path | str, faults: Iterable[Fault]) -> None:
         self.path = str(path)
         self.faults = tuple(sorted(faults, key=lambda fault: (fault.line, fault.column)))
-        super().__init__(
-            "\n".join(
-                f"{self.path}:{fault.line}:{fault.column}: {fault.message}" for fault in self.faults
-            )
-        )
+        told = [
+            f"{self.path}:{fault.line}:{fault.column}: {fault.message}"
+            for fault in self.faults[:MOST_TOLD]
+        ]
+        if len(self.faults) > MOST_TOLD:
+            told.append(f"{self.path}: and {len(self.faults) - MOST_TOLD:,} more faults")
+        super().__init__("\n".join(told))
 
     def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:
         return FileError, (self.path, self.faults)

@@ -164,11 +164,15 @@ class Learner(ABC):
         """Take in what the actions led to; called after every action."""
 
     def state_dict(self) -> dict[str, Any]:
-        """All that was learned, for a checkpoint; a learner without memory has nothing."""
+        """All that was learned, for a checkpoint; a learner without memory has nothing.
+
+        A copy: it must not change while the learner goes on. It holds the state of the learner's
+        generators too, so that one that is interrupted goes on as if it had not been.
+        """
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint; called after :meth:`begin`."""
+        """Go on from a checkpoint; called after :meth:`begin`. The checkpoint stays as it is."""
         if state:
             raise LearnerError(f"{type(self).__name__} keeps no state and cannot load any")
 

@@ -16,7 +16,7 @@ tells users what they mean.
 
 from __future__ import annotations
 
-import importlib
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
@@ -30,6 +30,7 @@ from causal_openlock.learner import Learner
 from causal_openlock.one_subject import Chorus, OneSubjectLearner
 
 ENTRY_POINTS = "causal_openlock.learners"
+MODULE_AND_CLASS = re.compile(r"\w+(\.\w+)*:\w+(\.\w+)*")
 
 
 def registry() -> dict[str, EntryPoint]:
@@ -43,10 +44,14 @@ def registry() -> dict[str, EntryPoint]:
         other = found.setdefault(entry.name, entry)
         if other.value != entry.value:
             raise LearnerError(
-                f"the learner {entry.name!r} is registered twice, as {other.value} and as "
-                f"{entry.value}; uninstall one of these packages or rename its learner"
+                f"the learner {entry.name!r} is registered twice, as {_origin(other)} and as "
+                f"{_origin(entry)}; uninstall one of these packages or rename its learner"
             )
     return dict(sorted(found.items()))
+
+
+def _origin(entry: EntryPoint) -> str:
+    return f"{entry.value} by {entry.dist.name}" if entry.dist else entry.value
 
 
 @cache
@@ -57,6 +62,8 @@ def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
         LearnerError: If there is none, it cannot be imported, or it is no learner.
     """
     if ":" in name:
+        if not MODULE_AND_CLASS.fullmatch(name):
+            raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
         # A module beside the experiment, as in a notebook, needs no package of its own.
         if (here := str(Path.cwd())) not in sys.path:
             sys.path.insert(0, here)
@@ -67,11 +74,11 @@ def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
             raise LearnerError(f"there is no learner {name!r}; {nearest(name, known)}")
         entry = known[name]
     try:
-        importlib.import_module(entry.module)
         loaded = entry.load()
-    except (ImportError, AttributeError) as error:
+    except Exception as error:  # a module can fail in any way while it is imported
         raise LearnerError(
-            f"the learner {name!r} ({entry.value}) cannot be imported: {error}"
+            f"the learner {name!r} ({entry.value}) cannot be imported: "
+            f"{type(error).__name__}: {error}"
         ) from error
     if not (isinstance(loaded, type) and issubclass(loaded, Learner | OneSubjectLearner)):
         raise LearnerError(
@@ -98,10 +105,14 @@ def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
 def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
     """Hyper-parameters from plain data, as an instance of the learner's ``Parameters``.
 
+    Values are read as from a file: a list may stand for a tuple, and otherwise nothing is
+    converted, so that ``"3"`` is no number.
+
     Raises:
-        LearnerError: If a parameter is unknown or its value does not fit; ``error.at`` names it.
+        LearnerError: If a parameter is unknown or missing, or its value does not fit.
     """
     from pydantic import TypeAdapter, ValidationError
+    from pydantic_core import PydanticSerializationError, to_json
 
     declared: Any = learner_class(name).Parameters
     hints = get_type_hints(declared, include_extras=True)
@@ -113,13 +124,21 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
                 f"{nearest(str(key), (field.name for field in fields(declared)))}"
             )
         try:
-            values[key] = TypeAdapter(hints[key]).validate_python(value, strict=True)
+            text = to_json(value, inf_nan_mode="constants")
+            values[key] = TypeAdapter(hints[key]).validate_json(text, strict=True)
+        except PydanticSerializationError:
+            raise LearnerError(
+                f"the parameter {key} of {name} must be plain data, and this is {value!r}"
+            ) from None
         except ValidationError as error:
             said = error.errors(include_url=False)[0]["msg"].removeprefix("Input ")
             raise LearnerError(
                 f"the parameter {key} of {name} {said}, and this is {value!r}"
             ) from None
-    return declared(**values)
+    try:
+        return declared(**values)
+    except (TypeError, ValueError) as error:  # one without default, or values at odds
+        raise LearnerError(f"the parameters of {name} do not fit: {error}") from None
 
 
 @dataclass(frozen=True)
@@ -144,5 +163,7 @@ def parameter_table(name: str) -> list[ParameterInfo]:
             if isinstance(note, str) or getattr(note, "description", None)
         )
         default = None if field.default is MISSING else field.default
+        if field.default_factory is not MISSING:
+            default = field.default_factory()
         table.append(ParameterInfo(field.name, default, meaning))
     return table

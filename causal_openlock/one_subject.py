@@ -7,6 +7,7 @@ instance of its own, and a :class:`Chorus` of them plays as one learner. The reg
 
 from __future__ import annotations
 
+import operator
 import pickle
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from causal_openlock.errors import LearnerError
 from causal_openlock.fsm import IntArray
 from causal_openlock.learner import (
     Brief,
@@ -100,7 +102,14 @@ class Chorus(Learner):
         """Ask each player that still plays."""
         actions = np.zeros(len(self._players), dtype=np.int64)
         for subject in np.flatnonzero(view.playing):
-            actions[subject] = self._players[subject].act(view.observation[subject])
+            answer = self._players[subject].act(view.observation[subject])
+            try:
+                actions[subject] = operator.index(answer)
+            except TypeError:  # an array would round 2.7 off without a word
+                raise LearnerError(
+                    f"{self._single.__name__} answers with the index of an action, an integer, "
+                    f"and not with {answer!r}"
+                ) from None
         return actions
 
     def learn(self, step: Step) -> None:

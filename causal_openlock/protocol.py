@@ -19,6 +19,7 @@ when all solutions are found, how many trials there are and how often they are g
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
@@ -27,10 +28,12 @@ from typing import Any, Literal
 import numpy as np
 
 from causal_openlock.errors import LayoutError, ProtocolError, nearest
-from causal_openlock.room import Layout, published_layouts
+from causal_openlock.room import Layout, positions_for, published_layouts
 from causal_openlock.schema import NAME, Schema
+from causal_openlock.tables import ACTIONS_LEFT
 
 PAPER_ACTION_LIMIT = 3
+MAX_ACTION_LIMIT = int(ACTIONS_LEFT)
 PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
 LayoutSource = Literal["published", "random"]
 
@@ -51,8 +54,8 @@ class Protocol:
         test_loops: The same for trials to test on.
         layouts: Where layouts come from, if the condition does not say: those the paper's authors
             published (as many as there are), or drawn at random.
-        test_layout: A published layout for every test trial (the authors' program always used
-            ``trial7``); none by default.
+        test_layout: A published layout to test on, so that each loop over the test is one trial
+            (the authors' program always used ``trial7``); none by default.
         action_limit: Actions in an attempt; by default 3, or as many as the schema's longest
             solution needs.
     """
@@ -75,6 +78,10 @@ class Protocol:
             value = getattr(self, field.name)
             if isinstance(value, int) and not isinstance(value, bool) and value < 1:
                 raise ProtocolError(f"{field.name} of protocol {self.name} must be at least 1")
+        if self.action_limit is not None and self.action_limit > MAX_ACTION_LIMIT:
+            raise ProtocolError(
+                f"action_limit of protocol {self.name} must be at most {MAX_ACTION_LIMIT}"
+            )
         if self.layouts not in ("published", "random"):
             raise ProtocolError(f"layouts are published or random, not {self.layouts!r}")
 
@@ -140,6 +147,13 @@ class Trials:
     number: int | None = None
     shuffle: bool = True
 
+    def __post_init__(self) -> None:
+        if isinstance(self.layouts, tuple) and (self.number or 0) > len(self.layouts):
+            raise ProtocolError(
+                f"{self.number} trials of {self.schema.name} need as many layouts, and "
+                f"{len(self.layouts)} are given"
+            )
+
     def as_dict(self) -> dict[str, Any]:
         """The trials as plain data, schema included."""
         layouts = self.layouts
@@ -155,18 +169,31 @@ class Trials:
     def draw(
         self, generator: np.random.Generator, number: int, source: LayoutSource
     ) -> list[Layout]:
-        """The layouts of one loop over these trials, for one subject."""
+        """The layouts of one loop over these trials, for one subject.
+
+        Args:
+            generator: Draws them.
+            number: How many, if the trials do not say.
+            source: Where they come from, if the trials do not say.
+
+        Raises:
+            ProtocolError: If there are not so many layouts.
+        """
         layouts: Any = self.layouts or source
         if layouts == "published":
             layouts = _published(self.schema) or "random"
         number = self.number or (len(layouts) if self.layouts and layouts != "random" else number)
         if layouts == "random":
+            most = math.perm(positions_for(self.schema), len(self.schema.levers))
+            if number > most:
+                raise ProtocolError(
+                    f"{self.schema.name} has {most} layouts and {number} trials ask for as many; "
+                    "ask for fewer trials, or for more loops"
+                )
             drawn: dict[tuple[int, ...], Layout] = {}
-            for _ in range(1000 * number):
+            while len(drawn) < number:
                 layout = Layout.random(self.schema, generator)
                 drawn.setdefault(layout.places, layout)
-                if len(drawn) == number:
-                    break
             return list(drawn.values())
         order = generator.permutation(len(layouts)) if self.shuffle else np.arange(len(layouts))
         return [layouts[index] for index in order[:number]]
@@ -242,8 +269,8 @@ def plan(condition: Condition, protocol: Protocol, generator: np.random.Generato
     Each loop draws its layouts anew, without repeats within the loop.
 
     Raises:
-        ProtocolError: If a schema does not fit the protocol.
-        LayoutError: If a schema does not fit the layout asked for.
+        ProtocolError: If a schema does not fit the protocol or its ``test_layout``, or has fewer
+            layouts than trials.
     """
     visits: list[Visit] = []
     baseline = not condition.test

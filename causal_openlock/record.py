@@ -78,7 +78,7 @@ def categorise(
 
 
 class AttemptLog:
-    """The attempts of a session, kept in columns that double when they are full.
+    """The attempts of a session, kept in columns that grow by half when they are full.
 
     Memory grows with the record and with nothing else: about 50 bytes an attempt.
 
@@ -136,11 +136,12 @@ def assemble(
         visits: ``[B, T]`` arrays ``phase``, ``loop``, ``trial``, ``schema``, ``layout`` and
             ``solutions`` for each of the T trials that each of the B subjects visits.
         constants: The values of ``experiment``, ``learner``, ``condition``, ``protocol`` and
-            ``seed``, and ``first_subject``, the number of the session's first subject.
+            ``seed``, and ``subjects``, ``[B]`` the numbers of the session's subjects.
     """
     import pyarrow as pa
 
-    order = np.lexsort((np.arange(log.rows), log["subject"]))
+    numbers = constants["subjects"]
+    order = numbers[log["subject"]].argsort(kind="stable")
     subject, visit = log["subject"][order], log["visit"][order]
     used = log["used"][order]
     offsets = pa.array(np.concatenate([[0], np.cumsum(used)]), pa.int32())
@@ -156,7 +157,7 @@ def assemble(
         log["solutions_found"][order],
     )
     columns: dict[str, Any] = {
-        "subject": subject + constants["first_subject"],
+        "subject": numbers[subject],
         "attempt": log["attempt"][order],
         "actions": in_attempt("actions", pa.uint8()),
         "moved": in_attempt("moved", pa.bool_()),

@@ -124,6 +124,7 @@ class Layout:
         Raises:
             LayoutError: If it does not fit the schema or puts two levers at one position.
         """
+        resized = positions is not None
         positions = positions or positions_for(schema)
         names = position_names(positions)
         if isinstance(layout, Layout):
@@ -132,7 +133,7 @@ class Layout:
                     f"the layout {layout.name} places {len(layout.places)} levers and "
                     f"{schema.name} has {len(schema.levers)}"
                 )
-            return layout
+            return layout.in_room(positions) if resized else layout
         label = ""
         if isinstance(layout, str):
             published = room_facts()["layouts"]
@@ -146,6 +147,7 @@ class Layout:
                     f"{len(schema.levers)}; layouts that fit: {fitting}"
                 )
             layout = dict(zip(schema.levers, values, strict=True))
+            names = PAPER_POSITIONS  # in a larger room, the first seven
         for lever in layout:
             if lever not in schema.levers:
                 raise LayoutError(

@@ -34,6 +34,9 @@ from causal_openlock.errors import SchemaError, nearest
 DOOR = "door"
 MAX_LEVERS = 12
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+GATES = ("any", "all", "at_least")
+NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
+"""What no title may hold: control characters and halves of characters, which files refuse."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,10 @@ class Schema:
     # -- construction and its checks ------------------------------------------------------------
 
     def _check_names(self) -> None:
+        if bad := NO_TEXT.search(self.title):
+            raise SchemaError(
+                f"the title holds the character U+{ord(bad[0]):04X}; take it out", ("title",)
+            )
         if not NAME.fullmatch(self.name):
             raise SchemaError(
                 f"the name {self.name!r} must begin with a letter and hold at most 64 letters, "
@@ -125,6 +132,10 @@ class Schema:
                 raise SchemaError(f"lever {lever} is listed twice; remove one of them", at)
         for index, lever in enumerate(self.inert):
             self._known(lever, ("inert", index), {*self.levers})
+            if lever in self.inert[:index]:
+                raise SchemaError(
+                    f"lever {lever} is listed twice; remove one of them", ("inert", index)
+                )
 
     def _known(self, node: str, at: tuple[str | int, ...], known: set[str]) -> None:
         if node not in known:
@@ -156,6 +167,11 @@ class Schema:
         for node, gate in gates.items():
             self._known(node, ("gates", node), {*self.levers, DOOR})
             causes = graph.in_degree(node)
+            if gate.kind not in GATES:
+                raise SchemaError(
+                    f"the gate of {node} is {gate.kind!r}; {nearest(gate.kind, GATES)}",
+                    ("gates", node),
+                )
             if causes == 0 and node != DOOR:
                 raise SchemaError(
                     f"{node} has a gate and no cause; give it a cause or drop the gate",
@@ -317,7 +333,7 @@ class Schema:
         gates = {
             node: {"at_least": gate.k} if gate.kind == "at_least" else gate.kind
             for node in [*self.levers, DOOR]
-            if (gate := self.gate(node)) != Gate()
+            if (gate := self.gate(node)).kind != "any"
         }
         if gates:
             data["gates"] = gates

@@ -17,24 +17,25 @@ Its form is the pydantic model :class:`SchemaFile`, from which the JSON Schema f
 
 from __future__ import annotations
 
-import io
 import os
-from collections.abc import Iterable, Mapping, MutableMapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
 from pydantic_core import PydanticCustomError
 
-from causal_openlock.errors import OpenLockError, SchemaError, nearest
+from causal_openlock.errors import FileError, OpenLockError, SchemaError, nearest
 from causal_openlock.schema import DOOR, MAX_LEVERS, NAME, Gate, Schema
+from causal_openlock.yaml_edit import rewritten, styled
 from causal_openlock.yaml_file import (
     Document,
+    described,
     dump_yaml,
     parse_document,
     read_document,
+    sentence,
     write_text,
-    yaml_parser,
 )
 
 PACKAGE = Path(__file__).parent
@@ -67,35 +68,27 @@ def _one_of(what: str) -> WrapValidator:
         try:
             return handler(value)
         except ValidationError as error:
-            faults = error.errors(include_url=False)
-            # Inside the arm that was meant (a mapping), its own message says more.
-            deep = [fault for fault in faults if len(fault["loc"]) > 1 and isinstance(value, dict)]
-            if deep:
-                raise ValidationError.from_exception_data(
-                    error.title,
-                    [
-                        {
-                            "type": PydanticCustomError("custom.inner", "{message}", {
-                                "message": f"{fault['loc'][-1]}: {_lowered(fault['msg'])}, "
-                                f"and this is {fault['input']!r}"
-                            }),
-                            "loc": tuple(fault["loc"][1:]),
-                            "input": fault["input"],
-                        }
-                        for fault in deep
-                    ],
-                ) from None  # fmt: skip
-            raise PydanticCustomError(
-                "custom.union", "{message}", {"message": f"{what}, and this is {value!r}"}
+            # Inside the arm that was meant, a list or a mapping, its own faults say more.
+            deep = [fault for fault in error.errors(include_url=False) if len(fault["loc"]) > 1]
+            if not deep:
+                message = f"{what}, and this is {described(value)}"
+                raise PydanticCustomError(
+                    "custom.union", "{message}", {"message": message}
+                ) from None
+            raise ValidationError.from_exception_data(
+                error.title,
+                [
+                    {
+                        "type": fault["type"],
+                        "loc": fault["loc"][1:],
+                        "input": fault["input"],
+                        "ctx": fault.get("ctx", {}),
+                    }
+                    for fault in deep
+                ],
             ) from None
 
     return WrapValidator(check)
-
-
-def _lowered(message: str) -> str:
-    return message.removeprefix("Input ").replace(
-        "Extra inputs are not permitted", "is no key here"
-    )
 
 
 Effects = Annotated[
@@ -114,7 +107,7 @@ class SchemaFile(_Strict):
         str,
         Field(
             pattern=f"^{NAME.pattern}$",
-            description="Short name: letters, digits, underscores; no dash.",
+            description="a letter, then letters, digits and underscores, at most 64 in all",
         ),
     ]
     title: Annotated[str, Field(description="A line for tables and figures.")] = ""
@@ -141,13 +134,14 @@ class SchemaFile(_Strict):
             if isinstance(effects, dict):
                 edges[cause] = {effect: edge.strength for effect, edge in effects.items()}
                 continue
-            for effect in effects:
-                if effects.count(effect) > 1:
+            edges[cause] = {}
+            for index, effect in enumerate(effects):
+                if effect in edges[cause]:
                     raise SchemaError(
                         f"the edge {cause} -> {effect} is listed twice; remove one of them",
-                        ("edges", cause, effect),
+                        ("edges", cause, index),
                     )
-            edges[cause] = dict.fromkeys(effects, 1.0)
+                edges[cause][effect] = 1.0
         gates = {
             node: Gate("at_least", gate.at_least) if isinstance(gate, AtLeast) else Gate(gate)
             for node, gate in self.gates.items()
@@ -181,8 +175,7 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
         return SchemaFile.model_validate(dict(data)).schema_()
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
-        where = ".".join(map(str, fault["loc"]))
-        raise SchemaError(f"{where}: {fault['msg']}", fault["loc"]) from None
+        raise SchemaError(sentence(fault, SchemaFile), fault["loc"]) from None
 
 
 def _schema_of(document: Document) -> Schema:
@@ -198,48 +191,30 @@ def write_schema(schema: Schema, path: Path | str) -> None:
 
     Where the file already holds a schema, only what changed is rewritten: comments, order and
     spelling of the rest stay as they are.
+
+    Raises:
+        FileError: If there is a file with faults already; it stays as it is.
+        OpenLockError: If the file cannot be written.
     """
     path = Path(path)
-    data = schema.as_dict()
     if not path.exists():
         write_text(path, dump_schema(schema))
         return
     document = read_document(path)
-    if _schema_of(document) == schema:
+    before = _schema_of(document)
+    if before == schema:
         return
-    _merge(document.data, data)
-    stream = io.StringIO()
-    yaml_parser().dump(document.data, stream)
-    write_text(path, stream.getvalue())
+    text = rewritten(document.text, before.as_dict(), schema.as_dict())
+    try:
+        faithful = parse_schema(text) == schema
+    except FileError:
+        faithful = False
+    write_text(path, text if faithful else dump_schema(schema))
 
 
 def dump_schema(schema: Schema) -> str:
     """A schema as YAML text in block style, with lists of names on one line."""
-    from ruamel.yaml.comments import CommentedMap, CommentedSeq
-
-    def styled(node: Any, depth: int) -> Any:
-        if isinstance(node, list):
-            flow = CommentedSeq(node)
-            flow.fa.set_flow_style()
-            return flow
-        if isinstance(node, dict):
-            mapping = CommentedMap((key, styled(value, depth + 1)) for key, value in node.items())
-            if depth > 1:
-                mapping.fa.set_flow_style()
-            return mapping
-        return node
-
-    return dump_yaml(styled(schema.as_dict(), 0))
-
-
-def _merge(old: MutableMapping[str, Any], new: Mapping[str, Any]) -> None:
-    for key in [key for key in old if key not in new]:
-        del old[key]
-    for key, value in new.items():
-        if isinstance(value, Mapping) and isinstance(old.get(key), MutableMapping):
-            _merge(old[key], value)
-        elif key not in old or old[key] != value:
-            old[key] = value
+    return dump_yaml(styled(schema.as_dict()))
 
 
 # -- where schemas are found --------------------------------------------------------------------

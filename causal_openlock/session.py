@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, ProtocolError
 from causal_openlock.fsm import BoolArray, IntArray
 from causal_openlock.learner import Brief, Console, InformedLearner, Learner, Step, Truth, View
 from causal_openlock.protocol import Condition, Protocol, plan
@@ -46,7 +46,8 @@ class Session:
         experiment: Name of the experiment, for the record.
 
     Raises:
-        ProtocolError: If a schema of the condition does not fit the protocol.
+        ProtocolError: If a schema of the condition does not fit the protocol, or there is no
+            subject or one twice.
     """
 
     def __init__(
@@ -63,13 +64,15 @@ class Session:
         numbers = range(subjects) if isinstance(subjects, int) else subjects
         self.condition, self.protocol = condition, protocol
         self.subjects = len(numbers)
+        if not numbers or len(set(numbers)) < len(numbers):
+            raise ProtocolError("a session needs at least one subject, and each subject only once")
         self._constants = {
             "experiment": experiment,
             "learner": learner,
             "condition": condition.name,
             "protocol": protocol.name,
             "seed": seed,
-            "first_subject": numbers[0],
+            "subjects": np.array(numbers, dtype=np.int32),
         }
         place = f"{condition.name}/{protocol.name}"
         environment = generators(seed, f"environment/{condition.name}", numbers)
@@ -230,7 +233,7 @@ class Session:
         moment = tables.used.take(row)
         self._actions[self._everyone, moment] = action
         self._moved[self._everyone, moment] = tables.state[after] != tables.state[row]
-        self._previous = action
+        self._previous[:] = action  # a copy: the learner is handed the array itself
         self._was_unlocked[unlocked] = True
         self._earned += reward
         self._row = after
@@ -256,7 +259,10 @@ class Session:
         )
 
     def _checked(self, action: Any) -> IntArray:
-        actions = np.asarray(action)
+        try:
+            actions = np.asarray(action)
+        except ValueError:  # lists of different lengths
+            actions = np.asarray(None)
         if actions.shape != (self.subjects,) or actions.dtype.kind not in "iu":
             raise LearnerError(
                 f"a learner answers with {self.subjects} integers, one for each subject, and not "

@@ -107,7 +107,17 @@ class RoomTables:
 
         Returns:
             ``[len(rooms)]`` index of each room in :attr:`rooms`.
+
+        Raises:
+            ValueError: If a layout is of another room or schema, or an attempt longer than 63.
         """
+        for schema, layout, limit in rooms:
+            if layout.positions != self.positions:
+                raise ValueError(f"{layout} is not of a room of {self.positions} positions")
+            if len(layout.places) != len(schema.levers):
+                raise ValueError(f"{layout} does not place the levers of {schema}")
+            if not 0 < limit <= ACTIONS_LEFT:
+                raise ValueError(f"an attempt has 1 to {ACTIONS_LEFT} actions, not {limit}")
         keys = [RoomKey(schema, layout.places, limit) for schema, layout, limit in rooms]
         new: list[tuple[RoomKey, Layout]] = []
         for key, (_, layout, _) in zip(keys, rooms, strict=True):

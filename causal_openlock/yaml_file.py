@@ -3,8 +3,10 @@
 Schemas and experiments are both written by hand, so both are read here: YAML 1.2 by
 ruamel.yaml, which remembers where each key stood, then a pydantic model. A fault of either, or
 one that only the meaning of the file shows, becomes a :class:`~causal_openlock.errors.FileError`.
-Files that no one would write by hand (larger than 256 kB, nested deeper than 16 levels, or with
-aliases, which can blow up a small file without end) are refused before they are built.
+What no one would write by hand is refused before anything is built from it: files larger than 64 kB
+or with more than 5,000 values, nesting deeper than 16 levels, and those parts of YAML that say one
+thing in two ways or make a small file large (anchors, aliases, merge keys, tags, keys that are no
+names, several documents in one file).
 """
 
 from __future__ import annotations
@@ -12,8 +14,9 @@ from __future__ import annotations
 import io
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -25,8 +28,10 @@ if TYPE_CHECKING:
 
     Model = TypeVar("Model", bound=BaseModel)
 
-MAX_BYTES = 256 * 1024
+MAX_BYTES = 64 * 1024
+MAX_VALUES = 5000
 MAX_DEPTH = 16
+TOO_LARGE = Fault(1, 1, f"the file has more than {MAX_BYTES:,} bytes; is this the right file?")
 
 Where = tuple[str | int, ...]
 
@@ -36,10 +41,29 @@ def yaml_parser() -> YAML:
     from ruamel.yaml import YAML
 
     yaml = YAML(typ="rt", pure=True)
+    yaml.Constructor = _constructor()
     yaml.preserve_quotes = True
     yaml.width = 100
     yaml.indent(mapping=2, sequence=4, offset=2)
     return yaml
+
+
+@cache
+def _constructor() -> Any:
+    """ruamel.yaml's constructor, which then also says where a value stands that it cannot make."""
+    from ruamel.yaml.constructor import ConstructorError, RoundTripConstructor
+
+    class Constructor(RoundTripConstructor):
+        def construct_object(self, node: Any, deep: bool = False) -> Any:
+            try:
+                return super().construct_object(node, deep=deep)
+            except (ValueError, ArithmeticError):  # a 31st of June, a number of 5,000 digits
+                raise ConstructorError(
+                    problem=f"{described(node.value)} looks like a number or a date and is none",
+                    problem_mark=node.start_mark,
+                ) from None
+
+    return Constructor
 
 
 @dataclass(frozen=True)
@@ -48,10 +72,12 @@ class Document:
 
     Attributes:
         path: The file.
+        text: Its text.
         data: Its content: ruamel.yaml's dicts and lists.
     """
 
     path: Path
+    text: str
     data: Any
 
     def fault(self, where: Where, message: str) -> Fault:
@@ -60,11 +86,15 @@ class Document:
         node = self.data
         for key in where:
             marks = getattr(node, "lc", None)
-            if isinstance(node, Mapping) and key in node:
-                line, column = marks.key(key) if marks else (line, column)
-                node = node[key]
+            if isinstance(node, Mapping):
+                # A key that is no text is told by pydantic as text.
+                known = next((own for own in node if own == key or str(own) == key), node)
+                if known is node:
+                    break
+                line, column = marks.key(known) if marks else (line, column)
+                node = node[known]
             elif isinstance(node, Sequence) and not isinstance(node, str):
-                index = node.index(key) if key in node else key
+                index = node.index(key) if isinstance(key, str) and key in node else key
                 if not (isinstance(index, int) and 0 <= index < len(node)):
                     break
                 line, column = marks.item(index) if marks else (line, column)
@@ -86,7 +116,7 @@ class Document:
         from pydantic import ValidationError
 
         if not isinstance(self.data, Mapping):
-            found = "is empty" if self.data is None else f"holds {_kind(self.data)}"
+            found = "is empty" if self.data is None else f"holds {described(self.data)}"
             raise self.error((), f"the file {found}; it must hold keys such as name: and values")
         try:
             return model.model_validate(_plain(self.data))
@@ -94,7 +124,7 @@ class Document:
             raise FileError(
                 self.path,
                 [
-                    self.fault(fault["loc"], _sentence(fault, model))
+                    self.fault(fault["loc"], sentence(fault, model))
                     for fault in error.errors(include_url=False)
                 ],
             ) from None
@@ -109,37 +139,48 @@ def read_document(path: Path | str) -> Document:
     """
     path = Path(path)
     try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise FileError(
-                path,
-                [Fault(1, 1, f"the file has {size:,} bytes, more than the {MAX_BYTES:,} allowed; "
-                       "is this the right file?")],
-            )  # fmt: skip
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise FileError(
-            path, [Fault(1, 1, f"the file is not UTF-8 text ({error.reason}); save it as UTF-8")]
-        ) from None
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise OpenLockError(f"{path}: cannot be read ({error.strerror}); check the name") from None
+    except ValueError:
+        raise OpenLockError(f"{str(path)!r} is no name that a file can have") from None
+    if len(content) > MAX_BYTES:
+        raise FileError(path, [TOO_LARGE])
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        before = content[: error.start].decode("utf-8")
+        message = f"this is not UTF-8 text ({error.reason}); save the file as UTF-8"
+        raise FileError(path, [_fault_after(before, message)]) from None
     return parse_document(text, path)
 
 
 def parse_document(text: str, path: Path | str = "<text>") -> Document:
-    """Parse YAML text; ``path`` is what faults are reported against."""
+    """Parse YAML text; ``path`` is what faults are reported against.
+
+    Raises:
+        FileError: If it is no YAML 1.2, or nothing that a person would write.
+    """
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
+    from ruamel.yaml.reader import ReaderError
 
     path = Path(path)
+    if len(text) > MAX_BYTES:
+        raise FileError(path, [TOO_LARGE])
     try:
-        _refuse_the_boundless(text, path)
-        return Document(path, yaml_parser().load(text))
+        for mark, message in _refusals(text):
+            raise FileError(path, [Fault(mark.line + 1, mark.column + 1, message)])
+        return Document(path, text, yaml_parser().load(text))
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
         problem = " ".join((error.problem or error.context or "it cannot be parsed").split())
         message = f"this is not valid YAML: {problem}; correct this line or the one before it"
         raise FileError(path, [Fault(line, column, message)]) from None
+    except ReaderError as error:
+        message = f"the character U+{ord(text[error.position]):04X} is not allowed; take it out"
+        raise FileError(path, [_fault_after(text[: error.position], message)]) from None
     except YAMLError as error:
         problem = " ".join(str(error).split())[:200]
         raise FileError(
@@ -147,28 +188,77 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
         ) from None
 
 
-def _refuse_the_boundless(text: str, path: Path) -> None:
-    """Walk the parser's events, which costs no more than the text is long."""
+def _fault_after(before: str, message: str) -> Fault:
+    """A fault at the character that follows the text ``before``."""
+    lines = before.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return Fault(len(lines), len(lines[-1]) + 1, message)
+
+
+def _refusals(text: str) -> Iterator[tuple[Any, str]]:
+    """Where the text holds what no one would write by hand, and what to do about it.
+
+    This walks the parser's events, which costs no more than the text is long.
+    """
     from ruamel.yaml.events import (
         AliasEvent,
         CollectionEndEvent,
         CollectionStartEvent,
+        DocumentStartEvent,
+        MappingStartEvent,
+        NodeEvent,
+        ScalarEvent,
     )
 
-    depth = 0
+    # Of each collection around the present one: the keys so far (of a list: None), and whether
+    # the next value is a key.
+    open_: list[tuple[set[str] | None, bool]] = []
+    documents = values = 0
     for event in yaml_parser().parse(text):
-        if isinstance(event, AliasEvent):
-            message = f"the alias *{event.anchor} is not allowed here; write the value out"
-        elif isinstance(event, CollectionStartEvent):
-            depth += 1
-            if depth <= MAX_DEPTH:
-                continue
-            message = f"the file is nested deeper than {MAX_DEPTH} levels; is this the right file?"
-        else:
-            depth -= isinstance(event, CollectionEndEvent)
-            continue
         mark = event.start_mark
-        raise FileError(path, [Fault(mark.line + 1, mark.column + 1, message)])
+        if isinstance(event, CollectionEndEvent):
+            open_.pop()
+        elif isinstance(event, DocumentStartEvent):
+            documents += 1
+            if documents > 1:
+                yield mark, "the file holds a second document; keep one of them"
+            if event.version and event.version != (1, 2):
+                yield mark, "this is read as YAML 1.2; take the line %YAML out"
+        if not isinstance(event, NodeEvent):
+            continue
+        values += 1
+        if values > MAX_VALUES:
+            yield mark, f"the file has more than {MAX_VALUES:,} values; is this the right file?"
+        if isinstance(event, AliasEvent):
+            yield mark, f"the alias *{event.anchor:.40} is not allowed here; write the value out"
+        elif event.anchor:
+            yield mark, f"the anchor &{event.anchor:.40} is not allowed here; take it out"
+        elif tag := getattr(event, "tag", None):
+            tag = str(tag).replace("tag:yaml.org,2002:", "!!")
+            yield mark, f"the tag {tag:.60} is not allowed here; take it out"
+        keys, is_key = open_[-1] if open_ else (None, False)
+        if keys is not None:
+            open_[-1] = keys, not is_key
+        if is_key and keys is not None:
+            if not isinstance(event, ScalarEvent):
+                yield mark, "a key must be a name, and this is several values; write one name"
+            elif event.value == "<<" and not event.style:
+                yield mark, "the merge key << is not allowed here; write its values out"
+            elif event.value in keys:
+                yield mark, f"the key {event.value[:64]!r} is written twice; remove one of them"
+            else:
+                keys.add(event.value)
+        if isinstance(event, CollectionStartEvent):
+            a_mapping = isinstance(event, MappingStartEvent)
+            open_.append((set() if a_mapping else None, a_mapping))
+            if len(open_) > MAX_DEPTH:
+                yield mark, f"nested deeper than {MAX_DEPTH} levels; is this the right file?"
+        elif isinstance(event, ScalarEvent) and not _is_text(event.value):
+            yield mark, "half a character is written here as \\u; write the character itself"
+
+
+def _is_text(value: str) -> bool:
+    """Whether no half of a surrogate pair is in it, which no file could hold."""
+    return value.isascii() or not any("\ud800" <= character <= "\udfff" for character in value)
 
 
 def write_text(path: Path | str, text: str) -> None:
@@ -205,10 +295,12 @@ def _umask() -> int:
     return current
 
 
-def dump_yaml(data: Any) -> str:
-    """Data as YAML text."""
+def dump_yaml(data: Any, width: int = 100) -> str:
+    """Data as YAML text; longer lines are broken where they can be."""
     stream = io.StringIO()
-    yaml_parser().dump(data, stream)
+    yaml = yaml_parser()
+    yaml.width = width
+    yaml.dump(data, stream)
     return stream.getvalue()
 
 
@@ -224,33 +316,66 @@ def _plain(node: Any) -> Any:
     return node
 
 
-def _kind(value: Any) -> str:
+def described(value: Any) -> str:
+    """A value of a file in a few words, for a message."""
     if isinstance(value, Mapping):
-        return "keys and values"
+        return "keys and values" if value else "{}"
     if isinstance(value, str):
-        return f"the text {value[:40]!r}" if len(value) <= 40 else "a text"
+        return f"the text {value!r}" if len(value) <= 40 else f"a text of {len(value)} characters"
     if isinstance(value, Sequence):
-        return "a list"
-    return repr(value)
+        return "a list" if value else "an empty list"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "nothing" if value is None else str(value)[:40]
 
 
-def _sentence(fault: Any, model: type[BaseModel]) -> str:
-    """Pydantic's verdict as a sentence with a remedy."""
+_WANTED = {
+    "string_type": "a text",
+    "int_type": "a whole number",
+    "float_type": "a number",
+    "bool_type": "true or false",
+    "list_type": "a list, written [one, another]",
+    "dict_type": "keys and values, written {key: value}",
+    "model_type": "keys and values, written {key: value}",
+}
+
+
+def sentence(fault: Any, model: type[BaseModel]) -> str:
+    """Pydantic's verdict as a sentence with a remedy.
+
+    Args:
+        fault: One of ``ValidationError.errors()``.
+        model: The model that refused.
+    """
     where, kind, value = fault["loc"], fault["type"], fault.get("input")
     name = ".".join(str(part) for part in where) or "the file"
+    in_quotes = value is not None and not isinstance(value, str | Mapping | Sequence)
+    quotes = "; write it in quotes" if in_quotes else ""
     if kind == "missing":
         return f"{where[-1]}: is missing; add it"
     if kind == "extra_forbidden":
-        known = _fields(model, where[:-1])
-        return f"{where[-1]!r} is no key here; {nearest(str(where[-1]), known)}"
+        return (
+            f"{where[-1]!r} is no key here; {nearest(str(where[-1]), _fields(model, where[:-1]))}"
+        )
     if kind.startswith("custom."):
         return f"{fault['msg']}"
+    if where and where[-1] == "[key]":
+        return f"a key must be a text, and this is {described(value)}{quotes or '; write a name'}"
+    if kind in _WANTED:
+        remedy = quotes if kind == "string_type" else ""
+        return f"{name} must be {_WANTED[kind]}, and this is {described(value)}{remedy}"
+    if kind == "too_short":
+        return f"{name} needs at least {fault['ctx']['min_length']}; add one"
+    if kind == "string_pattern_mismatch":
+        field = _fields(model, where[:-1]).get(str(where[-1]))
+        form = (field and field.description) or fault["ctx"]["pattern"]
+        return f"{name} must have the form: {form}; this is {described(value)}"
     said = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    return f"{name} {said}, and this is {_kind(value)}"
+    return f"{name} {said}, and this is {described(value)}"
 
 
-def _fields(model: Any, where: Where) -> list[str]:
-    """The keys that a model knows at a place; found by walking its field annotations."""
+def _fields(model: Any, where: Where) -> dict[str, Any]:
+    """The fields that a model has at a place, by key; found by walking its field annotations."""
     from typing import get_args
 
     from pydantic import BaseModel
@@ -268,4 +393,6 @@ def _fields(model: Any, where: Where) -> list[str]:
             if isinstance(key, str) and key in part.model_fields
             for found in models(part.model_fields[key].annotation)
         ] or here
-    return [field.alias or name for part in here for name, field in part.model_fields.items()]
+    return {
+        field.alias or name: field for part in here for name, field in part.model_fields.items()
+    }

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from causal_openlock.fsm import IntArray
+from causal_openlock.fsm import BoolArray, IntArray
 from causal_openlock.learner import Brief, Learner, Step, View
 from causal_openlock.randomness import Streams
 from learners.replay import ObservationTable, Replay
@@ -52,6 +52,13 @@ class DDQNParameters:
         bool, "whether a value reaches over the end of an attempt into the room put back"
     ] = False
     threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
+
+    def __post_init__(self) -> None:
+        if self.batch_size > self.replay_size:
+            raise ValueError(
+                f"a batch of {self.batch_size} transitions can never be drawn from "
+                f"{self.replay_size}; make replay_size at least batch_size"
+            )
 
 
 class DDQN(Learner):
@@ -107,20 +114,33 @@ class DDQN(Learner):
             after, goes_on = step.next.observation, ~step.trial_over
         else:
             after, goes_on = step.outcome, ~step.attempt_over
+        playing = np.flatnonzero(step.view.playing)
+        known = len(self._table.rows)
         self._replay.add(
-            self._table.number(step.view.observation),
-            step.action,
-            step.reward,
-            self._table.number(after),
-            goes_on,
+            playing,
+            self._table.number(step.view.observation[playing]),
+            step.action[playing],
+            step.reward[playing],
+            self._table.number(after[playing]),
+            goes_on[playing],
         )
-        if self._replay.length >= settings.batch_size:
-            batch = self._replay.sample(self._batches.uniform())
-            from_numpy = self._torch.from_numpy
-            self.q.update(from_numpy(self._table.rows), *map(from_numpy, batch))
-        self.epsilon = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
+        if len(self._table.rows) > known:
+            self._observe()
+        self._train(step.view.playing & (self._replay.length >= settings.batch_size))
+        cooled = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
         if settings.epsilon_after_trial is not None:
-            self.epsilon[step.trial_over] = settings.epsilon_after_trial
+            cooled[step.trial_over] = settings.epsilon_after_trial
+        self.epsilon = np.where(step.view.playing, cooled, self.epsilon)
+
+    def _train(self, trains: BoolArray) -> None:
+        if not trains.any():
+            return
+        from_numpy = self._torch.from_numpy
+        batch = map(from_numpy, self._replay.sample(self._batches.uniform()))
+        self.q.update(*batch, trains=None if trains.all() else from_numpy(trains))
+
+    def _observe(self) -> None:
+        self.q.observe(self._torch.from_numpy(self._table.rows))
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, memories, randomness and epsilon."""
@@ -137,6 +157,7 @@ class DDQN(Learner):
         """Go on from a checkpoint."""
         self.q.load_state_dict(state["q"])
         self._table.load_state_dict(state["table"])
+        self._observe()
         self._replay.load_state_dict(state["replay"])
         self._exploration.load_state_dict(state["exploration"])
         self._batches.load_state_dict(state["batches"])

@@ -6,6 +6,7 @@ distinct observations, which all subjects share: the room shows a few dozen.
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -44,17 +45,20 @@ class ObservationTable:
 
 
 class Replay:
-    """B rings of transitions, filled in step.
+    """B rings of transitions, one for each subject.
 
     Args:
         subjects: B.
-        capacity: Transitions that each ring holds.
+        capacity: Transitions that each ring holds; a new one then overwrites the oldest.
+
+    Attributes:
+        length: ``[B]`` transitions that each ring holds now.
     """
 
     def __init__(self, subjects: int, capacity: int) -> None:
         self.capacity = capacity
-        self.length = 0
-        self._next = 0
+        self.length: IntArray = np.zeros(subjects, dtype=np.int64)
+        self._next: IntArray = np.zeros(subjects, dtype=np.int64)
         self.before = np.zeros((subjects, capacity), dtype=np.int64)
         self.action = np.zeros((subjects, capacity), dtype=np.int64)
         self.reward = np.zeros((subjects, capacity), dtype=np.float32)
@@ -63,21 +67,22 @@ class Replay:
 
     def add(
         self,
+        who: IntArray,
         before: IntArray,
         action: IntArray,
         reward: FloatArray,
         after: IntArray,
         goes_on: BoolArray,
     ) -> None:
-        """Add one transition for each subject; all arguments are ``[B]``."""
-        slot = self._next
-        self.before[:, slot] = before
-        self.action[:, slot] = action
-        self.reward[:, slot] = reward
-        self.after[:, slot] = after
-        self.goes_on[:, slot] = goes_on
-        self._next = (slot + 1) % self.capacity
-        self.length = min(self.length + 1, self.capacity)
+        """Add one transition for each of the subjects ``who``; all arguments are as long."""
+        slot = self._next[who]
+        self.before[who, slot] = before
+        self.action[who, slot] = action
+        self.reward[who, slot] = reward
+        self.after[who, slot] = after
+        self.goes_on[who, slot] = goes_on
+        self._next[who] = (slot + 1) % self.capacity
+        self.length[who] = np.minimum(self.length[who] + 1, self.capacity)
 
     def sample(self, luck: FloatArray) -> tuple[NDArray[Any], ...]:
         """Transitions drawn with replacement, for each subject from its own ring.
@@ -88,14 +93,14 @@ class Replay:
         Returns:
             ``before``, ``action``, ``reward``, ``after`` and ``goes_on``, each ``[B, M]``.
         """
-        slots = (luck * self.length).astype(np.int64)
+        slots = (luck * self.length[:, None]).astype(np.int64)
         rings = (self.before, self.action, self.reward, self.after, self.goes_on)
         return tuple(np.take_along_axis(ring, slots, axis=1) for ring in rings)
 
     def state_dict(self) -> dict[str, Any]:
-        """The rings, for a checkpoint."""
-        return dict(vars(self))
+        """The rings as they are now, for a checkpoint."""
+        return copy.deepcopy(vars(self))
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        vars(self).update({key: np.copy(v) if np.ndim(v) else v for key, v in state.items()})
+        vars(self).update(copy.deepcopy(state))

@@ -25,11 +25,13 @@ from causal_openlock.analysis.summary import HUMAN_PROTOCOL
 from causal_openlock.record import CATEGORIES
 
 _OUTLINES = {"CE4": ":", "CC4": "-"}  # left to right, as in the paper
-_LABEL = r"Sum of $\log_{10}$(count)"
-_HEIGHTS = (
-    "A segment's height is log10 of its count, so a lower stack of as many attempts means that one "
-    "category dominates; counts are sums over subjects, so panels with different numbers of "
-    "attempts differ in height, and there are no error bars."
+_LABEL = r"$\log_{10}$ of attempts, stacked"
+_CAPTION = (
+    "Open 1, 2 and 3: the attempt opened the door with the first, second or third new solution of "
+    "its trial (later ones count as the third, a repeated one as open 1); unlock: it unlocked the "
+    "door but did not open it; else: neither. The height of a segment is log10 of its number of "
+    "attempts, all subjects together, so one attempt has no height, panels of unequal totals "
+    "differ in height, and a stack shrinks as one category takes over."
 )
 
 
@@ -63,7 +65,7 @@ def baseline_categories(counts: pd.DataFrame, learners: Sequence[str] = ()) -> D
                     _stack(panel, int(str(block)) - 1 + 0.4 * side - 0.2, values, outline)
             until = rows.groupby("block")["until"].max().to_numpy()
             _name_blocks(panel, _ranges(until), "Attempts of each subject")
-            style.panel_title(panel, learner, _detail(protocol, rows))
+            style.panel_title(panel, learner, f"{protocol}, {style.sizes(rows)}")
         outlines = [
             Patch(fc="white", ec="black", lw=1.1, ls=line, label=f"{name} ({side})")
             for (name, line), side in zip(_OUTLINES.items(), ("left", "right"), strict=True)
@@ -72,8 +74,9 @@ def baseline_categories(counts: pd.DataFrame, learners: Sequence[str] = ()) -> D
     return Drawing(
         "baseline_categories",
         "What baseline attempts came to",
-        "How often attempts came to each category in successive blocks of attempts of the "
-        "baseline conditions; the first panel shows the paper's own DDQN (Figure 6). " + _HEIGHTS,
+        "How often attempts came to each category in five successive blocks of the attempts of "
+        "the baseline conditions; the first panel shows the paper's own DDQN (Figure 6). "
+        + _CAPTION,
         figure,
     )
 
@@ -106,7 +109,7 @@ def transfer_categories(counts: pd.DataFrame, learners: Sequence[str] = ()) -> D
                 total = one.groupby("category", observed=True)["count"].sum()
                 values = {str(name): int(count) for name, count in total.items()}
                 _stack(panel, place, values, "-", width=0.6)
-            style.panel_title(panel, learner, _detail(protocol, rows))
+            style.panel_title(panel, learner, f"{protocol}, {style.sizes(rows)}")
         for panel in axes:
             panel.set_xticks(range(len(TRANSFERS)), TRANSFERS)
             panel.set_xlim(-0.6, len(TRANSFERS) - 0.4)
@@ -116,7 +119,7 @@ def transfer_categories(counts: pd.DataFrame, learners: Sequence[str] = ()) -> D
         "transfer_categories",
         "What attempts in the transfer test came to",
         "How often attempts of the test phase came to each category in the transfer conditions; "
-        "the first panel shows the paper's own DDQN (Figure 7). " + _HEIGHTS,
+        "the first panel shows the paper's own DDQN (Figure 7). " + _CAPTION,
         figure,
     )
 
@@ -137,11 +140,6 @@ def _groups(chosen: pd.DataFrame, learners: Sequence[str]) -> list[tuple[str, st
         for protocol in ordered(chosen.loc[chosen["learner"] == learner, "protocol"], ())
         if (mine := chosen["protocol"] == protocol).any()
     ]
-
-
-def _detail(protocol: str, rows: pd.DataFrame) -> str:
-    low, high = int(rows["subjects"].min()), int(rows["subjects"].max())
-    return f"{protocol}, n = {low}" if low == high else f"{protocol}, n = {low} to {high}"
 
 
 def _stack(
@@ -172,11 +170,10 @@ def _name_blocks(axes: Axes, names: Sequence[str], label: str) -> None:
 
 
 def _ranges(until: Sequence[float]) -> list[str]:
-    """Names of blocks: ``0–30k``, ``30–60k``, ..."""
-    unit, suffix = (1000, "k") if until[-1] >= 10_000 else (1, "")
-    digits = 1 if suffix and until[0] % unit else 0
-    ends = [f"{value / unit:.{digits}f}" for value in (0, *until)]
-    return [f"{low}–{high}{suffix}" for low, high in pairwise(ends)]
+    """Names of blocks: ``0–0.6k``, ``0.6–1.2k``, ... as the paper's ``0–30k``; few in full."""
+    thousands = until[-1] >= 1000
+    ends = [f"{value / 1000:.3g}" if thousands else f"{value:.0f}" for value in (0, *until)]
+    return [f"{low}–{high}{'k' * thousands}" for low, high in pairwise(ends)]
 
 
 def _finish(figure: Figure, axes: Sequence[Axes], outlines: Sequence[Patch]) -> None:

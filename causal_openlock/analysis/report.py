@@ -9,23 +9,25 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from causal_openlock.analysis import style
+from causal_openlock.analysis.description import describe
 from causal_openlock.analysis.figures import draw_all
-from causal_openlock.analysis.measures import attempts_to_solve, ordered
+from causal_openlock.analysis.measures import CELL, attempts_to_solve, ordered
 from causal_openlock.analysis.style import Drawing
 from causal_openlock.analysis.summary import (
     headline,
-    headline_table,
     people_per_condition,
     summarise,
     write_table,
 )
+from causal_openlock.errors import OpenLockError
+from causal_openlock.yaml_file import write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -33,8 +35,10 @@ if TYPE_CHECKING:
 FEW_SUBJECTS = 20
 """Groups of fewer subjects than this are warned about."""
 
+FIGURE_NAME = re.compile(r"(baseline|transfer)_(attempts|categories)|attempts_by_trial_\w+")
+"""Names of the figures that a report can have, without the ending."""
+
 _SHOWN = 8  # groups named in a warning before "and n more"
-_KNOWN = ("name", "title", "seed")
 
 
 def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str, Any]) -> Path:
@@ -43,32 +47,34 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
     Args:
         record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
         out_dir: The folder to write ``report.html``, ``summary.csv`` and ``figures/`` to; it is
-            made if it does not exist.
-        experiment: What was run, as plain data (mappings, lists, text, numbers). Everything in it
-            is shown. ``name``, ``title`` and ``seed`` head the page; ``learners`` (a mapping by
-            label, or a list of labels or of mappings with a ``label``) gives the order in which
-            learners appear; ``versions`` maps packages to a version, or to a list of them if
-            cells were run with several, which is warned about.
+            made if it does not exist. Figures that an earlier report left there and this one does
+            not have are removed; files of other names stay.
+        experiment: What was run, as plain data (mappings, lists, text, numbers); best as
+            :meth:`causal_openlock.experiment.Experiment.as_dict` gives it. Everything in it is
+            shown. ``name``, ``title`` and ``seed`` head the page; ``learners`` (a mapping by
+            label, or a list of labels or of mappings with a ``label`` or ``name``) gives the order
+            in which learners appear; ``versions`` maps packages to a version, or to a list of them
+            if cells were run with several, which is warned about.
 
     Returns:
         The path of ``report.html``.
 
     Raises:
         StoreError: If the record has attempts missing or twice.
+        OpenLockError: If a file cannot be written; those that were there stay whole.
     """
     folder = Path(out_dir)
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
     trials = attempts_to_solve(record)
     learners = ordered(trials["learner"], _labels(experiment.get("learners", ())))
     summary = summarise(trials)
     write_table(summary, folder / "summary.csv")
-    drawings = draw_all(record, learners)
-    figures = []
-    for drawing in drawings:
-        _, svg = style.save(drawing.figure, folder / "figures" / drawing.name)
-        figures.append(_inline(drawing, svg.read_text(encoding="utf-8")))
+    figures = [
+        _inline(drawing, style.save(drawing.figure, folder / "figures" / drawing.name))
+        for drawing in draw_all(record, learners)
+    ]
+    _remove_others(folder / "figures", {figure["name"] for figure in figures})
 
-    path = folder / "report.html"
+    described = describe(experiment)
     page = _template().render(
         title=experiment.get("title") or experiment.get("name") or "Report",
         name=experiment.get("name"),
@@ -76,19 +82,29 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
         attempts=f"{record.num_rows:,}",
         trials=f"{len(trials):,}",
         people_count=people_per_condition(),
-        headline=_headline_blocks(headline(trials), learners),
+        headline=_headline_blocks(headline(trials), learners, described["protocols"]),
         figures=figures,
-        summary=_rows(summary, learners),
-        compared=bool(summary["human_attempts"].notna().any()),
-        experiment={
-            key: value
-            for key, value in experiment.items()
-            if key not in _KNOWN and value not in (None, "", [], {})
-        },
+        summary=_summary_blocks(summary, learners),
+        described=described if experiment else None,
         warnings=warnings_of(trials, summary, experiment.get("versions") or {}),
     )
-    path.write_text(page, encoding="utf-8", newline="\n")
+    path = folder / "report.html"
+    write_text(path, page)
     return path
+
+
+def _remove_others(folder: Path, names: Collection[str]) -> None:
+    """Remove figures of ours that this report does not have, and nothing else."""
+    try:
+        for path in folder.glob("*.*"):
+            ours = path.suffix in (".png", ".svg") and FIGURE_NAME.fullmatch(path.stem)
+            if ours and path.stem not in names:
+                path.unlink()
+    except OSError as error:
+        raise OpenLockError(
+            f"{folder}: the figures of an earlier report cannot be removed ({error.strerror}); "
+            "remove them, or choose another folder"
+        ) from None
 
 
 def warnings_of(
@@ -102,9 +118,9 @@ def warnings_of(
         versions: Versions of packages; a list where cells were run with several.
     """
     found = []
-    group = ["learner", "condition", "protocol"]
-    grouped = summary.groupby(group, observed=True)["subjects"]
-    least = grouped.min().sort_values(kind="stable")
+    grouped = summary.groupby(CELL, observed=True)["subjects"]
+    who = ["learner", "protocol"]
+    least = summary.groupby(who, observed=True)["subjects"].min().sort_values(kind="stable")
     few = least[least < FEW_SUBJECTS]
     if len(few):
         names = [f"{_group(key)}: {count}" for key, count in few.items()]
@@ -118,16 +134,12 @@ def warnings_of(
             "Not every subject played every trial, so means of different trials are about "
             f"different subjects ({_some(names)})."
         )
-    solved = trials.groupby([*group, "phase"], observed=True)["solved"].mean()
-    unsolved = solved[solved < 1]
-    if len(unsolved):
-        names = [
-            f"{_group(key)}: {_percent(1 - share)}"
-            for key, share in unsolved.sort_values(kind="stable").items()
-        ]
+    solved = trials.groupby(who, observed=True)["solved"].mean().sort_values(kind="stable")
+    if len(unsolved := solved[solved < 1]):
+        names = [f"{_group(key)}: {_percent(1 - share)}" for key, share in unsolved.items()]
         found.append(
-            "Some trials were not solved and count as the limit, so the means there are too low "
-            f"(share of trials not solved: {_some(names)})."
+            "Some trials were not solved, so means there are lower than what solving them would "
+            f"have taken (share of trials not solved: {_some(names)})."
         )
     for package, version in versions.items():
         several = _several(version)
@@ -145,8 +157,9 @@ def _several(version: Any) -> list[str]:
 
 
 def _group(key: Any) -> str:
-    learner, condition, protocol, *phase = key
-    return ", ".join([str(learner), " ".join([str(condition), *map(str, phase)]), str(protocol)])
+    """``ddqn, CC4 (human)``: a learner, perhaps a condition, and a protocol."""
+    *names, protocol = map(str, key)
+    return f"{', '.join(names)} ({protocol})"
 
 
 def _some(names: Sequence[str]) -> str:
@@ -163,7 +176,9 @@ def _labels(learners: Any) -> list[str]:
     ]
 
 
-def _headline_blocks(table: pd.DataFrame, learners: Sequence[str]) -> list[dict[str, Any]]:
+def _headline_blocks(
+    table: pd.DataFrame, learners: Sequence[str], budgets: Mapping[str, str]
+) -> list[dict[str, Any]]:
     """The headline by protocol: a row for each learner, a column for each condition."""
     blocks = []
     for protocol in ordered(table["protocol"], ("human",)):
@@ -187,10 +202,15 @@ def _headline_blocks(table: pd.DataFrame, learners: Sequence[str]) -> list[dict[
         blocks.append(
             {
                 "protocol": protocol,
+                "budgets": budgets.get(protocol),
                 "columns": columns,
                 "people": compared if any(compared) else None,
                 "rows": [
-                    {"learner": name, "cells": [cells.get((name, of)) for of in conditions]}
+                    {
+                        "learner": name,
+                        "size": style.sizes(rows[rows["learner"] == name]),
+                        "cells": [cells.get((name, of)) for of in conditions],
+                    }
                     for name in learners
                     if any((name, of) in cells for of in conditions)
                 ],
@@ -199,14 +219,27 @@ def _headline_blocks(table: pd.DataFrame, learners: Sequence[str]) -> list[dict[
     return blocks
 
 
-def _rows(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict[str, Any]]:
-    """The summary's rows, learners in order; ``starts`` marks where a group begins."""
-    rows = sorted(_records(summary), key=lambda row: learners.index(row["learner"]))
-    before: Any = None
-    for row in rows:
-        group = (row["learner"], row["condition"], row["protocol"])
-        row["starts"], before = group != before, group
-    return rows
+def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict[str, Any]]:
+    """The summary by learner and protocol; ``starts`` marks a row where a condition begins."""
+    blocks = []
+    for learner in learners:
+        own = summary[summary["learner"] == learner]
+        for protocol in ordered(own["protocol"], ("human",)):
+            part = own[own["protocol"] == protocol]
+            rows = _records(part)
+            before: Any = None
+            for row in rows:
+                row["starts"], before = row["condition"] != before, row["condition"]
+            blocks.append(
+                {
+                    "learner": learner,
+                    "protocol": protocol,
+                    "size": style.sizes(part),
+                    "compared": bool(part["human_attempts"].notna().any()),
+                    "rows": rows,
+                }
+            )
+    return blocks
 
 
 def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
@@ -229,17 +262,16 @@ def _inline(drawing: Drawing, svg: str) -> dict[str, Any]:
     svg = re.sub(r'((?:xlink:)?href="|url\()#', rf"\1#{drawing.name}-", svg)
     box = re.search(r'viewBox="0 0 ([\d.]+) [\d.]+"', svg)
     assert box is not None
+    wide = float(box[1]) / 12
     root = (
         f'<svg {box[0]} role="img" aria-label="{escape(drawing.title)}" '
-        f'style="max-width: {float(box[1]) / 12:.1f}rem">'
+        f'style="min-width: {min(wide, 34):.1f}rem; max-width: {wide:.1f}rem">'
     )
     return {
         "name": drawing.name,
         "title": drawing.title,
         "caption": drawing.caption,
-        "svg": Markup(
-            root + svg[svg.index(">") + 1 :]
-        ),  # matplotlib escapes the text that it draws
+        "svg": Markup(root + svg[svg.index(">") + 1 :]),  # matplotlib has escaped its text
     }
 
 
@@ -259,11 +291,11 @@ def _template() -> Any:
 
 
 def _decimals(value: float) -> str:
-    return f"{value + 0.0:.3f}"
+    return f"{value + 0.0:.2f}"
 
 
 def _signed(value: float) -> str:
-    return f"{round(value, 3) + 0.0:+.3f}".replace("-", "−")
+    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
 
 
 def _percent(share: float) -> str:
@@ -273,8 +305,9 @@ def _percent(share: float) -> str:
 
 
 def _interval(row: Mapping[str, Any]) -> str:
-    if row["ci_low"] is None:
-        return "–"
+    """The interval, or nothing where subjects do not differ or there is only one."""
+    if row["ci_low"] is None or row["ci_low"] == row["ci_high"]:
+        return ""
     return f"{_decimals(row['ci_low'])}–{_decimals(row['ci_high'])}"
 
 
@@ -282,4 +315,4 @@ def _plain(values: Iterable[Any]) -> bool:
     return all(value is None or isinstance(value, str | int | float) for value in values)
 
 
-__all__ = ["FEW_SUBJECTS", "headline_table", "warnings_of", "write_report"]
+__all__ = ["FEW_SUBJECTS", "warnings_of", "write_report"]

@@ -17,10 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from causal_openlock.record import CATEGORIES
+from causal_openlock.yaml_file import write_bytes, write_text
 
 COMMON_CAUSE, COMMON_EFFECT = "#E69F00", "#00427A"
 OTHER = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
@@ -108,6 +110,17 @@ def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]
     return figure, grid[:count]
 
 
+def trained_colour(condition: str) -> str:
+    """Colour of a condition of the paper, by what it trains: common cause or common effect."""
+    return COMMON_CAUSE if condition.startswith("CC") else COMMON_EFFECT
+
+
+def sizes(rows: pd.DataFrame) -> str:
+    """How many subjects rows of means are of: ``n = 40``, or ``n = 20 to 40`` if they differ."""
+    low, high = int(rows["subjects"].min()), int(rows["subjects"].max())
+    return f"n = {low}" if low == high else f"n = {low} to {high}"
+
+
 def label_rows(axes: Sequence[Axes], text: str) -> None:
     """Write the label of the y axis at the first panel of each row."""
     for panel in axes:
@@ -142,13 +155,22 @@ def legend(figure: Figure, handles: Sequence[Any], columns: int | None = None) -
     )
 
 
-def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
-    """Write ``stem.png`` (200 dots per inch) and ``stem.svg``; equal figures give equal bytes."""
-    png, svg = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.svg")
+def save(figure: Figure, stem: Path) -> str:
+    """Write ``stem.png`` (200 dots per inch) and ``stem.svg``; equal figures give equal bytes.
+
+    Returns:
+        The SVG.
+
+    Raises:
+        OpenLockError: If they cannot be written.
+    """
+    buffer = io.BytesIO()
     with settings():
-        figure.savefig(png, dpi=200, metadata={"Software": None})
-    svg.write_text(svg_text(figure), encoding="utf-8", newline="\n")
-    return png, svg
+        figure.savefig(buffer, format="png", dpi=200, metadata={"Software": None})
+    write_bytes(stem.with_name(f"{stem.name}.png"), buffer.getvalue())
+    svg = svg_text(figure)
+    write_text(stem.with_name(f"{stem.name}.svg"), svg)
+    return svg
 
 
 def svg_text(figure: Figure) -> str:
@@ -172,5 +194,7 @@ __all__ = [
     "panels",
     "save",
     "settings",
+    "sizes",
     "svg_text",
+    "trained_colour",
 ]

@@ -8,6 +8,7 @@ that played under the same protocol, ``human``, and no other.
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
 )
 from causal_openlock.analysis.statistics import mean_intervals
+from causal_openlock.yaml_file import write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -120,17 +122,21 @@ def write_summary(record: pa.Table, path: Path | str) -> None:
     Args:
         record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
         path: The file to write.
+
+    Raises:
+        OpenLockError: If it cannot be written; a file that was there stays as it was.
     """
     write_table(summary_table(record), path)
 
 
 def write_table(table: pd.DataFrame, path: Path | str) -> None:
     """Write a table of results as CSV; see :func:`write_summary`."""
-    with Path(path).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(table.columns)
-        for row in table.itertuples(index=False):
-            writer.writerow([_cell(value) for value in row])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table.columns)
+    for row in table.itertuples(index=False):
+        writer.writerow([_cell(value) for value in row])
+    write_text(path, text.getvalue())
 
 
 def _cell(value: object) -> str:

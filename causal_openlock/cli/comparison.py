@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from causal_openlock.store import Store
 
 
-
 def compare(
     experiment: Annotated[
         str, typer.Argument(help="Path of an experiment file, or name of a bundled experiment.")
@@ -112,40 +111,56 @@ def _report(store: Store, record: Any, console: Console) -> None:
     held = store.description()
     held.pop("identity", None)
     path = write_report(record, store.folder, held)
-    _print_headline(headline_table(record), console)
-    console.print(f"\nreport: {path}", soft_wrap=True, highlight=False)
+    learners = [learner["name"] for learner in held["learners"]]
+    _print_headline(headline_table(record), learners, console)
+    console.print(f"report: {path}", soft_wrap=True, highlight=False)
 
 
-def _print_headline(table: pd.DataFrame, console: Console) -> None:
-    """The headline, a row for each learner and condition, people beside it."""
+def _print_headline(table: pd.DataFrame, learners: list[str], console: Console) -> None:
+    """The headline, for each protocol a row for each learner and a column for each condition."""
     from rich.table import Table
 
-    shown = Table(
-        *("learner", "protocol", "condition", "at", "n", "attempts", "95%", "solved", "people"),
-        title="Attempts to find every solution (mean, bootstrap interval)",
-        title_justify="left",
-        box=None,
-        padding=(0, 2, 0, 0),
+    from causal_openlock.protocol import PAPER_CONDITIONS
+
+    order = [*PAPER_CONDITIONS, *table["condition"]]
+    for protocol in table["protocol"].unique():
+        rows = table[table["protocol"] == protocol]
+        conditions = sorted(rows["condition"].unique(), key=order.index)
+        console.print(f"\n[bold]Attempts to find every solution, protocol {protocol}[/bold]")
+        shown = Table(box=None, padding=(0, 2, 0, 0))
+        shown.add_column("")
+        for condition in conditions:
+            at = rows.loc[rows["condition"] == condition, "measured"].iloc[0]
+            shown.add_column(f"{condition}\n{at}", justify="right", no_wrap=True)
+        people = [_first(rows, condition, "human_attempts") for condition in conditions]
+        if any(people):
+            shown.add_row("people", *people, style="bold")
+        for learner in learners:
+            own = rows[rows["learner"] == learner]
+            if len(own):
+                cells = [_cell(own[own["condition"] == condition]) for condition in conditions]
+                shown.add_row(learner, *cells)
+        console.print(shown)
+    console.print(
+        "\nMeans over subjects, the solving attempt included, with 95% bootstrap intervals; a "
+        "trial not solved counts as its limit.",
+        style="dim",
     )
-    for column in shown.columns[4:]:
-        column.justify = "right"
-        column.no_wrap = True
-    last = None
-    for row in table.itertuples():
-        if last not in (None, (row.learner, row.protocol)):
-            shown.add_section()
-        last = (row.learner, row.protocol)
-        people = "" if row.human_attempts != row.human_attempts else f"{row.human_attempts:.2f}"
-        interval = "" if row.ci_low != row.ci_low else f"{row.ci_low:.2f}–{row.ci_high:.2f}"
-        shown.add_row(
-            row.learner,
-            row.protocol,
-            row.condition,
-            row.measured,
-            str(row.subjects),
-            f"{row.attempts:.2f}",
-            interval,
-            f"{row.share_solved:.0%}",
-            people,
-        )
-    console.print(shown)
+
+
+def _first(rows: pd.DataFrame, condition: str, column: str) -> str:
+    value = rows.loc[rows["condition"] == condition, column].iloc[0]
+    return "" if value != value else f"{value:.2f}"
+
+
+def _cell(rows: pd.DataFrame) -> str:
+    """Mean, interval, and how many trials were solved if not all were."""
+    if not len(rows):
+        return ""
+    row = rows.iloc[0]
+    lines = [f"{row.attempts:.2f}"]
+    if row.ci_low < row.ci_high:
+        lines.append(f"[dim]{row.ci_low:.2f}–{row.ci_high:.2f}[/dim]")
+    if row.share_solved < 1:
+        lines.append(f"[dim]{row.share_solved:.0%} solved[/dim]")
+    return "\n".join(lines)

@@ -11,9 +11,9 @@ import numpy as np
 from gymnasium import spaces
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
-from causal_openlock.protocol import PAPER_ACTION_LIMIT
+from causal_openlock.protocol import MAX_ACTION_LIMIT, PAPER_ACTION_LIMIT
 from causal_openlock.rewards import RewardFunction, find_reward
-from causal_openlock.room import RANDOM_LAYOUT, Layout, positions_for
+from causal_openlock.room import RANDOM_LAYOUT, Layout, position_names, positions_for
 
 if TYPE_CHECKING:
     from causal_openlock.schema import Schema
@@ -63,7 +63,10 @@ class Settings:
         from causal_openlock.schema_file import find_schema
 
         schema = find_schema(schema)
-        positions = positions or positions_for(schema)
+        if positions is None:
+            own = layout.positions if isinstance(layout, Layout) else 0
+            positions = max(own, positions_for(schema))
+        position_names(positions)
         if positions < len(schema.levers):
             raise LayoutError(
                 f"{schema.name} has {len(schema.levers)} levers, more than {positions} positions"
@@ -74,14 +77,19 @@ class Settings:
             raise ProtocolError(f"attempt_limit must be at least 1, not {attempt_limit}")
         if action_limit is None:
             action_limit = max(PAPER_ACTION_LIMIT, schema.least_action_limit)
-        if action_limit < schema.least_action_limit:
+        if not schema.least_action_limit <= action_limit <= MAX_ACTION_LIMIT:
             raise ProtocolError(
-                f"{schema.name} needs attempts of at least {schema.least_action_limit} actions, "
-                f"so action_limit cannot be {action_limit}"
+                f"{schema.name} needs attempts of at least {schema.least_action_limit} actions and "
+                f"no attempt can have more than {MAX_ACTION_LIMIT}, so action_limit cannot be "
+                f"{action_limit}"
             )
+        if layout == RANDOM_LAYOUT:
+            fixed = None
+        else:
+            fixed = Layout.of(schema, layout, positions).in_room(positions)
         return cls(
             schema=schema,
-            layout=None if layout == RANDOM_LAYOUT else Layout.of(schema, layout, positions),
+            layout=fixed,
             positions=positions,
             reward=find_reward(reward),
             whole_trial=episode == "trial",

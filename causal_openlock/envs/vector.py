@@ -162,7 +162,9 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             experienced = unlocked[self._left[unlocked] < self._solutions]
         reward = self._rewards.pay(choice, self._row, self._previous, self._found, experienced)
         if settings.reward.heeds_repeats:
-            self._previous = actions.copy()
+            # A room that was just put back has all its actions left, and none before the next.
+            begins = status & ACTIONS_LEFT == settings.action_limit
+            self._previous = np.where(begins, -1, actions)
         # Stepping a room whose attempt is over puts it back: that is the reset of NEXT_STEP.
         # Where the trial was over too, another trial begins.
         if len(self._due):
@@ -234,7 +236,9 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         return self._tables.observation.take(self._row, axis=0)
 
     def _info(self, actions_left: NDArray[np.uint8]) -> dict[str, Any]:
-        # None of these arrays is written to again: what changes is replaced.
+        # None of these arrays is written to again, by anybody: what changes is replaced.
+        for kept in (self._left, self._attempts_left, self._row):
+            kept.flags.writeable = False
         return {
             "console": {
                 "solutions_left": self._left,

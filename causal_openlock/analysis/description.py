@@ -1,0 +1,208 @@
+"""What was run, in words: the description of an experiment made ready for the page.
+
+An experiment describes itself as deep plain data (``experiment.json``: every default, and every
+schema as often as it is met). Here it becomes a few flat tables and sentences. Whatever has another
+form than an experiment of this package gives it is kept as it is, for the page to show as an
+outline, so that nothing that was said gets lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+_HEADING = ("name", "title", "seed", "versions")  # shown elsewhere on the page
+_LEARNER = {"name", "protocol", "parameters"}
+_CONDITION = {"name", "train"}
+_BUDGETS = {
+    "name",
+    "attempt_limit",
+    "stop_when_solved",
+    "baseline_trials",
+    "training_trials",
+    "test_trials",
+    "baseline_loops",
+    "train_loops",
+    "test_loops",
+}
+
+
+def describe(experiment: Mapping[str, Any]) -> dict[str, Any]:
+    """An experiment as short texts.
+
+    Args:
+        experiment: As :meth:`causal_openlock.experiment.Experiment.as_dict` gives it, and perhaps
+            ``versions``; or any other plain data.
+
+    Returns:
+        - ``learners``: ``name``, ``source`` (class and package), ``protocol``, ``subjects``,
+          ``reward`` and ``parameters`` of each.
+        - ``conditions``: ``name``, ``train`` and ``test`` of each.
+        - ``schemas``: ``name``, ``title`` and ``edges`` of each schema that is met.
+        - ``protocols``: by name, the budgets in a sentence.
+        - ``versions``: one text for each package.
+        - ``rest``: everything else, as it was given.
+    """
+    rest = {key: value for key, value in experiment.items() if key not in _HEADING}
+    learners, conditions = experiment.get("learners"), experiment.get("conditions")
+    result: dict[str, Any] = {"learners": [], "conditions": [], "schemas": [], "protocols": {}}
+    if _all(learners, _LEARNER) and all(_all([one["protocol"]], _BUDGETS) for one in learners):
+        del rest["learners"]
+        result["learners"] = [_learner(one) for one in learners]
+        for one in learners:
+            result["protocols"][str(one["protocol"]["name"])] = budgets(one["protocol"])
+    if _all(conditions, _CONDITION) and _all(_trials(conditions), {"schema"}):
+        del rest["conditions"]
+        result["conditions"] = [
+            {
+                "name": one["name"],
+                "train": "; ".join(map(_rooms, one["train"])),
+                "test": "; ".join(map(_rooms, one.get("test") or [])),
+            }
+            for one in conditions
+        ]
+        met = {str(each["schema"]["name"]): each["schema"] for each in _trials(conditions)}
+        result["schemas"] = [
+            {"name": name, "title": schema.get("title", ""), "edges": edges(schema)}
+            for name, schema in met.items()
+        ]
+    versions = experiment.get("versions") or {}
+    result["versions"] = [f"{name} {_value(version)}" for name, version in versions.items()]
+    result["rest"] = {
+        key.replace("_", " "): value
+        for key, value in rest.items()
+        if value is not None and value not in ("", [], {})
+    }
+    return result
+
+
+def budgets(protocol: Mapping[str, Any]) -> str:
+    """The budgets of a protocol in sentences, for instance::
+
+    At most 30 attempts in a trial, which ends as soon as it is solved. Baseline: 5 trials.
+    Transfer: 6 training trials, then 1 test trial.
+    """  # noqa: D415
+    limit = protocol["attempt_limit"]
+    if protocol["stop_when_solved"]:
+        said = [f"At most {limit} attempts in a trial, which ends as soon as it is solved."]
+    else:
+        said = [f"{limit} attempts in every trial, also after it is solved."]
+    base, training, test = (
+        _loops(protocol[f"{phase}_trials"], protocol[f"{loops}_loops"], kind)
+        for phase, loops, kind in (
+            ("baseline", "baseline", ""),
+            ("training", "train", "training "),
+            ("test", "test", "test "),
+        )
+    )
+    said.append(f"Baseline: {base}. Transfer: {training}, then {test}.")
+    if protocol.get("test_layout"):
+        said.append(f"The test is in layout {protocol['test_layout']}.")
+    if protocol.get("layouts") == "random":
+        said.append("Layouts are drawn at random.")
+    if protocol.get("action_limit"):
+        said.append(f"An attempt has at most {protocol['action_limit']} actions.")
+    known = {*_BUDGETS, "layouts", "test_layout", "action_limit"}
+    said += [f"{key}: {_value(value)}." for key, value in protocol.items() if key not in known]
+    return " ".join(said)
+
+
+def edges(schema: Mapping[str, Any]) -> str:
+    """A schema's edges in a line, such as ``L0 → L1, L2; L1, L2 → door``.
+
+    Strengths other than 1 stand in brackets after the effect, gates other than ``any`` at the end.
+    """
+    causes: dict[str, list[str]] = {}
+    for cause, effects in schema.get("edges", {}).items():
+        named = effects if isinstance(effects, Mapping) else dict.fromkeys(effects)
+        text = ", ".join(
+            f"{effect} ({_value(values['strength'])})"
+            if values and "strength" in values
+            else effect
+            for effect, values in named.items()
+        )
+        causes.setdefault(text, []).append(cause)
+    parts = [f"{', '.join(names)} → {effects}" for effects, names in causes.items()]
+    for node, gate in (schema.get("gates") or {}).items():
+        need = f"at least {gate['at_least']}" if isinstance(gate, Mapping) else gate
+        parts.append(f"{node} needs {need} of its causes")
+    if schema.get("inert"):
+        parts.append(f"without effect: {', '.join(schema['inert'])}")
+    return "; ".join(parts)
+
+
+def _learner(one: Mapping[str, Any]) -> dict[str, Any]:
+    reward = one.get("reward") or {}
+    source = [one.get("class") or one.get("learner"), one.get("package")]
+    return {
+        "name": one["name"],
+        "source": ", ".join(str(part) for part in source if part),
+        "protocol": one["protocol"]["name"],
+        "subjects": one.get("subjects"),
+        "reward": reward.get("name", "") if isinstance(reward, Mapping) else _value(reward),
+        "terms": _pairs({key: value for key, value in reward.items() if key != "name"})
+        if isinstance(reward, Mapping)
+        else "",
+        "parameters": _pairs(one["parameters"] or {}),
+    }
+
+
+def _pairs(values: Mapping[str, Any]) -> str:
+    """``gamma 0.8, batch_size 64``; a list of reward terms needs no heading."""
+    return ", ".join(
+        _value(value) if key == "terms" else f"{key} {_value(value)}"
+        for key, value in values.items()
+    )
+
+
+def _value(value: Any) -> str:
+    """Plain data as a reader would write them."""
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return "(" + _pairs(value) + ")"
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return ", ".join(map(_value, value))
+    return str(value)
+
+
+def _trials(conditions: Iterable[Mapping[str, Any]]) -> list[Any]:
+    return [each for one in conditions for each in (*one["train"], *(one.get("test") or []))]
+
+
+def _rooms(trials: Mapping[str, Any]) -> str:
+    """Whose rooms some trials are in, with what the condition itself says about them."""
+    said = []
+    if trials.get("number"):
+        said.append(_count(trials["number"], "trial"))
+    layouts = trials.get("layouts")
+    if isinstance(layouts, str):
+        said.append(f"{layouts} layouts")
+    elif layouts:
+        said.append("layouts " + "; ".join(_value(layout) for layout in layouts))
+    if trials.get("shuffle") is False:
+        said.append("in this order")
+    name = str(trials["schema"]["name"])
+    return f"{name} ({', '.join(said)})" if said else name
+
+
+def _loops(trials: int, loops: int, kind: str) -> str:
+    return _count(trials, f"{kind}trial") + (f", gone through {loops} times" if loops > 1 else "")
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _all(values: Any, keys: set[str]) -> bool:
+    """Whether there are values and each is a mapping with these keys."""
+    return (
+        isinstance(values, list)
+        and bool(values)
+        and all(isinstance(value, Mapping) and keys <= value.keys() for value in values)
+    )
+
+
+__all__ = ["budgets", "describe", "edges"]
