@@ -29,8 +29,8 @@ HOMES = {
     "ddqn": "learning",
 }
 SCALES = {
-    "steps/s": ((1e6, "M/s"), (1e3, "k/s")),
-    "actions/s": ((1e6, "M/s"), (1e3, "k/s")),
+    "steps/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),
+    "actions/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),
     "s": ((1e-3, "ms"),),
     "bytes/attempt": ((1, "B"),),
 }

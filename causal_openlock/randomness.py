@@ -66,7 +66,8 @@ class Streams:
             self._drawn = np.ascontiguousarray(drawn)
             self._next = 0
         self._next += 1
-        return self._drawn[self._next - 1]
+        numbers: FloatArray = self._drawn[self._next - 1]
+        return numbers
 
     def integers(self, high: int) -> NDArray[np.int64]:
         """``[B]`` or ``[B, width]`` integers in [0, high), uniformly distributed."""

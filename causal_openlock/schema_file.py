@@ -26,15 +26,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidato
 from pydantic_core import PydanticCustomError
 
 from causal_openlock.errors import FileError, OpenLockError, SchemaError, nearest
+from causal_openlock.model_faults import described, sentence
 from causal_openlock.schema import DOOR, MAX_LEVERS, NAME, Gate, Schema
 from causal_openlock.yaml_edit import rewritten, styled
 from causal_openlock.yaml_file import (
     Document,
-    described,
     dump_yaml,
     parse_document,
     read_document,
-    sentence,
     write_text,
 )
 
@@ -248,18 +247,25 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
     folders = [Path(folder) for folder in beside]
     if text.endswith((".yaml", ".yml")):
         for folder in [*folders, Path()]:
-            if (folder / text).is_file():
+            if _is_file(folder / text):
                 return read_schema(folder / text)
         return read_schema(text)
     searched = [*folders, *(folder / "schemas" for folder in folders), Path("schemas")]
     searched.append(bundled("schemas"))
     for folder in searched:
-        if (folder / f"{text}.yaml").is_file():
+        if _is_file(folder / f"{text}.yaml"):
             return read_schema(folder / f"{text}.yaml")
     known = {path.stem for folder in searched for path in folder.glob("*.yaml")}
     raise OpenLockError(
         f"there is no schema {text!r}; {nearest(text, known)}, or give the path of a .yaml file"
     )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # no name that a file can have
+        return False
 
 
 def bundled_schemas() -> dict[str, Schema]:

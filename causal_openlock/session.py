@@ -242,15 +242,15 @@ class Session:
         trial_over = np.zeros(self.subjects, dtype=bool)
         new_solution = np.zeros(self.subjects, dtype=bool)
         ended = np.flatnonzero(attempt_over)
+        outcome = None
         if len(ended):
+            outcome = tables.observation.take(after, axis=0)  # before the rooms are put back
             self._end_attempts(ended, trial_over, new_solution)
         self._view = self._perceive()
         return Step(
             view=view,
             action=action,
-            outcome=tables.observation.take(after, axis=0)
-            if len(ended)
-            else self._view.observation,
+            outcome=self._view.observation if outcome is None else outcome,
             reward=reward,
             attempt_over=attempt_over,
             trial_over=trial_over,

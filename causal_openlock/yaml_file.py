@@ -3,10 +3,10 @@
 Schemas and experiments are both written by hand, so both are read here: YAML 1.2 by
 ruamel.yaml, which remembers where each key stood, then a pydantic model. A fault of either, or
 one that only the meaning of the file shows, becomes a :class:`~causal_openlock.errors.FileError`.
-What no one would write by hand is refused before anything is built from it: files larger than 64 kB
-or with more than 5,000 values, nesting deeper than 16 levels, and those parts of YAML that say one
-thing in two ways or make a small file large (anchors, aliases, merge keys, tags, keys that are no
-names, several documents in one file).
+What no one would write by hand is refused before anything is built from it: files larger than
+128 kB or with more than 5,000 lines or values, nesting deeper than 16 levels, and those parts of
+YAML that say one thing in two ways or make a small file large (anchors, aliases, merge keys, tags,
+keys that are no names, several documents in one file).
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from causal_openlock.errors import Fault, FileError, OpenLockError, nearest
+from causal_openlock.errors import Fault, FileError, OpenLockError
+from causal_openlock.model_faults import Where, described, sentence
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -28,12 +29,10 @@ if TYPE_CHECKING:
 
     Model = TypeVar("Model", bound=BaseModel)
 
-MAX_BYTES = 64 * 1024
-MAX_VALUES = 5000
+MAX_BYTES = 128 * 1024
+MAX_VALUES = MAX_LINES = 5000
 MAX_DEPTH = 16
 TOO_LARGE = Fault(1, 1, f"the file has more than {MAX_BYTES:,} bytes; is this the right file?")
-
-Where = tuple[str | int, ...]
 
 
 def yaml_parser() -> YAML:
@@ -57,7 +56,7 @@ def _constructor() -> Any:
         def construct_object(self, node: Any, deep: bool = False) -> Any:
             try:
                 return super().construct_object(node, deep=deep)
-            except (ValueError, ArithmeticError):  # a 31st of June, a number of 5,000 digits
+            except (ValueError, LookupError):  # a 31st of June, a number of 5,000 digits
                 raise ConstructorError(
                     problem=f"{described(node.value)} looks like a number or a date and is none",
                     problem_mark=node.start_mark,
@@ -168,6 +167,9 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
     path = Path(path)
     if len(text) > MAX_BYTES:
         raise FileError(path, [TOO_LARGE])
+    if len(text.splitlines()) > MAX_LINES:
+        message = f"the file has more than {MAX_LINES:,} lines; is this the right file?"
+        raise FileError(path, [Fault(MAX_LINES + 1, 1, message)])
     try:
         for mark, message in _refusals(text):
             raise FileError(path, [Fault(mark.line + 1, mark.column + 1, message)])
@@ -314,85 +316,3 @@ def _plain(node: Any) -> Any:
         if isinstance(node, kind):
             return kind(node)
     return node
-
-
-def described(value: Any) -> str:
-    """A value of a file in a few words, for a message."""
-    if isinstance(value, Mapping):
-        return "keys and values" if value else "{}"
-    if isinstance(value, str):
-        return f"the text {value!r}" if len(value) <= 40 else f"a text of {len(value)} characters"
-    if isinstance(value, Sequence):
-        return "a list" if value else "an empty list"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return "nothing" if value is None else str(value)[:40]
-
-
-_WANTED = {
-    "string_type": "a text",
-    "int_type": "a whole number",
-    "float_type": "a number",
-    "bool_type": "true or false",
-    "list_type": "a list, written [one, another]",
-    "dict_type": "keys and values, written {key: value}",
-    "model_type": "keys and values, written {key: value}",
-}
-
-
-def sentence(fault: Any, model: type[BaseModel]) -> str:
-    """Pydantic's verdict as a sentence with a remedy.
-
-    Args:
-        fault: One of ``ValidationError.errors()``.
-        model: The model that refused.
-    """
-    where, kind, value = fault["loc"], fault["type"], fault.get("input")
-    name = ".".join(str(part) for part in where) or "the file"
-    in_quotes = value is not None and not isinstance(value, str | Mapping | Sequence)
-    quotes = "; write it in quotes" if in_quotes else ""
-    if kind == "missing":
-        return f"{where[-1]}: is missing; add it"
-    if kind == "extra_forbidden":
-        return (
-            f"{where[-1]!r} is no key here; {nearest(str(where[-1]), _fields(model, where[:-1]))}"
-        )
-    if kind.startswith("custom."):
-        return f"{fault['msg']}"
-    if where and where[-1] == "[key]":
-        return f"a key must be a text, and this is {described(value)}{quotes or '; write a name'}"
-    if kind in _WANTED:
-        remedy = quotes if kind == "string_type" else ""
-        return f"{name} must be {_WANTED[kind]}, and this is {described(value)}{remedy}"
-    if kind == "too_short":
-        return f"{name} needs at least {fault['ctx']['min_length']}; add one"
-    if kind == "string_pattern_mismatch":
-        field = _fields(model, where[:-1]).get(str(where[-1]))
-        form = (field and field.description) or fault["ctx"]["pattern"]
-        return f"{name} must have the form: {form}; this is {described(value)}"
-    said = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    return f"{name} {said}, and this is {described(value)}"
-
-
-def _fields(model: Any, where: Where) -> dict[str, Any]:
-    """The fields that a model has at a place, by key; found by walking its field annotations."""
-    from typing import get_args
-
-    from pydantic import BaseModel
-
-    def models(annotation: Any) -> list[type[BaseModel]]:
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            return [annotation]
-        return [found for part in get_args(annotation) for found in models(part)]
-
-    here = [model]
-    for key in where:
-        here = [
-            found
-            for part in here
-            if isinstance(key, str) and key in part.model_fields
-            for found in models(part.model_fields[key].annotation)
-        ] or here
-    return {
-        field.alias or name: field for part in here for name, field in part.model_fields.items()
-    }

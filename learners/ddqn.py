@@ -136,8 +136,10 @@ class DDQN(Learner):
         if not trains.any():
             return
         from_numpy = self._torch.from_numpy
-        batch = map(from_numpy, self._replay.sample(self._batches.uniform()))
-        self.q.update(*batch, trains=None if trains.all() else from_numpy(trains))
+        batch = self._replay.sample(self._batches.uniform())
+        before, action, reward, after, goes_on = map(from_numpy, batch)
+        agents = None if trains.all() else from_numpy(trains)
+        self.q.update(before, action, reward, after, goes_on, agents)
 
     def _observe(self) -> None:
         self.q.observe(self._torch.from_numpy(self._table.rows))

@@ -6,6 +6,8 @@ the 3,375 sequences of three actions only two or three open the door.
 
 from __future__ import annotations
 
+from typing import Any
+
 from causal_openlock.fsm import IntArray
 from causal_openlock.learner import Brief, Learner, View
 from causal_openlock.randomness import Streams
@@ -22,3 +24,11 @@ class RandomLearner(Learner):
     def act(self, view: View) -> IntArray:
         """``[B]`` uniformly random actions."""
         return self._streams.integers(self._actions)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where its streams stand, so that it goes on drawing as if never interrupted."""
+        return {"streams": self._streams.state_dict()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self._streams.load_state_dict(state["streams"])

@@ -98,7 +98,8 @@ class StackedDoubleQ:
     @torch.no_grad()
     def greedy(self, observations: Tensor) -> Tensor:
         """``[N]`` the best action for each agent's observation, ``[N, in]``."""
-        return self.online(observations[:, None]).squeeze(1).argmax(dim=1)
+        best: Tensor = self.online(observations[:, None]).squeeze(1).argmax(dim=1)
+        return best
 
     @torch.no_grad()
     def targets(self, values: Tensor, which: Tensor, reward: Tensor, goes_on: Tensor) -> Tensor:
@@ -113,7 +114,8 @@ class StackedDoubleQ:
         if self._judged is None:
             self._judged = self.target(self._table)
         judged = self._judged[self._agents, which, values.argmax(dim=2)]
-        return reward + self.gamma * goes_on * judged
+        targets: Tensor = reward + goes_on * judged * self.gamma
+        return targets
 
     def losses(
         self, before: Tensor, action: Tensor, reward: Tensor, after: Tensor, goes_on: Tensor
@@ -136,7 +138,9 @@ class StackedDoubleQ:
             values.detach()[self._agents, from_after], which.chunk(2, dim=1)[1], reward, goes_on
         )
         chosen = values[self._agents, from_before, action]
-        return nn.functional.smooth_l1_loss(chosen, target, reduction="none").mean(dim=1)
+        each = nn.functional.smooth_l1_loss(chosen, target, reduction="none")
+        losses: Tensor = each.mean(dim=1)
+        return losses
 
     def update(
         self,
@@ -193,7 +197,8 @@ class StackedDoubleQ:
         """Go on from a checkpoint."""
         self.online.load_state_dict(state["online"])
         self.target.load_state_dict(state["target"])
-        self.optimiser.load_state_dict(state["optimiser"])
+        # Unlike the networks, the optimiser would take over the checkpoint's own tensors.
+        self.optimiser.load_state_dict(copy.deepcopy(state["optimiser"]))
         self.updates = state["updates"]
         self._judged = None
 

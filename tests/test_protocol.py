@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ FOUR = {f"trial{number}" for number in range(7, 12)}
 ONE = Schema("one", ["A"], {"A": ["door"]})
 
 
+@cache
 def named(name: str) -> Condition:
     return Condition.named(name, find_schema)
 
@@ -145,7 +147,7 @@ def test_a_layout_may_be_fixed_for_the_test_and_only_for_it() -> None:
         visits = visits_of("CC3-CE4", protocol, subject)
         assert {visit.layout.name for visit in visits[:6]} == THREE
         assert [visit.layout.name for visit in visits[6:]] == ["trial7"]
-    tests = [visit for visit in visits_of("CC3-CE4", replace(RL, test_layout="trial7"))[600:]]
+    tests = visits_of("CC3-CE4", replace(RL, test_layout="trial7"))[600:]
     assert [(visit.loop, visit.layout.name) for visit in tests] == [
         (loop, "trial7") for loop in range(1, 11)
     ]
@@ -281,7 +283,7 @@ def test_a_schema_that_needs_more_actions_is_refused_before_anybody_plays() -> N
     short = replace(HUMAN, action_limit=3)
     assert visits_of("CC3-CC4", short)
     with pytest.raises(
-        ProtocolError, match="chain3 needs attempts of 4 actions .* allows 3; raise"
+        ProtocolError, match=r"chain3 needs attempts of 4 actions .* allows 3; raise"
     ):
         visits_of("CC3-chain3", short)
 
@@ -295,7 +297,7 @@ def test_attempts_have_three_actions_or_as_many_as_the_schema_needs() -> None:
 
 @pytest.mark.parametrize("layout", ["trial1", "trial77"])
 def test_a_test_layout_that_does_not_fit_names_the_protocol(layout: str) -> None:
-    with pytest.raises(ProtocolError, match="test_layout of protocol human: .*layout"):
+    with pytest.raises(ProtocolError, match=r"test_layout of protocol human: .*layout"):
         visits_of("CC3-CC4", replace(HUMAN, test_layout=layout))
 
 

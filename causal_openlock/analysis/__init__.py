@@ -8,8 +8,10 @@ the other:
 ``statistics``   How certain a mean over subjects is.
 ``summary``      The tables of results, with people's published results beside them.
 ``style``        What the figures have in common: colours, panels, how they are saved.
-``figures``      Attempts in the form of the paper's Figures 3 and 4, and by trial.
+``figures``      Attempts in the form of the paper's Figures 3 and 4; all figures of a record.
+``course``       Attempts by trial, over the course of every condition.
 ``categories``   What attempts came to, in the form of the paper's Figures 6 and 7.
+``description``  What was run, in words.
 ``report``       All of it in one page, and as files.
 ================ ================================================================================
 """

@@ -171,8 +171,8 @@ def _name_blocks(axes: Axes, names: Sequence[str], label: str) -> None:
 
 def _ranges(until: Sequence[float]) -> list[str]:
     """Names of blocks: ``0–0.6k``, ``0.6–1.2k``, ... as the paper's ``0–30k``; few in full."""
-    thousands = until[-1] >= 1000
-    ends = [f"{value / 1000:.3g}" if thousands else f"{value:.0f}" for value in (0, *until)]
+    thousands = bool(until[-1] >= 1000)
+    ends = [f"{round(value / 1000, 2):g}" if thousands else f"{value:.0f}" for value in (0, *until)]
     return [f"{low}–{high}{'k' * thousands}" for low, high in pairwise(ends)]
 
 

@@ -34,7 +34,7 @@ from causal_openlock.analysis.style import Drawing
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
 _COLUMNS = 4  # the most that fit the width
 _POINTS = 60  # the most that a line is drawn with
-_MARKERS = 12  # with more points than this a line has no markers
+_MARKERS = 18  # with more points than this lines have no markers
 _HEIGHT = 1.75  # of a panel, in inches
 _GREY = "#666666"
 
@@ -62,6 +62,7 @@ def attempts_by_trial(
     chosen = chosen.assign(place=first + (np.minimum(width, most - first + 1) - 1) / 2)
     means = mean_by_trial(chosen, ["phase", "place"])
     unsolved = chosen.loc[~chosen["solved"], "last_attempt"]
+    marked = int(means.groupby(["learner", "condition"], observed=True).size().max()) <= _MARKERS
     limit = float(unsolved.max()) if len(unsolved) else None
     top = 1.06 * max(float((means["mean"] + means["se"]).max()), limit or 0.0)
 
@@ -75,7 +76,8 @@ def attempts_by_trial(
             visits = chosen[chosen["condition"].isin(family)]
             for index, condition in enumerate(family):
                 aside = 0.16 * (index - (len(family) - 1) / 2)
-                _course(axes, rows[rows["condition"] == condition], looks[condition], aside)
+                one = rows[rows["condition"] == condition]
+                _course(axes, one, looks[condition], marked, aside)
             if rows.empty:
                 axes.text(
                     0.5, 0.5, "not played", transform=axes.transAxes, ha="center", color=_GREY
@@ -90,7 +92,7 @@ def attempts_by_trial(
         f" (a point averages up to {wide} trials in a row)" if wide > 1 else "",
         ". Shaded or with bars: ± 1 standard error (population SD / √n).",
         " Dotted: the limit." if limit else "",
-        " Right of the dashed line, with open markers: the transfer test."
+        " Right of the dashed line: the transfer test."
         if set(chosen["phase"]) == {"train", "test"}
         else "",
     ]
@@ -149,7 +151,8 @@ def _grid(
     )
     grid = figure.add_gridspec(rows + 1, columns, height_ratios=[head, *[_HEIGHT] * rows])
     for column, family in enumerate(families):
-        _key(figure.add_subplot(grid[0, column]), {name: looks[name] for name in family})
+        keys = {name: looks[name] for name in family}
+        _key(figure.add_subplot(grid[0, column]), keys, most=60 // max(2, columns) + 1)
     panels: dict[tuple[str, tuple[str, ...]], Axes] = {}
     for place, cell in enumerate(cells):
         row, column = divmod(place, columns)
@@ -165,34 +168,39 @@ def _grid(
     return figure, panels
 
 
-def _key(axes: Axes, looks: dict[str, dict[str, Any]]) -> None:
+def _key(axes: Axes, looks: dict[str, dict[str, Any]], most: int) -> None:
+    """The lines of a column, named in at most so many letters each."""
     axes.set_axis_off()
     legend = axes.legend(
-        handles=[Line2D([], [], label=_short(name), **look) for name, look in looks.items()],
+        handles=[Line2D([], [], label=_short(name, most), **look) for name, look in looks.items()],
         loc="lower left",
         borderpad=0,
         borderaxespad=0,
         labelspacing=0.3,
-        handlelength=2.6,
+        handlelength=2.4,
     )
     legend.set_in_layout(False)  # a long name must not squeeze the panels
 
 
-def _short(name: str, most: int = 20) -> str:
-    return (name if len(name) <= most else f"{name[: most - 1]}…").replace("$", r"\$")
+def _short(name: str, most: int) -> str:
+    """A name without its middle if it is long: names of conditions differ at both ends."""
+    if len(name) > most:
+        name = f"{name[: most // 2]}…{name[len(name) + 1 - most + most // 2 :]}"
+    return name.replace("$", r"\$")
 
 
-def _course(axes: Axes, rows: pd.DataFrame, look: dict[str, Any], aside: float) -> None:
+def _course(
+    axes: Axes, rows: pd.DataFrame, look: dict[str, Any], marked: bool, aside: float
+) -> None:
     """A line for each phase; points that have markers stand a little aside of one another."""
     for phase, part in rows.groupby("phase", observed=True):
         x, mean, se = (part[column].to_numpy(dtype=float) for column in ("place", "mean", "se"))
         face = "white" if phase == "test" else look["color"]
-        marked = len(x) <= _MARKERS
         x = x + aside * marked
         axes.fill_between(x, mean - se, mean + se, color=look["color"], alpha=0.15, lw=0)
         if len(x) == 1:  # a band of no width
             axes.errorbar(x, mean, se, fmt="none", ecolor=look["color"], elinewidth=1, capsize=2)
-        line = {**look, "marker": look["marker"] if marked else ""}
+        line = {**look, "marker": look["marker"] if marked or len(x) == 1 else ""}
         axes.plot(x, mean, **line, mfc=face, mew=1, zorder=3)
 
 

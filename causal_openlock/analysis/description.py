@@ -35,8 +35,9 @@ def describe(experiment: Mapping[str, Any]) -> dict[str, Any]:
             ``versions``; or any other plain data.
 
     Returns:
-        - ``learners``: ``name``, ``source`` (class and package), ``protocol``, ``subjects``,
+        - ``learners``: ``name``, ``kind`` (its class), ``package``, ``protocol``, ``subjects``,
           ``reward`` and ``parameters`` of each.
+        - ``rewards``: by name, the terms that add up.
         - ``conditions``: ``name``, ``train`` and ``test`` of each.
         - ``schemas``: ``name``, ``title`` and ``edges`` of each schema that is met.
         - ``protocols``: by name, the budgets in a sentence.
@@ -44,13 +45,23 @@ def describe(experiment: Mapping[str, Any]) -> dict[str, Any]:
         - ``rest``: everything else, as it was given.
     """
     rest = {key: value for key, value in experiment.items() if key not in _HEADING}
-    learners, conditions = experiment.get("learners"), experiment.get("conditions")
-    result: dict[str, Any] = {"learners": [], "conditions": [], "schemas": [], "protocols": {}}
+    learners: Any = experiment.get("learners")
+    conditions: Any = experiment.get("conditions")
+    result: dict[str, Any] = {
+        "learners": [],
+        "conditions": [],
+        "schemas": [],
+        "protocols": {},
+        "rewards": {},
+    }
     if _all(learners, _LEARNER) and all(_all([one["protocol"]], _BUDGETS) for one in learners):
         del rest["learners"]
         result["learners"] = [_learner(one) for one in learners]
         for one in learners:
             result["protocols"][str(one["protocol"]["name"])] = budgets(one["protocol"])
+            if _all([reward := one.get("reward")], {"name", "terms"}):
+                named = {key: value for key, value in reward.items() if key != "name"}
+                result["rewards"][str(reward["name"])] = _pairs(named)
     if _all(conditions, _CONDITION) and _all(_trials(conditions), {"schema"}):
         del rest["conditions"]
         result["conditions"] = [
@@ -132,17 +143,14 @@ def edges(schema: Mapping[str, Any]) -> str:
 
 
 def _learner(one: Mapping[str, Any]) -> dict[str, Any]:
-    reward = one.get("reward") or {}
-    source = [one.get("class") or one.get("learner"), one.get("package")]
+    reward: Any = one.get("reward")
     return {
         "name": one["name"],
-        "source": ", ".join(str(part) for part in source if part),
+        "kind": one.get("class") or one.get("learner") or "",
+        "package": one.get("package") or "",
         "protocol": one["protocol"]["name"],
         "subjects": one.get("subjects"),
-        "reward": reward.get("name", "") if isinstance(reward, Mapping) else _value(reward),
-        "terms": _pairs({key: value for key, value in reward.items() if key != "name"})
-        if isinstance(reward, Mapping)
-        else "",
+        "reward": reward["name"] if _all([reward], {"name", "terms"}) else _value(reward),
         "parameters": _pairs(one["parameters"] or {}),
     }
 
@@ -150,7 +158,7 @@ def _learner(one: Mapping[str, Any]) -> dict[str, Any]:
 def _pairs(values: Mapping[str, Any]) -> str:
     """``gamma 0.8, batch_size 64``; a list of reward terms needs no heading."""
     return ", ".join(
-        _value(value) if key == "terms" else f"{key} {_value(value)}"
+        _value(value) if key == "terms" else f"{key}\u00a0{_value(value)}"
         for key, value in values.items()
     )
 

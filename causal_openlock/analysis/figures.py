@@ -8,6 +8,7 @@ bars of people and of learners mean the same.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,7 +61,14 @@ def draw_all(record: pa.Table, learners: Sequence[str] = ()) -> list[Drawing]:
             for protocol in trials["protocol"].unique()
         ),
     ]
-    return [drawing for drawing in drawings if drawing is not None]
+    named: dict[str, Drawing] = {}
+    for drawing in drawings:
+        if drawing is not None:
+            name = drawing.name
+            while name in named:  # protocols whose names differ in signs only
+                name += "_2"
+            named[name] = replace(drawing, name=name)
+    return list(named.values())
 
 
 def baseline_attempts(trials: pd.DataFrame, learners: Sequence[str] = ()) -> Drawing | None:
@@ -94,7 +102,7 @@ def baseline_attempts(trials: pd.DataFrame, learners: Sequence[str] = ()) -> Dra
     return Drawing(
         "baseline_attempts",
         "Baseline trials",
-        "Mean attempts to find every solution in each of the baseline trials, common cause (CC4) "
+        "Mean attempts to solve each of the baseline trials, common cause (CC4) "
         "beside common effect (CE4); the first panel shows people as published in the paper's "
         f"Figure 3. {_ERROR_BARS}",
         figure,
@@ -133,7 +141,7 @@ def transfer_attempts(trials: pd.DataFrame, learners: Sequence[str] = ()) -> Dra
     return Drawing(
         "transfer_attempts",
         "Transfer test",
-        "Mean attempts to find every solution in the four-lever test, common cause (CC4) left and "
+        "Mean attempts to solve the trial of the four-lever test, common cause (CC4) left and "
         "common effect (CE4) right, after training with three levers under CC3 or CE3; the first "
         f"panel shows people as published in the paper's Figure 4. {_ERROR_BARS}",
         figure,
@@ -162,9 +170,8 @@ def _with_people(
 
 def _bars(axes: Axes, x: Any, rows: pd.DataFrame, colour: str) -> None:
     axes.bar(x, rows["mean"], width=0.38, color=colour, edgecolor="black", linewidth=0.6)
-    axes.errorbar(
-        x, rows["mean"], rows["se"], fmt="none", ecolor="black", elinewidth=0.9, capsize=2
-    )
+    spread = rows["se"].where(rows["subjects"] > 1)  # one subject has none
+    axes.errorbar(x, rows["mean"], spread, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
 
 
 def _finish(

@@ -1,0 +1,395 @@
+"""Contract tests for learners: what every learner owes, checked by subclassing.
+
+A package that adds a learner tests it in three lines, in a file such as ``tests/test_mine.py``::
+
+    from causal_openlock.testing import LearnerContract
+
+    class TestMine(LearnerContract):
+        learner = "my_package:MyLearner"  # or its registered name
+
+pytest runs the inherited tests; with ``unittest.TestCase`` as a second base, unittest does. A slow
+learner gets settings and schemas with which each test takes seconds::
+
+    class TestMyNetwork(LearnerContract):
+        learner = "my_network"
+        parameters = {"batch_size": 8, "hidden_units": 16}
+        schemas = ("CC3", "CE4")
+        independent_of_batch = False  # many networks in one matrix product: rounding
+
+Each test stands for one promise of :class:`~causal_openlock.learner.Learner`, and its message says
+what was promised, what happened and where to look. What a learner is good for is not tested.
+"""
+
+from __future__ import annotations
+
+import pickle
+import unittest
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, asdict, fields, is_dataclass, replace
+from itertools import takewhile
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.contract_probes import GlobalRandomness, arrays, read_only, without
+from causal_openlock.learner import InformedLearner, Learner, Step, View
+from causal_openlock.learner_registry import (
+    create,
+    learner_class,
+    parameter_table,
+    parse_parameters,
+)
+from causal_openlock.protocol import Condition, Protocol, Trials
+from causal_openlock.record import record_schema
+from causal_openlock.room import Layout
+from causal_openlock.schema import Schema
+from causal_openlock.schema_file import bundled_schemas, find_schema
+from causal_openlock.session import Session
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SHORT = Protocol("contract", 5, stop_when_solved=True, baseline_trials=2, training_trials=2)
+"""What the tests play: two trials of five attempts, and a third one to test on."""
+
+EARLY = 12
+"""Actions after which a learner is interrupted, or a subject leaves."""
+
+NINE = Schema(
+    "nine",
+    [f"L{lever}" for lever in range(9)],
+    {"L0": [f"L{lever}" for lever in range(1, 9)]}
+    | {f"L{lever}": ["door"] for lever in range(1, 9)},
+    title="A room of nine positions",
+)
+
+
+class LearnerContract:
+    """Tests of one learner; see the module's text for how to use it.
+
+    Attributes:
+        learner: Its registered name, or ``module:Class``.
+        parameters: Hyper-parameters that differ from their defaults.
+        schemas: Names of the schemas to play; by default all that are bundled.
+        subjects: How many subjects play at once.
+        independent_of_batch: Whether a subject's data do not depend, to the last bit, on who else
+            plays in its batch. Learners that put many networks into one matrix product may say
+            ``False``; then only equal cells must give equal data.
+        resumable: Whether a learner with the state of another one goes on exactly as that one.
+    """
+
+    learner: ClassVar[str] = ""
+    parameters: ClassVar[Mapping[str, Any]] = {}
+    schemas: ClassVar[Sequence[str] | None] = None
+    subjects: ClassVar[int] = 4
+    independent_of_batch: ClassVar[bool] = True
+    resumable: ClassVar[bool] = True
+
+    # -- what it answers ------------------------------------------------------------------------
+
+    def test_it_answers_with_one_action_for_each_subject(self) -> None:
+        """``act`` gives B integers within the action space, in rooms of every size and kind."""
+        names = bundled_schemas() if self.schemas is None else self.schemas
+        for schema in [*map(find_schema, names), NINE]:
+            session = self._session(_baseline(schema))
+            for _ in self._steps(self._begun(session), session):
+                pass  # every answer is looked at there
+
+    def test_it_plays_a_session_to_its_end(self) -> None:
+        """Every trial of every subject is in the record, with all of its attempts."""
+        record = self._play()
+        self._require(
+            record.schema.equals(record_schema()), "the record has other columns than it should"
+        )
+        trials: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+        for row in record.drop_columns(["wall_time"]).to_pylist():
+            trials.setdefault((row["subject"], row["phase"], row["trial"]), []).append(row)
+        played = {
+            (subject, *visit)
+            for subject in range(self.subjects)
+            for visit in (("train", 1), ("train", 2), ("test", 1))
+        }
+        self._require(set(trials) == played, f"trials are missing: {sorted(played - {*trials})}")
+        for trial, rows in trials.items():
+            numbers = [row["attempt"] for row in rows]
+            solved = rows[-1]["solutions_found"] == rows[-1]["solutions"]
+            self._require(
+                numbers == [*range(1, len(rows) + 1)]
+                and (solved or len(rows) == SHORT.attempt_limit),
+                f"the trial {trial} has the attempts {numbers} and was "
+                f"{'' if solved else 'not '}solved",
+            )
+
+    # -- what its answers depend on -------------------------------------------------------------
+
+    def test_the_same_seed_gives_the_same_record(self) -> None:
+        """All its randomness comes from ``brief.generators``."""
+        self._require_same(
+            self._play(), self._play(), "was played twice with the same seed and differs"
+        )
+
+    def test_a_subject_does_not_depend_on_its_batch(self) -> None:
+        """No subject sees another's data, and no cell what was played before it."""
+        together = self._play()
+        if not self.independent_of_batch:
+            self._play(range(self.subjects, 2 * self.subjects))
+            self._require_same(
+                together, self._play(), "differs after another cell was played in the same process"
+            )
+            return
+        for subject in (0, self.subjects - 1):
+            alone = self._play([subject])
+            among = together.filter(np.equal(together["subject"].to_numpy(), subject))
+            self._require_same(
+                among,
+                alone,
+                f"differs for subject {subject}, who played with others and then alone (a learner "
+                "whose networks share a matrix product may set independent_of_batch = False)",
+            )
+
+    def test_it_ignores_subjects_that_have_finished(self) -> None:
+        """Where ``view.playing`` is false, what a view or a step says means nothing."""
+        plain, garbled = (self._actions_after_a_departure(garble) for garble in (False, True))
+        for moment, (one, other) in enumerate(zip(plain, garbled, strict=True)):
+            self._require(
+                one == other,
+                f"{moment} steps after a subject had finished, the others' actions depend on what "
+                f"it is said to have done since: {one} or {other}; look at step.view.playing",
+            )
+
+    def test_it_keeps_no_global_randomness(self) -> None:
+        """It neither draws from the generators that all share nor seeds them."""
+        first = self._play()  # what it imports while it plays is imported now
+        before = GlobalRandomness.now()
+        try:
+            for seed in (1, 2):
+                GlobalRandomness.seed(seed)
+                start = GlobalRandomness.now()
+                again = self._play()
+                touched = start.differs_from(GlobalRandomness.now())
+                self._require(
+                    not touched,
+                    f"it used or seeded {', '.join(touched)}; draw from brief.generators instead",
+                )
+                self._require_same(
+                    first, again, "depends on the global generators of random, numpy or torch"
+                )
+        finally:
+            before.restore()
+
+    def test_it_sees_nothing_latent(self) -> None:
+        """Rooms that look and behave alike are played alike, whatever their levers are called."""
+        if issubclass(learner_class(self.learner), InformedLearner):
+            raise unittest.SkipTest(f"{self.learner} is an InformedLearner")
+        self._require(
+            not hasattr(learner_class(self.learner), "inform"),
+            "it has a method inform, which is only called for an InformedLearner",
+        )
+        places = [(5, 0, 3), (2, 6, 1)]
+        known = Schema("known", ["L0", "L1", "L2"], {"L0": ["L1", "L2"]} | _to_door("L1", "L2"))
+        other = Schema("other", ["Z", "Y", "X"], {"X": ["Y", "Z"]} | _to_door("Y", "Z"))
+        told = []
+        for schema, step in ((known, 1), (other, -1)):
+            layouts = tuple(Layout(place[::step]) for place in places)
+            condition = Condition("alike", (Trials(schema, layouts, shuffle=False),))
+            session = self._session(condition)
+            steps = self._steps(self._begun(session), session)
+            told.append([answer.tolist() for _, answer, _ in steps])
+        self._require(
+            told[0] == told[1],
+            "it plays differently in rooms that differ in the names of their levers alone, which "
+            "no learner is told",
+        )
+
+    # -- what it does to others -----------------------------------------------------------------
+
+    def test_it_never_changes_what_it_is_given(self) -> None:
+        """Views and steps belong to the session; others may look at them later."""
+        session = self._session(self._transfer())
+        learner = self._begun(session)
+        while not session.over:
+            view, kept = read_only(session.view), pickle.dumps(session.view)
+            answer = self._unchanged("act", learner.act, view, kept)
+            step = session.step(answer)
+            kept = pickle.dumps(step)
+            self._unchanged("learn", learner.learn, read_only(step), kept)
+            if isinstance(learner, InformedLearner) and step.trial_over.any():
+                learner.inform(session.truth)
+
+    def _unchanged(self, name: str, method: Any, given: View | Step, kept: bytes) -> Any:
+        where = f"{name} changes an array that it is given; let it work on a copy"
+        try:
+            answer = method(given)
+        except ValueError as error:
+            if "read-only" in str(error):
+                raise AssertionError(f"{self.learner}: {where} ({error})") from error
+            raise
+        # Libraries other than NumPy do not heed that an array is read-only.
+        same = all(
+            np.array_equal(one, other)
+            for one, other in zip(arrays(given), arrays(pickle.loads(kept)), strict=True)
+        )
+        self._require(same, where)
+        return answer
+
+    def test_it_goes_on_from_a_checkpoint(self) -> None:
+        """A new learner with an old one's state does what the old one would have done."""
+        if not self.resumable:
+            raise unittest.SkipTest(f"{self.learner} is not resumable")
+        session = self._session(self._transfer())
+        learner = self._begun(session)
+        steps = self._steps(learner, session)
+        before = [answer for _, (_, answer, _) in zip(range(EARLY), steps, strict=False)]
+        state = learner.state_dict()
+        kept = pickle.dumps(state)
+        after = [answer.tolist() for _, answer, _ in steps]
+        for loaded, fault in (
+            (pickle.loads(kept), "does not go on as it would have without the interruption"),
+            (state, "goes on from a state that changed with the learner it came from; copy it"),
+            (state, "goes on from a state that changed with the learner it went to; copy it"),
+        ):
+            session = self._session(self._transfer())
+            resumed = self._begun(session)
+            for answer in before:
+                session.step(answer)
+            resumed.load_state_dict(loaded)
+            if isinstance(resumed, InformedLearner):
+                resumed.inform(session.truth)
+            again = [answer.tolist() for _, answer, _ in self._steps(resumed, session)]
+            self._require(
+                again == after,
+                f"it {fault}: its actions agree for {_common(after, again)} of {len(after)} steps "
+                "(does state_dict hold all that was learned, and its generators' state?)",
+            )
+
+    # -- what it says of itself -----------------------------------------------------------------
+
+    def test_its_parameters_are_a_frozen_dataclass_that_explains_itself(self) -> None:
+        """Each has a default that fits its own type, and a text in its ``Annotated`` type."""
+        declared: Any = learner_class(self.learner).Parameters
+        self._require(is_dataclass(declared), "Parameters is no dataclass")
+        self._require(
+            declared.__dataclass_params__.frozen, "Parameters must be a dataclass(frozen=True)"
+        )
+        bare = [
+            field.name
+            for field in fields(declared)
+            if field.default is MISSING and field.default_factory is MISSING
+        ]
+        self._require(not bare, f"these parameters have no default: {', '.join(bare)}")
+        silent = [row.name for row in parameter_table(self.learner) if not row.meaning.strip()]
+        self._require(
+            not silent,
+            f"these parameters have no meaning: {', '.join(silent)}; write them like "
+            'rate: Annotated[float, "of Adam"] = 0.001',
+        )
+        defaults = declared()
+        again = parse_parameters(self.learner, asdict(defaults))
+        self._require(again == defaults, f"its defaults are read back as {again}")
+        about = (learner_class(self.learner).__doc__ or "").strip()
+        self._require(bool(about), "its class has no docstring, which lists of learners show")
+
+    # -- how the tests play ---------------------------------------------------------------------
+
+    def _require(self, holds: bool, message: str) -> None:
+        if not holds:
+            raise AssertionError(f"{self.learner}: {message}")
+
+    def _require_same(self, one: pa.Table, other: pa.Table, message: str) -> None:
+        left, right = (table.drop_columns(["wall_time"]).to_pylist() for table in (one, other))
+        same = _common(left, right)
+        for row, (was, is_now) in enumerate(zip(left[same:], right[same:], strict=False), same):
+            differ = "; ".join(f"{k} {was[k]} or {is_now[k]}" for k in was if was[k] != is_now[k])
+            self._require(False, f"its record {message}; first in row {row}: {differ}")
+        self._require(len(left) == len(right), f"its record {message}; one is longer")
+
+    def _made(self) -> Learner:
+        if not self.learner:
+            raise AssertionError(
+                f"{type(self).__name__} says not what it tests; give it an attribute, as in "
+                'learner = "my_package:MyLearner"'
+            )
+        return create(self.learner, self.parameters)
+
+    def _begun(self, session: Session) -> Learner:
+        learner = self._made()
+        learner.begin(session.brief)
+        if isinstance(learner, InformedLearner):
+            learner.inform(session.truth)
+        return learner
+
+    def _transfer(self) -> Condition:
+        names = self.schemas or ("CC3", "CE4")
+        return Condition.named(f"{names[0]}-{names[-1]}", find_schema)
+
+    def _session(
+        self, condition: Condition, subjects: Sequence[int] | None = None, **changes: Any
+    ) -> Session:
+        numbers = range(self.subjects) if subjects is None else subjects
+        return Session(condition, replace(SHORT, **changes), numbers, seed=7, learner="contract")
+
+    def _play(self, subjects: Sequence[int] | None = None) -> pa.Table:
+        return self._session(self._transfer(), subjects).play(self._made())
+
+    def _answer(self, learner: Learner, view: View, session: Session) -> NDArray[Any]:
+        """What the learner answers, as a copy, if it is an answer."""
+        answer = np.array(learner.act(view))
+        actions = session.brief.actions
+        self._require(
+            answer.shape == (self.subjects,)
+            and answer.dtype.kind in "iu"
+            and bool((((answer >= 0) & (answer < actions)) | ~view.playing).all()),
+            f"in a room of {session.brief.positions} positions, act answered {answer.dtype} of "
+            f"shape {answer.shape}, {answer.tolist()}, where {self.subjects} integers from 0 to "
+            f"{actions - 1} are wanted",
+        )
+        return answer
+
+    def _steps(
+        self, learner: Learner, session: Session
+    ) -> Iterator[tuple[View, NDArray[Any], Step]]:
+        """Play on by hand: what was seen, what was answered, what came of it."""
+        while not session.over:
+            view = session.view
+            answer = self._answer(learner, view, session)
+            step = session.step(answer)
+            learner.learn(step)
+            if isinstance(learner, InformedLearner) and step.trial_over.any():
+                learner.inform(session.truth)
+            yield view, answer, step
+
+    def _actions_after_a_departure(self, garble: bool) -> list[list[int]]:
+        """The others' actions in a session in which one subject is said to finish early."""
+        session = self._session(self._transfer())
+        learner = self._begun(session)
+        gone = np.arange(self.subjects) == 1
+        told = []
+        moment = 0
+        while not session.over:
+            leaves = moment >= EARLY
+            view = without(session.view, gone, garble) if leaves else session.view
+            answer = self._answer(learner, view, session)
+            step = session.step(np.where(gone & leaves, 0, answer))
+            if leaves:
+                told.append(answer[~gone].tolist())
+                step = without(replace(step, view=view), gone, garble)
+            learner.learn(step)
+            if isinstance(learner, InformedLearner) and step.trial_over.any():
+                learner.inform(session.truth)
+            moment += 1
+        return told
+
+
+def _baseline(schema: Schema) -> Condition:
+    return Condition(schema.name, (Trials(schema),))
+
+
+def _to_door(*levers: str) -> dict[str, list[str]]:
+    return {lever: ["door"] for lever in levers}
+
+
+def _common(one: Sequence[Any], other: Sequence[Any]) -> int:
+    """How many items two sequences have in common before they first differ."""
+    agree = (left == right for left, right in zip(one, other, strict=False))
+    return sum(takewhile(bool, agree))

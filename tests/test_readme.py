@@ -1,0 +1,104 @@
+"""The README's examples, run as they stand."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import pytest
+
+from causal_openlock.schema_file import parse_schema
+from causal_openlock.store import Store
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+def run(folder: Path, *words: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "causal_openlock", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    vault, experiment = blocks("yaml")
+    (tmp_path / "vault.yaml").write_text(vault, encoding="utf-8")
+    (tmp_path / "first_look.yaml").write_text(experiment, encoding="utf-8")
+    (tmp_path / "my_learners.py").write_text(blocks("python")[0], encoding="utf-8")
+    return tmp_path
+
+
+def test_the_schema_of_ones_own_is_what_the_text_says(folder: Path) -> None:
+    assert run(folder, "schema", "check", "vault.yaml").strip() in README
+    schema = parse_schema((folder / "vault.yaml").read_text(encoding="utf-8"))
+    assert sorted(map(sorted, schema.solutions)) == [["dial", "key", "second_key"]]
+
+
+def test_the_fault_shown_is_the_fault_reported(folder: Path) -> None:
+    path = folder / "vault.yaml"
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("[door]", "[dor]", 1), encoding="utf-8"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "causal_openlock", "schema", "check", "vault.yaml"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    (shown,) = re.findall(r"`(vault\.yaml:\d+:\d+: [^`]*)`", README)
+    assert shown in done.stderr
+
+
+def test_the_learner_of_ones_own_plays(folder: Path) -> None:
+    code = [line for line in blocks("python")[0].splitlines() if line.strip()]
+    assert len(code) <= 20
+    run(
+        folder,
+        *("compare", "--learner", "my_learners:Persistent", "--learner", "random"),
+        *("--out", "results/mine", "--subjects", "2", "--condition", "CC3"),
+    )
+    record = Store(folder / "results" / "mine").record().to_pandas()
+    assert set(record["learner"]) == {"Persistent", "random"}
+
+
+def test_the_experiment_of_ones_own_runs(folder: Path) -> None:
+    path = folder / "first_look.yaml"
+    text = path.read_text(encoding="utf-8").replace("attempt_limit: 100", "attempt_limit: 5")
+    path.write_text(text.replace("train_loops: 5", "train_loops: 1"), encoding="utf-8")
+    words = ("compare", "first_look.yaml", "--out", "results/first_look", "--subjects", "2")
+    run(folder, *words)
+    record = Store(folder / "results" / "first_look").record().to_pandas()
+    assert set(record["condition"]) == {"CC4", "CC3-CE4", "vault"}
+    assert set(record["protocol"]) == {"human", "long"}
+
+
+def test_the_environments_are_made_as_shown() -> None:
+    names: dict[str, object] = {}
+    exec(blocks("python")[1], names)
+    env, rooms = names["env"], names["rooms"]
+    assert isinstance(env, gymnasium.Env)
+    assert env.reset(seed=0)[0].shape == (16,)
+    assert rooms.reset(seed=0)[0].shape == (16_384, 16)  # type: ignore[attr-defined]
+
+
+def test_every_file_that_the_readme_points_to_exists() -> None:
+    linked = re.findall(r"\]\(([^)#]+)\)", README)
+    assert len(linked) > 20
+    missing = [path for path in linked if "//" not in path and not (ROOT / path).exists()]
+    assert missing == []
