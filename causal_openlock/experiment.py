@@ -143,6 +143,16 @@ class Experiment:
             "learners": [entry.as_dict() for entry in self.entries],
         }
 
+    def cautions(self) -> list[str]:
+        """What nobody can do in this experiment, a sentence each."""
+        return [
+            f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
+            f"gives {protocol.attempt_limit} attempts, so nobody can solve its trials"
+            for protocol in dict.fromkeys(entry.protocol for entry in self.entries)
+            for schema in dict.fromkeys(s for c in self.conditions for s in c.schemas)
+            if len(schema.solutions) > protocol.attempt_limit
+        ]
+
     @cached_property
     def identity(self) -> str:
         """A hash of :meth:`as_dict`."""

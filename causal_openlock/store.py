@@ -16,7 +16,9 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import tempfile
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,9 +68,12 @@ class Store:
                 )
             else:
                 self.cells.mkdir(parents=True, exist_ok=True)
-                text = json.dumps(
-                    {"identity": experiment.identity, **experiment.as_dict()}, indent=1
-                )
+                held = {
+                    "identity": experiment.identity,
+                    **experiment.as_dict(),
+                    "versions": _versions(),
+                }
+                text = json.dumps(held, indent=1)
                 write_text(declared, text + "\n")
             self.cells.mkdir(exist_ok=True)
         except OSError as error:
@@ -193,6 +198,17 @@ class Store:
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
         tables = [self.read(path) for path in paths]
         return pa.concat_tables([table.replace_schema_metadata(None) for table in tables])
+
+
+def _versions() -> dict[str, str]:
+    """What the results are made with."""
+    versions = {"Python": platform.python_version()}
+    for package in ("causal-openlock", "numpy", "torch", "networkx", "gymnasium"):
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return versions
 
 
 def _unusable(path: Path, error: Exception) -> StoreError:

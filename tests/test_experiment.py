@@ -221,6 +221,13 @@ protocols: {tight: {action_limit: 3}}
         read_experiment(written(tmp_path, text))
 
 
+def test_trials_with_more_solutions_than_attempts_are_warned_about(tmp_path: Path) -> None:
+    text = "name: e\nconditions: [two_of_four, CC3]\nlearners: [random]\nprotocol: tight\n"
+    text += "protocols: {tight: {attempt_limit: 5}}\n"
+    (caution,) = read_experiment(written(tmp_path, text)).cautions()
+    assert caution.startswith("two_of_four has 6 solutions and protocol tight gives 5 attempts")
+
+
 def test_the_command_line_changes_what_the_file_says(tmp_path: Path) -> None:
     path = written(tmp_path, SMALL)
     changes = Changes(conditions=["CE4"], learners=["slow", "oracle"], subjects=2, seed=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -61,7 +62,7 @@ def test_the_random_learner_s_actions_do_not_depend_on_each_other() -> None:
     # Nor those of two subjects on each other: they agree once in 15.
     of = [np.concatenate(rows["actions"].to_numpy()) for _, rows in record.groupby("subject")]
     shortest = min(map(len, of))
-    for one, other in zip(of[:-1], of[1:], strict=True):
+    for one, other in pairwise(of):
         assert (one[:shortest] == other[:shortest]).mean() == pytest.approx(1 / 15, abs=0.025)
 
 
@@ -287,7 +288,7 @@ def test_a_module_of_the_working_directory_is_found(tmp_path, monkeypatch) -> No
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     assert isinstance(create("beside_the_notebook:Mine"), RandomLearner)
-    with pytest.raises(LearnerError, match="imported: SyntaxError: .*does_not_parse.py, line 1"):
+    with pytest.raises(LearnerError, match=r"imported: SyntaxError: .*does_not_parse.py, line 1"):
         create("does_not_parse:Mine")
     with pytest.raises(LearnerError, match="imported: ZeroDivisionError"):
         create("fails_at_import:Mine")

@@ -56,7 +56,8 @@ ROOMS = [
 def walk(room: Room, sequences: NDArray[np.int64], limit: int = 3) -> NDArray[np.int8]:
     """``[N, T+1, 2P+2]`` what is seen before and after each action of N sequences of T."""
     tables = RoomTables(room.positions)
-    row = tables.start[tables.add([(room.schema, room.layout, limit)])].repeat(len(sequences))
+    index = tables.add([(room.schema, room.layout, limit)])
+    row = tables.start[index].repeat(len(sequences))
     seen = [tables.observation[row]]
     for action in sequences.T:
         row = tables.step(tables.choice(row, action))
@@ -268,7 +269,7 @@ BAD_LAYOUTS: list[tuple[str, Any, str]] = [
     ("missing lever", {"L0": "LEFT", "L2": "LOWER"}, "gives no position to L1; add one"),
     ("nothing", {}, "gives no position to L0; add one"),
     ("wrong count", "trial7", "places 4 levers and CC3 has 3; layouts that fit: trial1, trial2"),
-    ("unknown name", "trial12", "there is no layout 'trial12'; did you mean trial1"),
+    ("unknown name", "trail3", "there is no layout 'trail3'; did you mean trial3? known"),
     ("no name", "", "there is no layout ''; known: trial1, trial10"),
     ("layout of another count", Layout((0, 1)), "places 2 levers and CC3 has 3"),
 ]  # fmt: skip

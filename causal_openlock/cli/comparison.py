@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -50,6 +51,8 @@ def compare(
     chosen = read_experiment(find_experiment(experiment), changes)
     folder = out or Path("results") / chosen.name
     console = Console()
+    for caution in chosen.cautions():
+        _warn(console, caution)
     store = _run(chosen, folder, workers, console)
     _report(store, store.record(chosen), console)
 
@@ -94,14 +97,17 @@ def _run(experiment: Experiment, folder: Path, workers: int | None, console: Con
             known += before
             bar.update(task, advance=1, description=f"{experiment.name}: {cell.name}")
 
-        def warn(sentence: str) -> None:
-            bar.console.print(f"warning: {sentence}", style="yellow", soft_wrap=True)
-
-        store = run(experiment, folder, workers=workers, done=done, warn=warn)
+        store = run(
+            experiment, folder, workers=workers, done=done, warn=partial(_warn, bar.console)
+        )
         bar.update(task, description=experiment.name)
     if known:
         console.print(f"{known} of {len(cells)} cells were there already")
     return store
+
+
+def _warn(console: Console, sentence: str) -> None:
+    console.print(f"warning: {sentence}", style="yellow", soft_wrap=True, highlight=False)
 
 
 def _report(store: Store, record: Any, console: Console) -> None:
