@@ -76,7 +76,7 @@ class FileError(OpenLockError):
         self.path = str(path)
         self.faults = tuple(sorted(faults, key=lambda fault: (fault.line, fault.column)))
         told = [
-            f"{self.path}:{fault.line}:{fault.column}: {fault.message}"
+            f"{self.path}:{fault.line}:{fault.column}: {' '.join(fault.message.splitlines())}"
             for fault in self.faults[:MOST_TOLD]
         ]
         if len(self.faults) > MOST_TOLD:

@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from causal_openlock.errors import Fault, FileError, OpenLockError
-from causal_openlock.model_faults import Where, described, sentence
+from causal_openlock.model_faults import Where as Where
+from causal_openlock.model_faults import described, sentence
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

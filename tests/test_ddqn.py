@@ -256,6 +256,18 @@ def test_the_target_network_is_updated_at_exactly_its_period() -> None:
         assert same(q.target.state_dict(), start) == (period is None)
 
 
+def test_loaded_networks_replace_all_that_was_known_of_the_old_ones() -> None:
+    rng = np.random.default_rng(4)
+    batch = minibatch(rng, 2, 8, 9)
+    table = some_observations(rng, 9)
+    q, other = double_q([16, 8, 15], 2), double_q([16, 8, 15], 2, first=10)
+    for each in (q, other):
+        each.observe(table)
+        each.losses(*batch)
+    q.load_state_dict(other.state_dict())
+    assert torch.equal(q.losses(*batch), other.losses(*batch))
+
+
 def same(one: Any, other: Any) -> bool:
     """Whether two checkpoints, or parts of them, are equal to the last bit."""
     if isinstance(one, dict):
@@ -506,6 +518,8 @@ def test_rings_fill_each_at_its_own_pace() -> None:
         replay.add(who, who * 10 + t, who, who.astype(float), who, who > 0)
     assert replay.length.tolist() == [3, 0, 4]
     assert replay.before.tolist() == [[0, 1, 2, 0], [0, 0, 0, 0], [24, 25, 22, 23]]
+    late = replay.sample(np.full((3, 1), 0.99))[0]
+    assert late[:, 0].tolist() == [2, 0, 23]
 
 
 def test_samples_are_uniform_and_from_the_subject_s_own_ring() -> None:

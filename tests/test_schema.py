@@ -197,6 +197,8 @@ REFUSED: list[tuple[str, dict[str, Any], tuple[Any, ...], str]] = [
      "A -> B -> A is a cycle"),
     ("a cycle that leads to the door", {"edges": {"C": ["A"], "B": ["C"], "A": ["B", DOOR]}},
      ("edges", "A", "B"), "A -> B -> C -> A is a cycle"),
+    ("a cycle behind a lever", {"edges": {"A": ["C"], "B": ["C"], "C": ["B", DOOR]}},
+     ("edges", "B", "C"), "B -> C -> B is a cycle"),
     ("a lever that enables itself", {"edges": {"A": ["B"], "B": [DOOR], "C": ["C", DOOR]}},
      ("edges", "C", "C"), "C -> C is a cycle"),
     ("an unknown cause", {"edges": {"A": ["B"], "B": [DOOR], "c": [DOOR]}}, ("edges", "c"),

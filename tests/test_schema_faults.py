@@ -80,7 +80,6 @@ FORM: dict[str, tuple[str, list[Place]]] = {
     ),
     "name a number": (good(name="3"), [(1, 1, "this is 3; write it in quotes")]),
     "name a truth": (good(name="true"), [(1, 1, "this is true; write it in quotes")]),
-    "name a date": (good(name="2018-01-31"), [(1, 1, "2018-01-31; write it in quotes")]),
     "name empty": (good(name=""), [(1, 1, "a valid string, and this is nothing")]),
     "name a list": (good(name="[X]"), [(1, 1, "a valid string, and this is a list")]),
     "name with a dash": (good(name="no-dash"), [(1, 1, "letters, digits and underscores")]),
@@ -194,6 +193,15 @@ YAML_ITSELF: dict[str, tuple[str | bytes, list[Place]]] = {
     "unknown tag": (good(levers="!levers [L0]"), [(2, 9, "the tag !levers is not allowed")]),
     "key a list": (good(edges="{[L0]: [L1]}"), [(3, 9, "a key must be a name")]),
     "key a mapping": (good(edges="{{L0: 1}: [L1]}"), [(3, 9, "a key must be a name")]),
+    "name a date": (good(name="2018-01-31"), [(1, 1, "2018-01-31; write it in quotes")]),
+    "names of other kinds": (
+        good(edges="{null: [L1], 1.5: [L1], true: [door]}"),
+        [
+            (3, 9, "a key must be a text, and this is nothing; write a name"),
+            (3, 21, "a key must be a text, and this is 1.5; write it in quotes"),
+            (3, 32, "a key must be a text, and this is true; write it in quotes"),
+        ],
+    ),
     "no date": (good(name="2018-02-31"), [(1, 7, "looks like a number or a date and is none")]),
     "no number": (edge("0x_"), [(3, 29, "looks like a number or a date and is none")]),
     "5,000 digits": (edge("9" * 5000), [(3, 29, "a text of 5000 characters looks like a num")]),
@@ -257,9 +265,8 @@ def test_every_fault_is_one_line_with_its_place_and_a_remedy(
 def test_an_editor_sees_the_same_faults_of_form(content: str) -> None:
     document = YAML(typ="safe", pure=True).load(content)
     if isinstance(document, dict):  # JSON knows no keys that are numbers
-        document = json.loads(json.dumps(document, default=str))
-    quoted = ("name: 2018-01-31",)
-    assert not VALIDATOR.is_valid(document) or content.startswith(quoted)
+        document = json.loads(json.dumps(document))
+    assert not VALIDATOR.is_valid(document)
 
 
 def test_a_file_of_faults_is_answered_with_the_first_twenty(tmp_path: Path) -> None:
