@@ -134,7 +134,7 @@ def _print_headline(table: pd.DataFrame, learners: list[str], console: Console) 
         conditions = sorted(rows["condition"].unique(), key=order.index)
         console.print(f"\n[bold]Attempts to find every solution, protocol {protocol}[/bold]")
         shown = Table(box=None, padding=(0, 2, 0, 0))
-        shown.add_column("")
+        shown.add_column("", min_width=max(map(len, [*learners, "people"])))
         for condition in conditions:
             at = rows.loc[rows["condition"] == condition, "measured"].iloc[0]
             shown.add_column(f"{condition}\n{at}", justify="right", no_wrap=True)
@@ -156,7 +156,7 @@ def _print_headline(table: pd.DataFrame, learners: list[str], console: Console) 
 
 def _first(rows: pd.DataFrame, condition: str, column: str) -> str:
     value = rows.loc[rows["condition"] == condition, column].iloc[0]
-    return "" if value != value else f"{value:.2f}"
+    return "" if value != value else _number(value)
 
 
 def _cell(rows: pd.DataFrame) -> str:
@@ -164,9 +164,13 @@ def _cell(rows: pd.DataFrame) -> str:
     if not len(rows):
         return ""
     row = rows.iloc[0]
-    lines = [f"{row.attempts:.2f}"]
+    lines = [_number(row.attempts)]
     if row.ci_low < row.ci_high:
-        lines.append(f"[dim]{row.ci_low:.2f}–{row.ci_high:.2f}[/dim]")
+        lines.append(f"[dim]{_number(row.ci_low)}–{_number(row.ci_high)}[/dim]")
     if row.share_solved < 1:
         lines.append(f"[dim]{row.share_solved:.0%} solved[/dim]")
     return "\n".join(lines)
+
+
+def _number(attempts: float) -> str:
+    return f"{attempts:.2f}" if attempts < 100 else f"{attempts:.0f}"
