@@ -7,6 +7,7 @@ names the remedy, so the command line prints it as it is and exits with status 2
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,13 +88,17 @@ class FileError(OpenLockError):
         return FileError, (self.path, self.faults)
 
 
+_PARTS = re.compile(r"(\d+)").split
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Say which known name was probably meant, and list what there is.
 
     Returns:
         A clause such as ``did you mean CC4? known: CC3, CC4``.
     """
-    names = sorted(known)
+    # Numbers within names count as numbers, so that trial10 comes after trial2.
+    names = sorted(known, key=lambda name: [int(x) if x.isdigit() else x for x in _PARTS(name)])
     lowered = {known_name.lower(): known_name for known_name in names}
     close = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=0.5)
     meant = f"did you mean {lowered[close[0]]}? " if close else ""

@@ -102,7 +102,7 @@ def compile(schema: Schema) -> FSM:
     pushed = np.arange(1 << levers)
     door_action, door_bit = 2 * levers, 1 << levers
 
-    holds = {node: _gate_chance(schema, node, pushed) for node in [*schema.levers, DOOR]}
+    holds = {node: gate_chance(schema, node, pushed) for node in [*schema.levers, DOOR]}
     causes_of_door = np.bitwise_count(pushed & schema.mask(schema.causes(DOOR)))
     unlocked = causes_of_door >= schema.threshold(DOOR)
 
@@ -132,7 +132,7 @@ def compile(schema: Schema) -> FSM:
     )
 
 
-def _gate_chance(schema: Schema, node: str, pushed: IntArray) -> FloatArray:
+def gate_chance(schema: Schema, node: str, pushed: IntArray) -> FloatArray:
     """``[2^n]`` probability that a push of ``node`` takes effect while ``pushed`` are pushed.
 
     Each pushed cause transmits with its strength, independently; the push takes effect if at
@@ -148,7 +148,7 @@ def _gate_chance(schema: Schema, node: str, pushed: IntArray) -> FloatArray:
         counts -= shifted
         counts[1:] += shifted[:-1]
         counts[-1] += shifted[-1]
-    return counts[threshold]
+    return np.minimum(counts[threshold], 1.0)  # rounding may end just above 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """The JSON Schemas by which editors check and complete schema and experiment files.
 
-``python -m causal_openlock.json_schemas`` writes them beside the files they describe, in a checkout.
+In a checkout, ``python -m causal_openlock.json_schemas`` writes them beside the files they describe.
 """
 
 from __future__ import annotations

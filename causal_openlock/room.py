@@ -186,7 +186,8 @@ class Layout:
         """The same places in a room of another size."""
         if positions == self.positions:
             return self
-        return Layout(self.places, positions, self.name)
+        by_position = " ".join(position_names(self.positions)[place] for place in self.places)
+        return Layout(self.places, positions, "" if self.name == by_position else self.name)
 
     def role_actions(self) -> IntArray:
         """``[2P + 1]`` the machine's action for each of the room's actions.

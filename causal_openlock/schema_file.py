@@ -235,7 +235,8 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
         name: A path that ends in ``.yaml`` or ``.yml``, the name of a file ``NAME.yaml`` in one of
             the folders searched, or a schema, which is returned as it is.
         beside: Folders to search first, for example the one of the experiment that names it.
-            After them come ``schemas/`` in the working directory and the bundled schemas.
+            After them comes the working directory. In each of them, a folder ``schemas`` is
+            searched too. Last come the bundled schemas.
 
     Raises:
         FileError: If the file has faults.
@@ -244,18 +245,17 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
     if isinstance(name, Schema):
         return name
     text = os.fspath(name)
-    folders = [Path(folder) for folder in beside]
+    folders = [*map(Path, beside), Path()]
     if text.endswith((".yaml", ".yml")):
-        for folder in [*folders, Path()]:
+        for folder in folders:
             if _is_file(folder / text):
                 return read_schema(folder / text)
         return read_schema(text)
-    searched = [*folders, *(folder / "schemas" for folder in folders), Path("schemas")]
-    searched.append(bundled("schemas"))
-    for folder in searched:
+    collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
+    for folder in [*folders, *collections]:
         if _is_file(folder / f"{text}.yaml"):
             return read_schema(folder / f"{text}.yaml")
-    known = {path.stem for folder in searched for path in folder.glob("*.yaml")}
+    known = {path.stem for folder in collections for path in folder.glob("*.yaml")}
     raise OpenLockError(
         f"there is no schema {text!r}; {nearest(text, known)}, or give the path of a .yaml file"
     )

@@ -35,7 +35,7 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, SchemaError, nearest
-from causal_openlock.fsm import _gate_chance
+from causal_openlock.fsm import gate_chance
 from causal_openlock.graph_text import dagitty_text, dot_text, parse_graph
 from causal_openlock.schema import DOOR, NAME, Schema
 from causal_openlock.schema_file import dump_schema, parse_schema, schema_from_dict
@@ -359,9 +359,9 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
         bits = [schema.mask([cause]) for cause in causes]
         # pgmpy counts through the causes' states with the first cause slowest.
         moved = [sum(compress(bits, states)) for states in product((0, 1), repeat=len(causes))]
-        chance = _gate_chance(schema, node, np.array(moved, dtype=np.int64))
+        chance = gate_chance(schema, node, np.array(moved, dtype=np.int64))
         # Rounding may leave a sum of probabilities just above 1.
-        chance = np.minimum(chance, 1.0) * (1.0 if node == DOOR else push_probability)
+        chance = chance * (1.0 if node == DOOR else push_probability)
         network.add_cpds(
             TabularCPD(
                 node,

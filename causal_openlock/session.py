@@ -224,8 +224,10 @@ class Session:
         luck = self._luck.uniform() if self._luck else None
         row = self._row
         choice = tables.choice(row, action)
-        after = np.where(self._playing, tables.step(choice, luck), row)
-        status = tables.status.take(after)
+        after, status = tables.step(choice, luck)
+        if not self._playing.all():
+            after = np.where(self._playing, after, row)
+            status = tables.status.take(after)
         unlocked = np.flatnonzero(status >= UNLOCKED)
         experienced = unlocked[self._found_count[unlocked] > 0]
         reward = self._reward.pay(choice, after, self._previous, self._found, experienced)

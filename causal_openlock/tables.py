@@ -20,6 +20,7 @@ from causal_openlock.schema import Schema
 
 UNLOCKED, OPENED, ACTIONS_LEFT = np.uint8(64), np.uint8(128), np.uint8(63)
 """Bits of :attr:`RoomTables.status`: at least UNLOCKED is unlocked, at least OPENED is open."""
+STATUS_BITS = 8
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,8 @@ class RoomTables:
         self.over: BoolArray = np.zeros(0, bool)
         self.used: IntArray = np.zeros(0, np.int64)
         self.status: NDArray[np.uint8] = np.zeros(0, np.uint8)
+        # The row after an action and its status in one number, so that one gather finds both.
+        self._leads: IntArray = np.zeros(0, np.int64)
         self.state: IntArray = np.zeros(0, np.int64)
         self.unlocked: BoolArray = np.zeros(0, bool)
         self.opened: BoolArray = np.zeros(0, bool)
@@ -142,6 +145,8 @@ class RoomTables:
             columns = layout.role_actions()
             rows = len(attempt.state)
             effect = np.where(attempt.over[:, None], 0, attempt.effect)
+            status = _status(attempt)
+            leads = first + effect[:, columns] << STATUS_BITS | status[effect[:, columns]]
             for name, part in (
                 ("effect", (first + effect[:, columns]).ravel()),
                 ("chance", attempt.chance[:, columns].ravel()),
@@ -149,7 +154,8 @@ class RoomTables:
                 ("observation", layout.observations(fsm, attempt.state)),
                 ("over", attempt.over),
                 ("used", attempt.used),
-                ("status", _status(attempt)),
+                ("status", status),
+                ("_leads", leads.ravel()),
                 ("state", attempt.state),
                 ("unlocked", fsm.unlocked[attempt.state]),
                 ("opened", fsm.opened[attempt.state]),
@@ -179,7 +185,9 @@ class RoomTables:
         choice += action
         return choice
 
-    def step(self, choice: IntArray, luck: FloatArray | None = None) -> IntArray:
+    def step(
+        self, choice: IntArray, luck: FloatArray | None = None
+    ) -> tuple[IntArray, NDArray[np.uint8]]:
         """Take one action in each of B rooms.
 
         Args:
@@ -188,16 +196,19 @@ class RoomTables:
                 chance: the action takes effect if its chance is above the number.
 
         Returns:
-            ``[B]`` the row of each room then.
+            ``[B]`` the row of each room then, and ``[B]`` its :attr:`status`.
         """
-        after: IntArray = self.effect.take(choice)
+        after: IntArray = self._leads.take(choice)
+        status = after.astype(np.uint8)
+        after >>= STATUS_BITS
         if self.stochastic:
             if luck is None:
                 raise ValueError("these rooms leave something to chance; pass luck")
             chance = self.chance.take(choice)
-            fails = (luck >= chance) & (chance > 0.0)
-            after = np.where(fails, self.idle.take(choice // self.actions), after)
-        return after
+            fails = np.flatnonzero((luck >= chance) & (chance > 0.0))
+            after[fails] = self.idle.take(choice[fails] // self.actions)
+            status[fails] = self.status.take(after[fails])
+        return after, status
 
 
 def _status(attempt: Attempt) -> NDArray[np.uint8]:

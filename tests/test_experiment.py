@@ -254,3 +254,15 @@ def test_the_default_experiment_plays_every_learner_in_the_six_conditions() -> N
 def test_an_unknown_experiment_is_answered_with_the_nearest() -> None:
     with pytest.raises(OpenLockError, match=r"did you mean default\?"):
         find_experiment("defalt")
+
+
+def test_schemas_in_the_working_directory_are_found_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    path = written(folder, "name: e\nconditions: [CC3]\nlearners: [random]\n")
+    written(tmp_path, GATE, "gate.yaml")
+    monkeypatch.chdir(tmp_path)
+    experiment = read_experiment(path, Changes(conditions=["CC3-gate"]))
+    assert experiment.conditions[0].test[0].schema.name == "gate"

@@ -322,7 +322,7 @@ def pay(
     """The rows after some actions that take effect, and the rewards for them."""
     tables = table.tables
     choice = tables.choice(row, np.asarray(action))
-    after = tables.step(choice, np.zeros(len(choice)))
+    after, _ = tables.step(choice, np.zeros(len(choice)))
     experienced = np.flatnonzero(tables.unlocked[after] & found.any(axis=1))
     return after, table.pay(choice, after, np.asarray(previous), found, experienced)
 
@@ -563,7 +563,7 @@ def test_the_table_pays_what_the_reward_function_pays(
             repeat = (generator.random(many) < 0.2) & (previous >= 0)
             action = np.where(repeat, previous, action)
             choice = tables.choice(row, action)
-            after = tables.step(choice, generator.random(many))
+            after, _ = tables.step(choice, generator.random(many))
             experienced = np.flatnonzero(tables.unlocked[after] & found.any(axis=1))
             paid = table.pay(choice, after, previous, found, experienced)
             events = Events.of(tables, row, action, after)

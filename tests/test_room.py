@@ -60,7 +60,7 @@ def walk(room: Room, sequences: NDArray[np.int64], limit: int = 3) -> NDArray[np
     row = tables.start[index].repeat(len(sequences))
     seen = [tables.observation[row]]
     for action in sequences.T:
-        row = tables.step(tables.choice(row, action))
+        row, _ = tables.step(tables.choice(row, action))
         seen.append(tables.observation[row])
     return np.stack(seen, axis=1)
 

@@ -148,7 +148,8 @@ def test_stepping_many_rooms_at_once_is_stepping_the_machine_of_each(
         # The same luck for all: what differs is the room.
         luck = generator.random(subjects)
         over = tables.over[row]
-        row = tables.step(tables.choice(row, action), luck)
+        row, status = tables.step(tables.choice(row, action), luck)
+        assert np.array_equal(status, tables.status[row])
         for subject in range(subjects):
             schema, layout, limit = rooms[subject % len(rooms)]
             room = Room.of(schema, layout)
@@ -178,10 +179,10 @@ def test_a_batch_and_a_single_subject_take_the_same_steps() -> None:
     single = [row[subject : subject + 1].copy() for subject in range(3)]
     for _ in range(60):
         action, luck = generator.integers(0, 15, 3), generator.random(3)
-        row = tables.step(tables.choice(row, action), luck)
+        row, _ = tables.step(tables.choice(row, action), luck)
         for subject in range(3):
             me = slice(subject, subject + 1)
-            single[subject] = tables.step(tables.choice(single[subject], action[me]), luck[me])
+            single[subject], _ = tables.step(tables.choice(single[subject], action[me]), luck[me])
         assert np.array_equal(row, np.concatenate(single))
 
 
@@ -241,12 +242,12 @@ def test_luck_decides_with_the_stated_probability(
     tables, _ = stacked([(NOISY, Layout((0, 1, 2)), 6)])
     row = np.zeros(1, dtype=np.int64)
     for done in before:
-        row = tables.step(tables.choice(row, np.array([done])), np.zeros(1))
+        row, _ = tables.step(tables.choice(row, np.array([done])), np.zeros(1))
     choice = tables.choice(row, np.array([action]))
     assert tables.chance[choice] == pytest.approx(chance)
     trials = 4000
     luck = np.random.default_rng(7).random(trials)
-    after = tables.step(choice.repeat(trials), luck)
+    after, _ = tables.step(choice.repeat(trials), luck)
     moved = tables.state[after] != tables.state[row]
     assert (tables.used[after] == len(before) + 1).all()
     if chance in (0.0, 1.0):
@@ -262,11 +263,11 @@ def test_an_unlocked_door_gives_way_by_chance_and_unlocks_for_sure() -> None:
     tables, _ = stacked([(NOISY, Layout((0, 1, 2)), 6)])
     row = np.zeros(1, dtype=np.int64)
     for done in (0, 2):
-        row = tables.step(tables.choice(row, np.array([done])), np.zeros(1))
+        row, _ = tables.step(tables.choice(row, np.array([done])), np.zeros(1))
     assert tables.unlocked[row].all()
     door = tables.choice(row, np.array([14]))
     assert tables.chance[door] == pytest.approx(0.25)
-    after = tables.step(door.repeat(2), np.array([0.24, 0.26]))
+    after, _ = tables.step(door.repeat(2), np.array([0.24, 0.26]))
     assert tables.opened[after].tolist() == [True, False]
     assert tables.over[after].tolist() == [True, False]
 
@@ -275,12 +276,12 @@ def test_rooms_that_leave_something_to_chance_ask_for_luck_and_others_do_not() -
     certain, _ = stacked([(BUNDLED["CC3"], Layout((0, 1, 2)), 3)])
     row = np.zeros(2, dtype=np.int64)
     assert not certain.stochastic
-    first = certain.step(certain.choice(row, np.array([0, 1])))
+    first, _ = certain.step(certain.choice(row, np.array([0, 1])))
     assert certain.state[first].tolist() == [1, 0]
     certain.add([(NOISY, Layout((0, 1, 2)), 3)])
     assert certain.stochastic
     with pytest.raises(ValueError, match="pass luck"):
         certain.step(certain.choice(row, np.array([0, 1])))
     # Luck is nothing to the rooms that leave nothing to it.
-    worst = certain.step(certain.choice(row, np.array([0, 1])), np.full(2, 1 - 1e-12))
+    worst, _ = certain.step(certain.choice(row, np.array([0, 1])), np.full(2, 1 - 1e-12))
     assert certain.state[worst].tolist() == [1, 0]

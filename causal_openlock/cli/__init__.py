@@ -18,6 +18,7 @@ app = typer.Typer(
     help="Which learners discover a causal schema by acting, and carry it to a new situation?",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(schemas.app, name="schema")

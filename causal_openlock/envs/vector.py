@@ -72,6 +72,8 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self._tables = RoomTables(settings.positions)
         self._rewards = RewardTable(settings.reward, self._tables)
         self._solutions = len(settings.schema.solutions)
+        self._heeds_found = settings.reward.heeds_found
+        self._heeds_repeats = settings.reward.heeds_repeats
         self._room_of: dict[int, int] = {}
         self._started = False
 
@@ -95,6 +97,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             self._attempts_left = np.zeros(many, dtype=np.int32)
             self._found = np.zeros((many, self._solutions), dtype=bool)
             self._left = np.full(many, self._solutions, dtype=np.int16)
+            self._found_count = np.zeros(many, dtype=np.int16)
             self._previous = np.full(many, -1, dtype=np.int64)
             # Rooms whose trial is over: the next step begins another.
             self._due = _NONE
@@ -104,14 +107,17 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self._due = np.setdiff1d(self._due, np.flatnonzero(mask))
         return self._seen(), self._info(self._tables.status.take(self._row) & ACTIONS_LEFT)
 
-    def _begin_trials(self, which: NDArray[np.int64]) -> None:
-        self._room[which] = self._draw_rooms(len(which))
+    def _begin_trials(self, rooms: NDArray[np.int64]) -> None:
+        # Rooms in step all begin at once: then a slice spares the gathers.
+        which = slice(None) if len(rooms) == self.num_envs else rooms
+        self._room[which] = self._draw_rooms(len(rooms))
         self._row = self._row.copy()
         self._left = self._left.copy()
         self._attempts_left = self._attempts_left.copy()
         self._row[which] = self._tables.start[self._room[which]]
         self._attempts_left[which] = self._settings.attempt_limit
         self._left[which] = self._solutions
+        self._found_count = self._solutions - self._left
         self._found[which] = False
         self._previous[which] = -1
 
@@ -154,14 +160,13 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         tables, settings = self._tables, self._settings
         luck = self.np_random.random(self.num_envs) if tables.stochastic else None
         choice = tables.choice(self._row, actions)
-        self._row = tables.step(choice, luck)
-        status = tables.status.take(self._row)
+        self._row, status = tables.step(choice, luck)
         experienced = _NONE
-        if settings.reward.heeds_found and status.max() >= UNLOCKED:
+        if self._heeds_found and status.max() >= UNLOCKED:
             unlocked = np.flatnonzero(status >= UNLOCKED)
             experienced = unlocked[self._left[unlocked] < self._solutions]
         reward = self._rewards.pay(choice, self._row, self._previous, self._found, experienced)
-        if settings.reward.heeds_repeats:
+        if self._heeds_repeats:
             # A room that was just put back has all its actions left, and none before the next.
             begins = status & ACTIONS_LEFT == settings.action_limit
             self._previous = np.where(begins, -1, actions)
@@ -174,20 +179,28 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             self._due = _NONE
 
         left = status & ACTIONS_LEFT
-        terminated, truncated = (np.zeros(self.num_envs, dtype=bool) for _ in range(2))
-        if left.min() > 0:
-            return self._seen(), reward, terminated, truncated, self._info(left)
+        if np.minimum.reduce(left):
+            return self._seen(), reward, self._nowhere(), self._nowhere(), self._info(left)
         over = left == 0
         solved, spent = self._end_attempts(over, np.flatnonzero(status >= OPENED))
-        self._due = np.flatnonzero(solved | spent)
         if settings.whole_trial:
-            self._spend(over & ~(solved | spent))
+            truncated = spent.copy()
+            spent[solved] = True
+            self._due = np.flatnonzero(spent)
+            self._spend(over & ~spent)
             self._row = np.where(over, tables.start.take(self._room), self._row)
             info = self._info(tables.status.take(self._row) & ACTIONS_LEFT)
-            return self._seen(), reward, solved, spent, info
+            terminated = self._nowhere()
+            terminated[solved] = True
+            return self._seen(), reward, terminated, truncated, info
+        spent[solved] = True
+        self._due = np.flatnonzero(spent)
         info = self._info(left)
         self._spend(over)
-        return self._seen(), reward, over, truncated, info
+        return self._seen(), reward, over, self._nowhere(), info
+
+    def _nowhere(self) -> NDArray[np.bool_]:
+        return np.zeros(self.num_envs, dtype=bool)
 
     def _checked(self, actions: Any) -> NDArray[np.int64]:
         actions = np.asarray(actions)
@@ -198,7 +211,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             )
         actions = actions.astype(np.int64, copy=False)
         # Seen as unsigned, a negative number is a very large one: one look finds both.
-        if actions.view(np.uint64).max() >= self._tables.actions:
+        if np.maximum.reduce(actions.view(np.uint64)) >= self._tables.actions:
             raise InvalidAction(
                 f"an action is outside the space; actions are 0 to {self._tables.actions - 1}"
             )
@@ -206,7 +219,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
 
     def _end_attempts(
         self, over: NDArray[np.bool_], opened: NDArray[np.int64]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Book the attempts that ended.
 
         Args:
@@ -214,17 +227,22 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             opened: Indices of the rooms whose door is open.
 
         Returns:
-            ``[num_envs]`` whether every solution is now found, and whether the attempts are spent
-            without that.
+            Indices of the rooms where every solution is now found, and ``[num_envs]`` whether the
+            attempts are spent without that.
         """
+        solved = _NONE
         if len(opened):
             solution = self._tables.solution[self._row[opened]]
             new = (solution >= 0) & ~self._found[opened, solution]
             self._found[opened[new], solution[new]] = True
             self._left = self._left.copy()
             self._left[opened] -= new
-        solved = over & (self._left == 0)
-        spent = over & (self._attempts_left <= 1) & ~solved
+            self._found_count = self._solutions - self._left
+            # A trial is solved by opening the door and in no other way.
+            solved = opened[self._left[opened] == 0]
+        spent = self._attempts_left <= 1
+        spent &= over
+        spent[solved] = False
         if self._settings.reward.heeds_repeats:
             self._previous[over] = -1
         return solved, spent
@@ -237,12 +255,12 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
 
     def _info(self, actions_left: NDArray[np.uint8]) -> dict[str, Any]:
         # None of these arrays is written to again, by anybody: what changes is replaced.
-        for kept in (self._left, self._attempts_left, self._row):
+        for kept in (self._left, self._found_count, self._attempts_left, self._row):
             kept.flags.writeable = False
         return {
             "console": {
                 "solutions_left": self._left,
-                "solutions_found": self._solutions - self._left,
+                "solutions_found": self._found_count,
                 "attempts_left": self._attempts_left,
                 "actions_left": actions_left,
             },
