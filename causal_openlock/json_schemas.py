@@ -1,6 +1,7 @@
 """The JSON Schemas by which editors check and complete schema and experiment files.
 
-In a checkout, ``python -m causal_openlock.json_schemas`` writes them beside the files they describe.
+In a checkout, ``python -m causal_openlock.json_schemas`` writes them beside the files that they
+describe.
 """
 
 from __future__ import annotations

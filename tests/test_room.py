@@ -270,7 +270,7 @@ BAD_LAYOUTS: list[tuple[str, Any, str]] = [
     ("nothing", {}, "gives no position to L0; add one"),
     ("wrong count", "trial7", "places 4 levers and CC3 has 3; layouts that fit: trial1, trial2"),
     ("unknown name", "trail3", "there is no layout 'trail3'; did you mean trial3? known"),
-    ("no name", "", "there is no layout ''; known: trial1, trial10"),
+    ("no name", "", "there is no layout ''; known: trial1, trial2"),
     ("layout of another count", Layout((0, 1)), "places 2 levers and CC3 has 3"),
 ]  # fmt: skip
 
