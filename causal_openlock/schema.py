@@ -20,6 +20,7 @@ them to fit.
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -345,7 +346,12 @@ class Schema:
         return isinstance(other, Schema) and self.as_dict() == other.as_dict()
 
     def __hash__(self) -> int:
-        return hash((self.name, self.levers, frozenset(self.graph.edges)))
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        # Not hash(): that differs between processes, and this value travels with a pickled schema.
+        return zlib.crc32(repr((self.name, self.levers, sorted(self.graph.edges))).encode())
 
     def __repr__(self) -> str:
         return f"<Schema {self.name}: {len(self.levers)} levers, {len(self.solutions)} solutions>"

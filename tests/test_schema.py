@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+import subprocess
+import sys
 from itertools import chain, combinations, permutations
 from typing import Any
 
@@ -12,7 +15,7 @@ from strategies import schemas
 
 from causal_openlock.errors import SchemaError
 from causal_openlock.schema import DOOR, MAX_LEVERS, Gate, Schema
-from causal_openlock.schema_file import bundled_schemas
+from causal_openlock.schema_file import bundled_schemas, find_schema
 
 BUNDLED = bundled_schemas()
 
@@ -291,3 +294,13 @@ def test_schemas_are_equal_if_they_mean_the_same_in_the_same_words() -> None:
 def test_a_schema_cannot_be_changed_through_its_graph() -> None:
     with pytest.raises(nx.NetworkXError):
         BUNDLED["CC3"].graph.add_edge("L1", "L2")
+
+
+def test_a_pickled_schema_is_the_same_key_in_another_process() -> None:
+    schema = find_schema("CC4")
+    hash(schema)
+    code = (
+        "import pickle, sys; from causal_openlock import find_schema;"
+        "sent = pickle.load(sys.stdin.buffer); assert {find_schema('CC4'): 1}[sent] == 1"
+    )
+    subprocess.run([sys.executable, "-c", code], input=pickle.dumps(schema), check=True, timeout=60)
