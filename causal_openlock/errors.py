@@ -16,7 +16,19 @@ MOST_TOLD = 20
 
 
 class OpenLockError(Exception):
-    """Base of all errors that a user of the toolkit can cause and mend."""
+    """Base of all errors that a user of the toolkit can cause and mend.
+
+    Attributes:
+        status: What the command line exits with.
+    """
+
+    status = 2
+
+
+class Interrupted(OpenLockError):  # noqa: N818 - it is none
+    """The user has stopped what was going on."""
+
+    status = 130
 
 
 class SchemaError(OpenLockError):

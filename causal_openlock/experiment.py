@@ -12,11 +12,10 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from causal_openlock import __version__
-from causal_openlock.learner_registry import learner_class, registry
+from causal_openlock.learner_registry import learner_class, origin
 from causal_openlock.protocol import Condition, Protocol
 from causal_openlock.rewards import RewardFunction
 
@@ -48,7 +47,7 @@ class Entry:
             "name": self.name,
             "learner": self.learner,
             "class": f"{kind.__module__}:{kind.__qualname__}",
-            "package": _package_version(self.learner),
+            "package": origin(self.learner),
             "parameters": self.parameters,
             "protocol": self.protocol.as_dict(),
             "reward": asdict(self.reward),
@@ -115,6 +114,7 @@ class Experiment:
         cell_size: Most subjects in a cell.
         conditions: What is played.
         entries: Who plays.
+        command: What to type to run it again.
     """
 
     name: str
@@ -123,6 +123,7 @@ class Experiment:
     cell_size: int
     conditions: tuple[Condition, ...]
     entries: tuple[Entry, ...]
+    command: str = ""
 
     def cells(self) -> Iterator[Cell]:
         """The units of work, always in the same order."""
@@ -135,8 +136,10 @@ class Experiment:
     def as_dict(self) -> dict[str, Any]:
         """The experiment as plain data, schemas and defaults included."""
         return {
+            "version": __version__,
             "name": self.name,
             "title": self.title,
+            "command": self.command,
             "seed": self.seed,
             "cell_size": self.cell_size,
             "conditions": [condition.as_dict() for condition in self.conditions],
@@ -155,21 +158,11 @@ class Experiment:
 
     @cached_property
     def identity(self) -> str:
-        """A hash of :meth:`as_dict`."""
-        return _digest(self.as_dict())
+        """A hash of all of :meth:`as_dict` that determines the results."""
+        told = ("title", "command")
+        return _digest({key: value for key, value in self.as_dict().items() if key not in told})
 
 
 def _digest(data: Any) -> str:
     text = json.dumps(data, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _package_version(learner: str) -> str:
-    entry = registry().get(learner)
-    distribution = entry.dist if entry else None
-    if distribution is None:
-        return "unpackaged"
-    try:
-        return f"{distribution.name} {version(distribution.name)}"
-    except PackageNotFoundError:
-        return distribution.name

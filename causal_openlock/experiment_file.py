@@ -29,19 +29,28 @@ editors is made (``experiments/schema.json``).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Discriminator, Field, Tag
 
 from causal_openlock.errors import ExperimentError, FileError, OpenLockError, nearest
 from causal_openlock.experiment import Entry, Experiment
 from causal_openlock.learner_registry import learner_class, parse_parameters
-from causal_openlock.protocol import Condition, Protocol, Trials, find_protocol, plan
+from causal_openlock.model_faults import StrictModel
+from causal_openlock.protocol import (
+    PROTOCOLS,
+    Condition,
+    Protocol,
+    Trials,
+    find_protocol,
+    plan,
+)
 from causal_openlock.rewards import PAPER_REWARD, find_reward
 from causal_openlock.room import Layout
 from causal_openlock.schema import NAME, Schema
@@ -49,36 +58,61 @@ from causal_openlock.schema_file import JSON_SCHEMA_ID, bundled, find_schema
 from causal_openlock.yaml_file import Document, Where, read_document
 
 Positive = Annotated[int, Field(ge=1)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-RewardName = str | list[str]
-DEFAULT_EXPERIMENT = "default"
+Name = Annotated[
+    str,
+    Field(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$",
+        description="letters, digits, underscores, dots and dashes, at most 64 in all",
+    ),
+]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+def _form(value: Any) -> str:
+    """Which arm of a union is meant: told by the form of what is written."""
+    if isinstance(value, Mapping | BaseModel):
+        return "<mapping>"
+    return "<list>" if isinstance(value, list) else "<name>"
 
 
-class TrialsFile(_Strict):
+def _written(*forms: str) -> Discriminator:
+    known = " or ".join(f"a {form}" for form in forms)
+    return Discriminator(
+        _form, custom_error_type="custom.form", custom_error_message=f"write {known} here"
+    )
+
+
+A_NAME, A_LIST, A_MAPPING = Tag("<name>"), Tag("<list>"), Tag("<mapping>")
+RewardName = Annotated[
+    Annotated[str, A_NAME] | Annotated[list[str], A_LIST], _written("name", "list of terms")
+]
+LayoutEntry = Annotated[
+    Annotated[str, A_NAME] | Annotated[dict[str, str], A_MAPPING],
+    _written("name such as trial1", "mapping such as {L0: LEFT}"),
+]
+
+
+class TrialsFile(StrictModel):
     """Some trials in rooms of one schema."""
 
     schema_: Annotated[str, Field(alias="schema", description="Name or path of a schema.")]
     layouts: Annotated[
-        Literal["published", "random"] | list[str | dict[str, str]] | None,
+        Annotated[Literal["published", "random"], A_NAME] | Annotated[list[LayoutEntry], A_LIST],
+        _written("name (published, random)", "list of layouts"),
         Field(description="Where the levers stand; the protocol decides if this is left out."),
-    ] = None
+    ] = None  # type: ignore[assignment]
     trials: Annotated[Positive | None, Field(description="How many trials.")] = None
     shuffle: Annotated[bool, Field(description="Whether layouts come in random order.")] = True
 
 
-class ConditionFile(_Strict):
+class ConditionFile(StrictModel):
     """A condition spelled out."""
 
     name: Name
     train: Annotated[list[TrialsFile], Field(min_length=1)]
-    test: list[TrialsFile] = []
+    test: list[TrialsFile] = Field(default_factory=list)
 
 
-class ProtocolFile(_Strict):
+class ProtocolFile(StrictModel):
     """A protocol of one's own: another one with some settings changed."""
 
     based_on: Annotated[str, Field(description="A protocol to start from.")] = "human"
@@ -95,18 +129,28 @@ class ProtocolFile(_Strict):
     action_limit: Positive | None = None
 
 
-class LearnerFile(_Strict):
+class LearnerFile(StrictModel):
     """A learner that takes part, with what is different for it."""
 
     learner: Annotated[str, Field(description="Registered name, or module:Class.")]
     name: Annotated[Name | None, Field(description="Label in tables; the learner's name.")] = None
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, Any] = Field(default_factory=dict)
     protocol: str | None = None
     subjects: Positive | None = None
     reward: RewardName | None = None
 
 
-class ExperimentFile(_Strict):
+ConditionEntry = Annotated[
+    Annotated[str, A_NAME] | Annotated[ConditionFile, A_MAPPING],
+    _written("name such as CC4 or CC3-CC4", "mapping with name, train and test"),
+]
+LearnerEntry = Annotated[
+    Annotated[str, A_NAME] | Annotated[LearnerFile, A_MAPPING],
+    _written("name", "mapping with learner, name, parameters and so on"),
+]
+
+
+class ExperimentFile(StrictModel):
     """An experiment: learners, conditions, protocol, subjects."""
 
     name: Name
@@ -116,9 +160,9 @@ class ExperimentFile(_Strict):
     subjects: Positive = 40
     cell_size: Annotated[Positive, Field(description="Most subjects in a unit of work.")] = 40
     reward: RewardName = PAPER_REWARD
-    conditions: Annotated[list[str | ConditionFile], Field(min_length=1)]
-    learners: Annotated[list[str | LearnerFile], Field(min_length=1)]
-    protocols: dict[str, ProtocolFile] = {}
+    conditions: Annotated[list[ConditionEntry], Field(min_length=1)]
+    learners: Annotated[list[LearnerEntry], Field(min_length=1)]
+    protocols: dict[str, ProtocolFile] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -130,6 +174,16 @@ class Changes:
     protocol: str | None = None
     subjects: int | None = None
     seed: int | None = None
+
+    @property
+    def options(self) -> list[str]:
+        """The options of the command line that say the same."""
+        words = [word for name in self.conditions or () for word in ("--condition", name)]
+        words += [word for name in self.learners or () for word in ("--learner", name)]
+        for option in ("protocol", "subjects", "seed"):
+            if (value := getattr(self, option)) is not None:
+                words += [f"--{option}", str(value)]
+        return words
 
 
 def read_experiment(path: Path | str, changes: Changes | None = None) -> Experiment:
@@ -174,6 +228,11 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock experiment"}
 
 
+def _listed(names: Iterable[str]) -> str:
+    *before, last = names
+    return f"{', '.join(before)} and {last}" if before else last
+
+
 class _Builder:
     """Resolves every name in an experiment file, and says where one cannot be resolved."""
 
@@ -201,11 +260,18 @@ class _Builder:
             )
         if changes.conditions is None:
             conditions = [
-                self.at(("conditions", index), partial(self.condition, condition))
+                self.at(
+                    ("conditions", index),
+                    partial(self.condition, condition, ("conditions", index)),
+                )
                 for index, condition in enumerate(file.conditions)
             ]
         else:
-            conditions = [self.condition(condition) for condition in changes.conditions]
+            spelled_out = {c.name: c for c in file.conditions if isinstance(c, ConditionFile)}
+            conditions = [
+                self.condition(spelled_out.get(condition, condition), None)
+                for condition in changes.conditions
+            ]
         if changes.learners is None:
             entries = [
                 self.entry(self.as_learner(learner), ("learners", index))
@@ -224,9 +290,14 @@ class _Builder:
         self.check_unique("learner", "learners", [e.name for e in entries])
         self.check_schemas(conditions)
         self.check_fit(conditions, entries)
+        title = file.title or file.name
+        if changes.conditions is not None or changes.learners is not None:
+            title = f"{_listed(e.name for e in entries)} in {_listed(c.name for c in conditions)}"
+        words = ["causal-openlock", "compare", self.document.path.as_posix(), *changes.options]
         return Experiment(
             name=file.name,
-            title=file.title or file.name,
+            title=title,
+            command=shlex.join(words),
             seed=file.seed if changes.seed is None else changes.seed,
             cell_size=file.cell_size,
             conditions=tuple(conditions),
@@ -241,30 +312,44 @@ class _Builder:
         return find_schema(name, beside=[self.folder])
 
     def protocol(self, name: str, declared: ProtocolFile) -> Protocol:
+        if name in PROTOCOLS:
+            raise ExperimentError(
+                f"the protocol {name} comes with the package; choose another name"
+            )
         if not NAME.fullmatch(name):
             raise ExperimentError(f"{name!r} is no name for a protocol; use letters and digits")
         base = find_protocol(declared.based_on, self.own_protocols)
         given = declared.model_dump(exclude_unset=True, exclude={"based_on"})
         return replace(base, name=name, **given)
 
-    def condition(self, declared: str | ConditionFile) -> Condition:
+    def condition(self, declared: str | ConditionFile, where: Where | None) -> Condition:
         if isinstance(declared, str):
             return Condition.named(declared, self.schema)
-        return Condition(
-            declared.name,
-            tuple(self.trials(trials) for trials in declared.train),
-            tuple(self.trials(trials) for trials in declared.test),
+        train, test = (
+            tuple(
+                self.trials(trials, None if where is None else (*where, phase, index))
+                for index, trials in enumerate(groups)
+            )
+            for phase, groups in (("train", declared.train), ("test", declared.test))
         )
+        return Condition(declared.name, train, test)
 
-    def trials(self, declared: TrialsFile) -> Trials:
-        schema = self.schema(declared.schema_)
+    def trials(self, declared: TrialsFile, where: Where | None) -> Trials:
+        def part(*key: str | int) -> Where | None:
+            return None if where is None else (*where, *key)
+
+        schema = self.at(part("schema"), partial(self.schema, declared.schema_))
         layouts: Any = declared.layouts
         if isinstance(layouts, list):
-            layouts = tuple(Layout.of(schema, layout) for layout in layouts)
+            layouts = tuple(
+                self.at(part("layouts", index), partial(Layout.of, schema, layout))
+                for index, layout in enumerate(layouts)
+            )
             if declared.trials and declared.trials > len(layouts):
-                raise ExperimentError(
-                    f"{declared.trials} trials need as many layouts, and {len(layouts)} are given"
-                )
+                message = f"{declared.trials} trials need as many layouts; {len(layouts)} are given"
+                if where is None:
+                    raise ExperimentError(message)
+                raise self.document.error((*where, "trials"), message)
         return Trials(schema, layouts, declared.trials, declared.shuffle)
 
     def entry(self, declared: LearnerFile, where: Where | None) -> Entry:
@@ -273,7 +358,7 @@ class _Builder:
         def part(*key: str) -> Where | None:
             return None if where is None else (*where, *key)
 
-        protocol = declared.protocol or changes.protocol or file.protocol
+        protocol = changes.protocol or declared.protocol or file.protocol
         reward = file.reward if declared.reward is None else declared.reward
         self.at(part("learner"), lambda: learner_class(declared.learner))
         parameters = self.at(
@@ -284,7 +369,9 @@ class _Builder:
             learner=declared.learner,
             parameters=asdict(parameters) if is_dataclass(parameters) else {},  # type: ignore[arg-type]
             protocol=self.at(
-                part("protocol") if declared.protocol else self.whole("protocol"),
+                part("protocol")
+                if declared.protocol and not changes.protocol
+                else self.whole("protocol"),
                 lambda: find_protocol(protocol, self.own_protocols),
             ),
             reward=self.at(

@@ -63,11 +63,6 @@ class FSM:
         """Number of actions, A: a push and a pull for each lever, and the push of the door."""
         return 2 * self.levers + 1
 
-    @cached_property
-    def moved(self) -> BoolArray:
-        """``[S, A]`` whether the action moves something, if it takes effect."""
-        return self.next_state != np.arange(self.states)[:, None]
-
     @property
     def opened(self) -> BoolArray:
         """``[S]`` whether the door is open."""
@@ -95,8 +90,9 @@ class FSM:
 def compile(schema: Schema) -> FSM:
     """Compile a schema into its finite state machine.
 
-    With *n* levers the tables have 2^(n+1) states: 32 for the paper's four levers, 8,192 for
-    twelve.
+    Chance is asked for pushes and pulls alike: a pull is enabled as a push is, and as likely to
+    take effect. With *n* levers the tables have 2^(n+1) states: 32 for the paper's four levers,
+    8,192 for twelve.
     """
     levers = len(schema.levers)
     pushed = np.arange(1 << levers)
@@ -133,10 +129,10 @@ def compile(schema: Schema) -> FSM:
 
 
 def gate_chance(schema: Schema, node: str, pushed: IntArray) -> FloatArray:
-    """``[2^n]`` probability that a push of ``node`` takes effect while ``pushed`` are pushed.
+    """``[2^n]`` probability that ``node`` obeys a push or pull while ``pushed`` are pushed.
 
-    Each pushed cause transmits with its strength, independently; the push takes effect if at
-    least as many transmit as the gate asks for. The counts are added up cause by cause, and
+    Each pushed cause transmits with its strength, independently; the push or pull takes effect if
+    at least as many transmit as the gate asks for. The counts are added up cause by cause, and
     counts above the threshold are kept together, since they make no difference.
     """
     threshold = schema.threshold(node)
@@ -164,10 +160,8 @@ class Attempt:
         state: ``[N]`` state of the machine.
         used: ``[N]`` actions used so far.
         effect: ``[N, A+1]`` row after an action that takes effect.
-        chance: ``[N, A+1]`` probability that it takes effect.
         over: ``[N]`` whether the attempt is over: the door is open or no action is left.
-        on_path: ``[N]`` whether the actions so far are the beginning of a solution.
-        begins: ``[N, K]`` whether they are the beginning of solution *k*.
+        begins: ``[N, K]`` whether the actions so far are the beginning of solution *k*.
     """
 
     fsm: FSM
@@ -175,14 +169,15 @@ class Attempt:
     state: IntArray
     used: IntArray
     effect: IntArray
-    chance: FloatArray
     over: BoolArray
     begins: BoolArray
 
-    @property
-    def on_path(self) -> BoolArray:
-        """``[N]`` whether the actions so far are the beginning of some solution."""
-        return np.logical_or.reduce(self.begins, axis=1)
+    @cached_property
+    def chance(self) -> FloatArray:
+        """``[N, A+1]`` probability that the action takes effect; made when it is asked for."""
+        chance = np.zeros((len(self.state), self.fsm.actions + 1))
+        chance[~self.over, :-1] = self.fsm.chance[self.state[~self.over]]
+        return chance
 
 
 def unroll(fsm: FSM, action_limit: int) -> Attempt:
@@ -203,8 +198,6 @@ def unroll(fsm: FSM, action_limit: int) -> Attempt:
         rows = np.flatnonzero((used == moment) & ~over)
         where = np.searchsorted(layers[moment + 1], after[rows])
         effect[rows] = first_row[moment + 1] + where
-    chance = np.column_stack([fsm.chance[state], np.zeros(len(state))])
-    chance[over] = 0.0
 
     # As many levers pushed as actions used: every action so far was a push that moved its lever.
     pushes_only = np.bitwise_count(state) == used
@@ -221,7 +214,6 @@ def unroll(fsm: FSM, action_limit: int) -> Attempt:
         state=state,
         used=used,
         effect=effect,
-        chance=chance,
         over=over,
         begins=begins,
     )

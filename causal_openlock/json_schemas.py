@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock import experiment_file, schema_file
+from causal_openlock.files import write_text
 from causal_openlock.schema_file import bundled
-from causal_openlock.yaml_file import write_text
 
 
 def json_schema_files() -> dict[Path, dict[str, Any]]:

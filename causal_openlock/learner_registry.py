@@ -16,6 +16,8 @@ tells users what they mean.
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import re
 import sys
 from collections.abc import Mapping
@@ -54,6 +56,21 @@ def _origin(entry: EntryPoint) -> str:
     return f"{entry.value} by {entry.dist.name}" if entry.dist else entry.value
 
 
+def origin(name: str) -> str:
+    """Where a learner's code comes from, so that another version of it is told apart.
+
+    Returns:
+        Name and version of its package; for ``module:Class``, a hash of the module's source.
+    """
+    entry = registry().get(name)
+    if entry is not None and entry.dist is not None:
+        return f"{entry.dist.name} {entry.dist.version}"
+    source = inspect.getsourcefile(learner_class(name))
+    if source is None:
+        return "unknown"
+    return f"{Path(source).name} {hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]}"
+
+
 @cache
 def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
     """A learner's class by its registered name, or by ``module:Class``.
@@ -66,12 +83,15 @@ def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
             raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
         # A module beside the experiment, as in a notebook, needs no package of its own.
         if (here := str(Path.cwd())) not in sys.path:
-            sys.path.insert(0, here)
+            sys.path.append(here)
         entry = EntryPoint(name, name, ENTRY_POINTS)
     else:
         known = registry()
         if name not in known:
-            raise LearnerError(f"there is no learner {name!r}; {nearest(name, known)}")
+            raise LearnerError(
+                f"there is no learner {name!r}; {nearest(name, known)}; one that is not installed "
+                "is written module:Class"
+            )
         entry = known[name]
     try:
         loaded = entry.load()

@@ -7,15 +7,20 @@ names the key, says what is there, and says what to write instead.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
 
 from causal_openlock.errors import nearest
 
-if TYPE_CHECKING:
-    from pydantic import BaseModel
-
 Where = tuple[str | int, ...]
 """A path of keys and list indices into a file."""
+
+
+class StrictModel(BaseModel):
+    """A part of a file: no key but those that are declared, and no value of another type."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
 
 
 def described(value: Any) -> str:
@@ -79,8 +84,6 @@ def sentence(fault: Any, model: type[BaseModel]) -> str:
 def _fields(model: Any, where: Where) -> dict[str, Any]:
     """The fields that a model has at a place, by key; found by walking its field annotations."""
     from typing import get_args
-
-    from pydantic import BaseModel
 
     def models(annotation: Any) -> list[type[BaseModel]]:
         if isinstance(annotation, type) and issubclass(annotation, BaseModel):

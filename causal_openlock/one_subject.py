@@ -10,7 +10,7 @@ from __future__ import annotations
 import operator
 import pickle
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -55,7 +55,8 @@ class Moment:
 class OneSubjectLearner(ABC):
     """A learner written for a single subject; each subject gets an instance of its own.
 
-    ``self.brief`` and ``self.generator`` are set before :meth:`begin` is called.
+    ``self.brief``, which tells of this subject alone, and ``self.generator``, the one source of
+    randomness in it, are set before :meth:`begin` is called.
 
     Args:
         parameters: An instance of the class's ``Parameters``; by default their defaults.
@@ -90,11 +91,11 @@ class Chorus(Learner):
 
     def begin(self, brief: Brief) -> None:
         """Make one player for each subject."""
-        self._brief = brief
         self._players = []
         for generator in brief.generators:
             player = self._single(self._parameters)
-            player.brief, player.generator = brief, generator
+            player.brief = replace(brief, subjects=1, generators=(generator,))
+            player.generator = generator
             player.begin()
             self._players.append(player)
 
@@ -131,8 +132,7 @@ class Chorus(Learner):
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that the players hold, generators included."""
-        kept = [{k: v for k, v in vars(p).items() if k != "brief"} for p in self._players]
-        return {"players": pickle.dumps(kept)}
+        return {"players": pickle.dumps([vars(player) for player in self._players])}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Give each player back what it held."""

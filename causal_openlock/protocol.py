@@ -46,14 +46,16 @@ class Protocol:
         name: For the record.
         attempt_limit: Attempts in a trial.
         stop_when_solved: Whether a trial ends as soon as all its solutions are found.
-        baseline_trials: Trials of a condition without a test.
+        baseline_trials: Trials of a condition without a test. This number and the next two hold
+            where the condition does not say, and are lowered to the number of published layouts
+            if layouts are published and fewer (of four levers there are five).
         training_trials: Trials to train on, in a condition with a test.
         test_trials: Trials to test on.
         baseline_loops: How often the trials of a baseline are gone through.
         train_loops: The same for trials to train on.
         test_loops: The same for trials to test on.
         layouts: Where layouts come from, if the condition does not say: those the paper's authors
-            published (as many as there are), or drawn at random.
+            published, or drawn at random.
         test_layout: A published layout to test on, so that each loop over the test is one trial
             (the authors' program always used ``trial7``); none by default.
         action_limit: Actions in an attempt; by default 3, or as many as the schema's longest
@@ -138,7 +140,8 @@ class Trials:
     Attributes:
         schema: What governs the rooms.
         layouts: Layouts to draw from without repeats; ``None`` leaves the source to the protocol.
-        number: How many trials; ``None`` leaves it to the protocol, or takes all given layouts.
+        number: How many trials, neither more nor fewer; ``None`` leaves it to the protocol, or
+            takes all given layouts.
         shuffle: Whether the layouts come in random order.
     """
 
@@ -173,7 +176,7 @@ class Trials:
 
         Args:
             generator: Draws them.
-            number: How many, if the trials do not say.
+            number: How many, if the trials do not say; fewer if fewer layouts are published.
             source: Where they come from, if the trials do not say.
 
         Raises:
@@ -195,6 +198,12 @@ class Trials:
                 layout = Layout.random(self.schema, generator)
                 drawn.setdefault(layout.places, layout)
             return list(drawn.values())
+        if (self.number or 0) > len(layouts):
+            raise ProtocolError(
+                f"{self.number} trials of {self.schema.name} are asked for and {len(layouts)} "
+                f"layouts of {len(self.schema.levers)} levers are published; ask for at most "
+                f"{len(layouts)} trials, or for layouts: random"
+            )
         order = generator.permutation(len(layouts)) if self.shuffle else np.arange(len(layouts))
         return [layouts[index] for index in order[:number]]
 

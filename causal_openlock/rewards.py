@@ -89,7 +89,8 @@ class Events:
         """
         positions = tables.positions
         lever = action < 2 * positions
-        active = tables.active[row, np.where(lever, action % positions, 0)]
+        # Beside what is pushed, an observation shows what is active.
+        active = tables.observation[row, positions + np.where(lever, action % positions, 0)] == 1
         never = np.zeros(len(row), dtype=bool)
         return cls(
             first=tables.used[row] == 0,

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
 import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
 
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment import Cell, Experiment
+from causal_openlock.files import write_text
 from causal_openlock.learner_registry import create
 from causal_openlock.session import Session
 from causal_openlock.store import Store
-from causal_openlock.yaml_file import write_text
 
 # One thread for each worker: the cores are shared out by cells, and the matrices are small.
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -50,7 +51,7 @@ def play_cell(cell: Cell, folder: str) -> int:
         record = session.play(create(cell.entry.learner, cell.entry.parameters))
     except OpenLockError as error:
         raise LearnerError(f"{cell.entry.name} in {cell.condition.name}: {error}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         kept = Path(folder) / "errors" / f"{cell.name}.txt"
         write_text(kept, traceback.format_exc())
         said = " ".join(str(error).split())[:200]
@@ -87,31 +88,43 @@ def run(
     """
     store = Store(folder)
     store.open(experiment)
-    store.sweep()
-    pending = []
-    for cell in experiment.cells():
-        fault = store.check(cell)
-        if fault is None:
-            if done:
-                done(cell, True)
-            continue
-        if fault != "missing" and warn:
-            warn(f"{fault}; its cell is run again")
-        pending.append(cell)
-    if not pending:
-        return store
-    with _executor(executor, min(workers or _cores(), len(pending))) as pool:
-        futures = {pool.submit(play_cell, cell, str(folder)): cell for cell in pending}
-        try:
-            for future in as_completed(futures):
-                future.result()
+    try:
+        pending = []
+        for cell in experiment.cells():
+            fault = store.check(cell)
+            if fault is None:
                 if done:
-                    done(futures[future], False)
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            raise
+                    done(cell, True)
+                continue
+            if fault != "missing" and warn:
+                warn(f"{fault}; its cell is run again")
+            pending.append(cell)
+        if pending:
+            with _executor(executor, min(workers or _cores(), len(pending))) as pool:
+                _play(pool, pending, store.folder.resolve(), done)
+    finally:
+        store.close()
     return store
+
+
+def _play(
+    pool: Executor, cells: list[Cell], folder: Path, done: Callable[[Cell, bool], None] | None
+) -> None:
+    futures = {pool.submit(play_cell, cell, str(folder)): cell for cell in cells}
+    try:
+        for future in as_completed(futures):
+            future.result()
+            if done:
+                done(futures[future], False)
+    except BrokenExecutor:
+        raise LearnerError(
+            "a worker process ended without a word (killed, out of memory, or a learner that ends "
+            "its process); run the same command again, perhaps with fewer --workers: it goes on "
+            "where it was"
+        ) from None
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 @contextmanager
@@ -124,11 +137,14 @@ def _executor(executor: Executor | None, workers: int) -> Iterator[Executor]:
     try:
         # Fresh processes: a forked torch or Arrow may hang.
         context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_watch_parent)
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker)
+        others = set(multiprocessing.active_children())
         try:
             yield pool
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.terminate()
             raise
         pool.shutdown()
     finally:
@@ -139,8 +155,9 @@ def _executor(executor: Executor | None, workers: int) -> Iterator[Executor]:
                 os.environ[name] = value
 
 
-def _watch_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever; let it end instead."""
+def _start_worker() -> None:
+    """Leave Ctrl-C to the parent, and end when it has ended, however that happened."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
 

@@ -7,10 +7,11 @@ A lever without causes moves freely; a lever with causes moves, either way, only
 holds. The door is unlocked exactly while its gate holds: its lock is a function of where the
 levers stand now.
 
-The *strength* of an edge is the probability that an enabled push takes effect through it. Each
-pushed cause transmits on its own with its strength, and the push takes effect if as many transmit
-as the gate asks for: a noisy-OR under ``any``, a noisy-AND under ``all``. Strengths on edges into
-the door are about pushing the door open; whether it is unlocked never depends on chance.
+The *strength* of an edge is the probability that an enabled push or pull takes effect through it.
+Each pushed cause transmits on its own with its strength, and the push or pull takes effect if as
+many transmit as the gate asks for: a noisy-OR under ``any``, a noisy-AND under ``all``. Strengths
+on edges into the door are about pushing the door open; whether it is unlocked never depends on
+chance.
 
 What a learner has to find out is derived from the graph, never typed by hand: the *solutions*,
 minimal sets of levers whose pushes unlock the door, and how long an attempt must be for each of

@@ -22,11 +22,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
+from pydantic import Field, ValidationError, WrapValidator
 from pydantic_core import PydanticCustomError
 
 from causal_openlock.errors import FileError, OpenLockError, SchemaError, nearest
-from causal_openlock.model_faults import described, sentence
+from causal_openlock.files import write_text
+from causal_openlock.model_faults import StrictModel, described, sentence
 from causal_openlock.schema import DOOR, MAX_LEVERS, NAME, Gate, Schema
 from causal_openlock.yaml_edit import rewritten, styled
 from causal_openlock.yaml_file import (
@@ -34,18 +35,13 @@ from causal_openlock.yaml_file import (
     dump_yaml,
     parse_document,
     read_document,
-    write_text,
 )
 
 PACKAGE = Path(__file__).parent
 JSON_SCHEMA_ID = "https://json-schema.org/draft/2020-12/schema"
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class Edge(_Strict):
+class Edge(StrictModel):
     """What can be said of one edge."""
 
     strength: Annotated[
@@ -54,7 +50,7 @@ class Edge(_Strict):
     ] = 1.0
 
 
-class AtLeast(_Strict):
+class AtLeast(StrictModel):
     """A gate that holds while at least so many causes are pushed."""
 
     at_least: Annotated[int, Field(ge=1, le=MAX_LEVERS)]
@@ -99,7 +95,7 @@ GateName = Annotated[
 ]
 
 
-class SchemaFile(_Strict):
+class SchemaFile(StrictModel):
     """A causal schema of levers and a door."""
 
     name: Annotated[
@@ -121,10 +117,10 @@ class SchemaFile(_Strict):
     gates: Annotated[
         dict[str, GateName],
         Field(description="How a node combines its causes; `any` where not given."),
-    ] = {}
+    ] = Field(default_factory=dict)
     inert: Annotated[
         list[str], Field(description="Levers that are meant to lie on no path to the door.")
-    ] = []
+    ] = Field(default_factory=list)
 
     def schema_(self) -> Schema:
         """The schema that this file declares."""

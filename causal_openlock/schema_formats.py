@@ -35,11 +35,12 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, SchemaError, nearest
+from causal_openlock.files import write_text
 from causal_openlock.fsm import gate_chance
 from causal_openlock.graph_text import dagitty_text, dot_text, parse_graph
 from causal_openlock.schema import DOOR, NAME, Schema
 from causal_openlock.schema_file import dump_schema, parse_schema, schema_from_dict
-from causal_openlock.yaml_file import MAX_BYTES, write_text
+from causal_openlock.yaml_file import MAX_BYTES
 
 if TYPE_CHECKING:
     from pgmpy.models import DiscreteBayesianNetwork
@@ -152,9 +153,11 @@ def read_schema_as(path: Path | str, format: str | None = None) -> Schema:
 
 
 def _format(name: str) -> Format:
-    if name not in FORMATS:
-        raise OpenLockError(f"there is no schema format {name!r}; {nearest(name, FORMATS)}")
-    return FORMATS[name]
+    """A format by its name, or by the ending of its files."""
+    for format in FORMATS.values():
+        if name == format.name or f".{name}" in format.suffixes:
+            return format
+    raise OpenLockError(f"there is no schema format {name!r}; {nearest(name, FORMATS)}")
 
 
 def _format_of(path: Path | str) -> str:

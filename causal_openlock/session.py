@@ -11,15 +11,16 @@ the same loop by hand, for a notebook or a person.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from causal_openlock.errors import LearnerError, ProtocolError
 from causal_openlock.fsm import BoolArray, IntArray
 from causal_openlock.learner import Brief, Console, InformedLearner, Learner, Step, Truth, View
-from causal_openlock.protocol import Condition, Protocol, plan
+from causal_openlock.protocol import Condition, Protocol, Visit, plan
 from causal_openlock.randomness import Streams, generators
 from causal_openlock.record import AttemptLog, assemble
 from causal_openlock.reward_table import RewardTable
@@ -78,14 +79,15 @@ class Session:
         environment = generators(seed, f"environment/{condition.name}", numbers)
         visits = [plan(condition, protocol, generator) for generator in environment]
         self._tables = RoomTables(max(positions_for(schema) for schema in condition.schemas))
-        self._rooms = self._stack(visits)
+        self._rooms, layouts = self._stack(visits)
+        schemas = [room.schema.name for room in self._tables.rooms]
         self._visits = {
             "phase": np.array([[visit.phase for visit in row] for row in visits], dtype=object),
             "loop": np.array([[visit.loop for visit in row] for row in visits], dtype=np.int32),
             "trial": np.array([[visit.trial for visit in row] for row in visits], dtype=np.int32),
-            "schema": self._by_room(lambda room: room.schema.name),
-            "layout": self._by_room(lambda room: room.layout.name),
-            "solutions": self._by_room(lambda room: len(room.schema.solutions)),
+            "schema": np.array(schemas, dtype=object)[self._rooms],
+            "layout": layouts,
+            "solutions": self._tables.solutions.astype(np.int16)[self._rooms],
         }
         self._luck = Streams(environment) if self._tables.stochastic else None
         self._reward = RewardTable(find_reward(reward), self._tables)
@@ -102,11 +104,15 @@ class Session:
         self._clock = time.perf_counter()
         self._begin()
 
-    def _stack(self, visits: list[list[Any]]) -> IntArray:
-        """``[B, T]`` index of the room of each trial, each distinct room stacked once."""
+    def _stack(self, visits: list[list[Visit]]) -> tuple[IntArray, NDArray[np.object_]]:
+        """``[B, T]`` index of the room of each trial, and ``[B, T]`` the name of its layout.
+
+        Layouts of different names can put the levers in the same places, and are then one room:
+        what a trial's layout is called is for the trial to say, and not for the room.
+        """
         positions, protocol = self._tables.positions, self.protocol
         limits = {schema: protocol.actions_for(schema) for schema in self.condition.schemas}
-        distinct: dict[Any, int] = {}
+        distinct: dict[tuple[int, Layout], int] = {}
         rooms: list[tuple[Schema, Layout, int]] = []
         for row in visits:
             for visit in row:
@@ -115,14 +121,11 @@ class Session:
                     distinct[key] = len(rooms)
                     layout = visit.layout.in_room(positions)
                     rooms.append((visit.schema, layout, limits[visit.schema]))
-        index = self._tables.add(rooms)
-        return np.array(
-            [[index[distinct[id(visit.schema), visit.layout]] for visit in row] for row in visits]
+        which = np.array(
+            [[distinct[id(visit.schema), visit.layout] for visit in row] for row in visits]
         )
-
-    def _by_room(self, tell: Callable[[Any], Any]) -> Any:
-        told = [tell(room) for room in self._tables.rooms]
-        return np.array(told, dtype=object if isinstance(told[0], str) else np.int16)[self._rooms]
+        names = np.array([layout.name for _, layout, _ in rooms], dtype=object)
+        return self._tables.add(rooms)[which], names[which]
 
     def _begin(self) -> None:
         subjects, tables = self.subjects, self._tables
@@ -159,11 +162,6 @@ class Session:
         """What is latent; for informed learners and for analysis."""
         return Truth(rooms=tuple(self._tables.rooms), room=self._room.copy())
 
-    @property
-    def progress(self) -> float:
-        """Share of the trials that are over, from 0 to 1."""
-        return float(self._visit.sum()) / self._rooms.size
-
     def _perceive(self) -> View:
         tables = self._tables
         left = tables.solutions[self._room] - self._found_count
@@ -182,12 +180,8 @@ class Session:
 
     # -- the loop -------------------------------------------------------------------------------
 
-    def play(self, learner: Learner, progress: Callable[[float], None] | None = None) -> pa.Table:
+    def play(self, learner: Learner) -> pa.Table:
         """Let a learner play to the end.
-
-        Args:
-            learner: What plays.
-            progress: Called now and then with the share of the trials that are over.
 
         Returns:
             The record, sorted by subject and time.
@@ -199,15 +193,11 @@ class Session:
         informed = learner if isinstance(learner, InformedLearner) else None
         if informed:
             informed.inform(self.truth)
-        told = time.monotonic()
         while not self.over:
             step = self.step(learner.act(self._view))
             learner.learn(step)
             if informed and step.trial_over.any():
                 informed.inform(self.truth)
-            if progress and time.monotonic() - told > 0.2:
-                told = time.monotonic()
-                progress(self.progress)
         return self.record()
 
     def step(self, action: Any) -> Step:
@@ -244,15 +234,15 @@ class Session:
         trial_over = np.zeros(self.subjects, dtype=bool)
         new_solution = np.zeros(self.subjects, dtype=bool)
         ended = np.flatnonzero(attempt_over)
-        outcome = None
+        # Before rooms are put back, and an array of its own: a learner may write to it.
+        outcome = tables.observation.take(after, axis=0)
         if len(ended):
-            outcome = tables.observation.take(after, axis=0)  # before the rooms are put back
             self._end_attempts(ended, trial_over, new_solution)
         self._view = self._perceive()
         return Step(
             view=view,
             action=action,
-            outcome=self._view.observation if outcome is None else outcome,
+            outcome=outcome,
             reward=reward,
             attempt_over=attempt_over,
             trial_over=trial_over,

@@ -3,34 +3,36 @@
 ::
 
     DIR/
-      experiment.json       everything that determines the results
+      experiment.json       everything that determines the results, and the files they are in
       cells/                one file a cell; its name ends with the cell's identity
       report.html  summary.csv  figures/
+      errors/               tracebacks of learners that failed
 
-A cell's file is complete or not there: it is written under another name, then renamed. So a
-comparison killed at any moment goes on where it was. A file that does not read back as what was
-written, for whatever reason, is told apart by its checksums and its cell is run again.
+A cell's file is complete or not there, so a comparison killed at any moment goes on where it was.
+A file that does not read back as what was written, for whatever reason, is told by its checksums,
+and its cell is run again. One process at a time works in a folder: it holds a lock on it, which the
+system takes back when the process ends, however it ends.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import platform
-import tempfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
-from causal_openlock.errors import StoreError
+from causal_openlock import __version__
+from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment import Cell, Experiment
-from causal_openlock.yaml_file import write_text
+from causal_openlock.files import PARTIAL, replacing, sweep, write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 IDENTITY = b"causal_openlock.cell"
-OURS = ("experiment.json", "cells", "report.html", "summary.csv", "figures", "errors")
+VERSIONS = b"causal_openlock.versions"
+LOCK = ".lock"
 
 
 class Store:
@@ -43,41 +45,84 @@ class Store:
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
         self.cells = self.folder / "cells"
+        self._lock: IO[bytes] | None = None
+
+    # -- the folder -----------------------------------------------------------------------------
 
     def open(self, experiment: Experiment) -> None:
         """Make the folder ready for an experiment: a new one, or the same one half done.
 
         Raises:
-            StoreError: If it holds something else, or cannot be written to.
+            StoreError: If it holds something else, is in use, or cannot be written to.
         """
         declared = self.folder / "experiment.json"
         try:
             if self.folder.exists() and not self.folder.is_dir():
                 raise StoreError(f"{self.folder} is a file; choose a folder for the results")
-            if declared.exists():
-                held = self.description()
-                if held.get("identity") != experiment.identity:
-                    raise StoreError(
-                        f"{self.folder} holds another experiment ({held.get('name')}, seed "
-                        f"{held.get('seed')}), or this one with other settings; choose another "
-                        "folder or remove this one"
-                    )
-            elif self.folder.exists() and any(self.folder.iterdir()):
+            if not declared.exists() and self._holds_something():
                 raise StoreError(
                     f"{self.folder} is not empty and holds no results; choose another folder"
                 )
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._take_lock()
+            # Where nothing is done yet, nothing is lost by another experiment.
+            if declared.exists() and any(self.cells.glob("*.parquet")):
+                self._check_same(experiment)
             else:
-                self.cells.mkdir(parents=True, exist_ok=True)
                 held = {
                     "identity": experiment.identity,
                     **experiment.as_dict(),
-                    "versions": _versions(),
+                    "cells": [cell.file_name for cell in experiment.cells()],
                 }
-                text = json.dumps(held, indent=1)
-                write_text(declared, text + "\n")
+                write_text(declared, json.dumps(held, indent=1) + "\n")
             self.cells.mkdir(exist_ok=True)
+            sweep(self.folder)
+            sweep(self.cells)
+        except StoreError:
+            raise
         except OSError as error:
-            raise _unusable(self.folder, error) from None
+            raise _unusable(self.folder, error.strerror) from None
+        except OpenLockError as error:
+            raise StoreError(str(error)) from None
+
+    def close(self) -> None:
+        """Let others work in the folder."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _holds_something(self) -> bool:
+        """Whether there is more in the folder than what a start cut short can have left."""
+        if not self.folder.exists():
+            return False
+        return any(path.name != LOCK and not path.match(PARTIAL) for path in self.folder.iterdir())
+
+    def _take_lock(self) -> None:
+        try:
+            import fcntl
+        except ImportError:  # a system without such locks
+            return
+        self.close()
+        lock = (self.folder / LOCK).open("wb")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            raise StoreError(
+                f"{self.folder} is in use by another comparison; wait for it, or choose another "
+                "folder"
+            ) from None
+        self._lock = lock
+
+    def _check_same(self, experiment: Experiment) -> None:
+        held = self.description()
+        if held["identity"] != experiment.identity:
+            made = f", made with version {held['version']}" * (held["version"] != __version__)
+            raise StoreError(
+                f"{self.folder} holds another experiment ({held['name']}, seed {held['seed']}"
+                f"{made}), or this one with other settings, schemas or learners; choose another "
+                "folder or remove this one"
+            )
 
     def description(self) -> dict[str, Any]:
         """The content of ``experiment.json``.
@@ -95,11 +140,14 @@ class Store:
             ) from None
         except ValueError:
             held = None
-        if not isinstance(held, dict):
+        needed = {"identity", "version", "name", "seed", "learners", "conditions", "cells"}
+        if not isinstance(held, dict) or not needed <= held.keys():
             raise StoreError(
                 f"{path} is damaged; restore it, or remove {self.folder} and compare again"
             )
         return held
+
+    # -- its cells ------------------------------------------------------------------------------
 
     def path(self, cell: Cell) -> Path:
         """Where a cell's record belongs."""
@@ -125,7 +173,7 @@ class Store:
         """A cell's record.
 
         Raises:
-            StoreError: If the file is damaged or belongs to another cell.
+            StoreError: If the file is missing, damaged, or belongs to another cell.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -134,11 +182,12 @@ class Store:
 
         try:
             table = pq.read_table(path, page_checksum_verification=True, memory_map=False)
+        except FileNotFoundError:
+            raise StoreError(f"{path} is missing; run compare again to make it") from None
         except (OSError, pa.ArrowException, ValueError) as error:
             said = " ".join(str(error).split())[:120]
             raise StoreError(f"{path} is damaged ({said})") from None
-        metadata = table.schema.metadata or {}
-        held = metadata.get(IDENTITY, b"").decode(errors="replace")
+        held = (table.schema.metadata or {}).get(IDENTITY, b"").decode(errors="replace")
         if identity is not None and held != identity:
             raise StoreError(f"{path} is damaged (it holds another cell)")
         if table.schema.names != record_schema().names:
@@ -154,56 +203,54 @@ class Store:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        metadata = {**(record.schema.metadata or {}), IDENTITY: cell.identity.encode()}
-        path, temporary = self.path(cell), ""
+        metadata = {
+            IDENTITY: cell.identity.encode(),
+            VERSIONS: json.dumps(_versions()).encode(),
+        }
+        path = self.path(cell)
         try:
-            self.cells.mkdir(parents=True, exist_ok=True)
-            handle, temporary = tempfile.mkstemp(dir=self.cells, prefix=".", suffix=".partial")
-            with os.fdopen(handle, "wb") as file:
+            with replacing(path) as file:
                 pq.write_table(
                     record.replace_schema_metadata(metadata),
                     file,
                     compression="zstd",
                     write_page_checksum=True,
                 )
-                file.flush()
-                os.fsync(file.fileno())
-            Path(temporary).replace(path)
-        except (OSError, pa.ArrowException) as error:
-            if temporary:
-                Path(temporary).unlink(missing_ok=True)
-            raise _unusable(path, error) from None
+        except (OpenLockError, pa.ArrowException) as error:
+            raise _unusable(path, " ".join(str(error.__cause__ or error).split())) from None
 
-    def sweep(self) -> None:
-        """Remove what killed runs have left half written."""
-        for partial in self.cells.glob(".*.partial"):
-            partial.unlink(missing_ok=True)
+    def record(self) -> tuple[pa.Table, dict[str, Any]]:
+        """The records of all cells as one, and what they are the record of.
 
-    def record(self, experiment: Experiment | None = None) -> pa.Table:
-        """The records of all cells as one, in the order of the cells.
-
-        Args:
-            experiment: Whose cells; by default every cell that the folder holds.
+        Returns:
+            The record, in the order of the cells; and :meth:`description` without the list of
+            files, but with ``versions`` of the packages that the cells were made with (a list
+            where they differ) and, if some cells are not there yet, ``missing_cells``.
 
         Raises:
-            StoreError: If there is none, or one is missing or damaged.
+            StoreError: If there is no cell, or one is damaged.
         """
         import pyarrow as pa
 
-        if experiment is not None:
-            paths = [self.path(cell) for cell in experiment.cells()]
-        else:
-            paths = sorted(self.cells.glob("*.parquet"))
-        if not paths:
+        description = self.description()
+        del description["identity"]
+        paths = [self.cells / name for name in description.pop("cells")]
+        there = [path for path in paths if path.exists()]
+        if not there:
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
-        tables = [self.read(path) for path in paths]
-        return pa.concat_tables([table.replace_schema_metadata(None) for table in tables])
+        tables = [self.read(path) for path in there]
+        missing = [path.stem for path in paths if path not in set(there)]
+        if missing:
+            description["missing_cells"] = missing
+        description["versions"] = _merged([table.schema.metadata or {} for table in tables])
+        record = pa.concat_tables([table.replace_schema_metadata(None) for table in tables])
+        return record, description
 
 
 def _versions() -> dict[str, str]:
-    """What the results are made with."""
+    """What a cell is made with."""
     versions = {"Python": platform.python_version()}
-    for package in ("causal-openlock", "numpy", "torch", "networkx", "gymnasium"):
+    for package in ("causal-openlock", "numpy", "torch", "networkx"):
         try:
             versions[package] = version(package)
         except PackageNotFoundError:
@@ -211,9 +258,20 @@ def _versions() -> dict[str, str]:
     return versions
 
 
-def _unusable(path: Path, error: Exception) -> StoreError:
-    said = getattr(error, "strerror", None) or " ".join(str(error).split())[:120]
+def _merged(metadata: list[dict[bytes, bytes]]) -> dict[str, str | list[str]]:
+    """The versions of all cells: a text where they agree, a list where they do not."""
+    found: dict[str, dict[str, None]] = {}
+    for one in metadata:
+        for package, number in json.loads(one.get(VERSIONS, b"{}")).items():
+            found.setdefault(package, {})[number] = None
+    return {
+        package: next(iter(numbers)) if len(numbers) == 1 else list(numbers)
+        for package, numbers in found.items()
+    }
+
+
+def _unusable(path: Path, said: str | None) -> StoreError:
     return StoreError(
-        f"{path} cannot be written ({said}); free some space or choose another folder, then run "
-        "the same command again: it goes on where it was"
+        f"{path} cannot be written ({said or 'the system does not say why'}); free some space or "
+        "choose another folder, then run the same command again: it goes on where it was"
     )

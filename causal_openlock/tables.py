@@ -3,13 +3,18 @@
 Every environment and every session steps rooms by the same gather. :class:`RoomTables` stacks the
 unrolled attempts of all rooms in use (:func:`causal_openlock.fsm.unroll`), re-indexed by position,
 into flat arrays. A room at some moment of an attempt is then a single integer, its *row*, and one
-step of B rooms is ``effect[row * A + action]``: what is seen, what is unlocked, and whether the
-attempt is over are further gathers by the new row.
+step of B rooms is one gather at ``row * A + action``: what is seen, what is unlocked, and whether
+the attempt is over are further gathers by the new row.
+
+A room takes ``8 * A`` bytes a row for where actions lead and little else. That is 4 kB for the
+paper's rooms and 8 MB for twelve levers in attempts of thirteen actions.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +47,10 @@ class RoomTables:
         positions: P.
 
     Attributes:
-        effect: ``[R * A]`` the row after an action that takes effect. Where the attempt is over,
-            any action puts the room back to its start.
-        chance: ``[R * A]`` the probability that it takes effect.
-        idle: ``[R]`` the row after an action that moves nothing, likewise.
+        chance: ``[R * A]`` the probability that an action takes effect; empty as long as no room
+            leaves anything to chance.
+        idle: ``[R]`` the row after an action that moves nothing; where the attempt is over, the
+            room is put back to its start.
         observation: ``[R, 2P + 2]`` what is seen, int8.
         over: ``[R]`` whether the attempt is over.
         used: ``[R]`` actions used so far in the attempt.
@@ -60,6 +65,8 @@ class RoomTables:
         start: ``[G]`` the row at which each room's attempts begin.
         solutions: ``[G]`` how many solutions each room has.
         action_limit: ``[G]`` how many actions an attempt has in each room.
+        twin: ``[G]`` the first room of the same schema and action limit: its rows are the same,
+            in the same order, and only its levers stand elsewhere.
         rooms: The rooms themselves.
         stochastic: Whether any room leaves something to chance.
     """
@@ -70,17 +77,18 @@ class RoomTables:
         self.rooms: list[Room] = []
         self.stochastic = False
         self._index: dict[RoomKey, int] = {}
-        self._attempts: dict[tuple[Schema, int], Attempt] = {}
+        self._twins: dict[tuple[Schema, int], int] = {}
+        self._attempts: list[Attempt] = []  # of each room; twins share one
         self._machines: dict[Schema, FSM] = {}
         width = 2 * positions + 2
-        self.effect: IntArray = np.zeros(0, np.int64)
         self.chance: FloatArray = np.zeros(0)
         self.idle: IntArray = np.zeros(0, np.int64)
         self.observation: NDArray[np.int8] = np.zeros((0, width), np.int8)
         self.over: BoolArray = np.zeros(0, bool)
         self.used: IntArray = np.zeros(0, np.int64)
         self.status: NDArray[np.uint8] = np.zeros(0, np.uint8)
-        # The row after an action and its status in one number, so that one gather finds both.
+        # [R * A] the row after an action that takes effect and the status there in one number, so
+        # that one gather finds both. Where the attempt is over, any action leads to the start.
         self._leads: IntArray = np.zeros(0, np.int64)
         self.state: IntArray = np.zeros(0, np.int64)
         self.unlocked: BoolArray = np.zeros(0, bool)
@@ -91,6 +99,7 @@ class RoomTables:
         self.start: IntArray = np.zeros(0, np.int64)
         self.solutions: IntArray = np.zeros(0, np.int64)
         self.action_limit: IntArray = np.zeros(0, np.int64)
+        self.twin: IntArray = np.zeros(0, np.int64)
 
     @property
     def rows(self) -> int:
@@ -98,9 +107,14 @@ class RoomTables:
         return len(self.over)
 
     @property
-    def active(self) -> BoolArray:
-        """``[R, P]`` whether the lever at each position is active, as its colour shows."""
-        return self.observation[:, self.positions : 2 * self.positions] == 1
+    def nbytes(self) -> int:
+        """Bytes that the arrays take."""
+        return sum(held.nbytes for held in vars(self).values() if isinstance(held, np.ndarray))
+
+    def rows_of(self, room: int) -> slice:
+        """The rows of a room."""
+        first = int(self.start[room])
+        return slice(first, first + len(self._attempts[room].state))
 
     def add(self, rooms: list[tuple[Schema, Layout, int]]) -> IntArray:
         """Stack rooms that are not there yet.
@@ -132,52 +146,58 @@ class RoomTables:
         return np.array([self._index[key] for key in keys], dtype=np.int64)
 
     def _stack(self, new: list[tuple[RoomKey, Layout]]) -> None:
-        parts: dict[str, list[NDArray[np.generic]]] = {}
-        first = self.rows
-        starts, solutions, limits = [], [], []
+        since, first = len(self.rooms), self.rows
+        starts, twins = [], []
         for key, layout in new:
-            schema = key.schema
-            fsm = self._machines.get(schema) or compile(schema)
-            self._machines[schema] = fsm
-            unrolled_as = (schema, key.action_limit)
-            attempt = self._attempts.get(unrolled_as) or unroll(fsm, key.action_limit)
-            self._attempts[unrolled_as] = attempt
-            columns = layout.role_actions()
-            rows = len(attempt.state)
-            effect = np.where(attempt.over[:, None], 0, attempt.effect)
-            status = _status(attempt)
-            leads = first + effect[:, columns] << STATUS_BITS | status[effect[:, columns]]
-            for name, part in (
-                ("effect", (first + effect[:, columns]).ravel()),
-                ("chance", attempt.chance[:, columns].ravel()),
-                ("idle", first + effect[:, -1]),
-                ("observation", layout.observations(fsm, attempt.state)),
-                ("over", attempt.over),
-                ("used", attempt.used),
-                ("status", status),
-                ("_leads", leads.ravel()),
-                ("state", attempt.state),
-                ("unlocked", fsm.unlocked[attempt.state]),
-                ("opened", fsm.opened[attempt.state]),
-                ("solution", fsm.solution[attempt.state]),
-                ("room", np.full(rows, len(self.rooms))),
-            ):
-                parts.setdefault(name, []).append(part)
-            parts.setdefault("begins", []).append(attempt.begins)
-            self.rooms.append(Room(fsm, layout))
+            twin = self._twins.setdefault((key.schema, key.action_limit), len(self.rooms))
+            attempt = self._attempts[twin] if twin < len(self.rooms) else self._unrolled(key)
+            self._attempts.append(attempt)
+            self.rooms.append(Room(attempt.fsm, layout))
             starts.append(first)
-            solutions.append(len(schema.solutions))
-            limits.append(key.action_limit)
-            self.stochastic |= not schema.deterministic
-            first += rows
-        most = max(self.begins.shape[1], *solutions)
-        parts["begins"] = [_widen(part, most) for part in parts["begins"]]
-        self.begins = _widen(self.begins, most)
-        for name, pieces in parts.items():
-            setattr(self, name, np.concatenate([getattr(self, name), *pieces]))
+            twins.append(twin)
+            first += len(attempt.state)
+        solutions = [len(key.schema.solutions) for key, _ in new]
+        limits = [key.action_limit for key, _ in new]
         self.start = np.concatenate([self.start, starts])
+        self.twin = np.concatenate([self.twin, twins])
         self.solutions = np.concatenate([self.solutions, solutions])
         self.action_limit = np.concatenate([self.action_limit, limits])
+        self.stochastic |= not all(key.schema.deterministic for key, _ in new)
+        self.begins = _widen(self.begins, int(self.solutions.max()))
+        for name, part in _PARTS.items():
+            self._extend(name, part, since)
+        self._extend("_leads", _leads, since, self.actions)
+        if self.stochastic:
+            # The first room that leaves something to chance asks it of those before, too.
+            self._extend("chance", _chance, since if len(self.chance) else 0, self.actions)
+
+    def _unrolled(self, key: RoomKey) -> Attempt:
+        if key.schema not in self._machines:
+            self._machines[key.schema] = compile(key.schema)
+        return unroll(self._machines[key.schema], key.action_limit)
+
+    def _extend(self, name: str, part: Part, since: int, each: int = 1) -> None:
+        """Lengthen an array by the parts of the rooms from ``since`` on, ``each`` values a row.
+
+        One array after the other and one room after the other: parts can be large.
+        """
+        kept = getattr(self, name)
+        rows = self.rows_of(len(self.rooms) - 1).stop
+        grown = np.empty((rows * each, *kept.shape[1:]), kept.dtype)
+        grown[: len(kept)] = kept
+        for room in range(since, len(self.rooms)):
+            mine = self.rows_of(room)
+            grown[mine.start * each : mine.stop * each] = part(self, room)
+        setattr(self, name, grown)
+
+    def effect(self, choice: IntArray) -> IntArray:
+        """``[B]`` the rows after actions that take effect.
+
+        Args:
+            choice: ``[B]`` what is done where, from :meth:`choice`.
+        """
+        led: IntArray = self._leads.take(choice) >> STATUS_BITS
+        return led
 
     def choice(self, row: IntArray, action: IntArray) -> IntArray:
         """``[B]`` index of an action at a row into everything that is ``[R * A]``."""
@@ -211,13 +231,59 @@ class RoomTables:
         return after, status
 
 
+# What a room contributes to each array.
+Part = Callable[[RoomTables, int], Any]
+
+
 def _status(attempt: Attempt) -> NDArray[np.uint8]:
     fsm, state = attempt.fsm, attempt.state
     left = np.where(attempt.over, 0, attempt.action_limit - attempt.used).astype(np.uint8)
     return left | UNLOCKED * fsm.unlocked[state] | OPENED * fsm.opened[state]
 
 
-def _widen(begins: NDArray[np.generic], width: int) -> BoolArray:
+def _of_attempt(tell: Callable[[Attempt], Any]) -> Part:
+    return lambda tables, room: tell(tables._attempts[room])
+
+
+def _leads(tables: RoomTables, room: int) -> IntArray:
+    attempt = tables._attempts[room]
+    effect = np.where(attempt.over[:, None], 0, attempt.effect)
+    leads = effect << STATUS_BITS | _status(attempt)[effect]
+    leads += tables.start[room] << STATUS_BITS
+    return leads[:, tables.rooms[room].layout.role_actions()].ravel()
+
+
+def _chance(tables: RoomTables, room: int) -> FloatArray:
+    chance = tables._attempts[room].chance
+    return chance[:, tables.rooms[room].layout.role_actions()].ravel()
+
+
+def _idle(tables: RoomTables, room: int) -> IntArray:
+    attempt = tables._attempts[room]
+    return np.where(attempt.over, 0, attempt.effect[:, -1]) + tables.start[room]
+
+
+def _observation(tables: RoomTables, room: int) -> NDArray[np.int8]:
+    attempt = tables._attempts[room]
+    return tables.rooms[room].layout.observations(attempt.fsm, attempt.state)
+
+
+_PARTS: dict[str, Part] = {
+    "idle": _idle,
+    "observation": _observation,
+    "over": _of_attempt(lambda attempt: attempt.over),
+    "used": _of_attempt(lambda attempt: attempt.used),
+    "status": _of_attempt(_status),
+    "state": _of_attempt(lambda attempt: attempt.state),
+    "unlocked": _of_attempt(lambda attempt: attempt.fsm.unlocked[attempt.state]),
+    "opened": _of_attempt(lambda attempt: attempt.fsm.opened[attempt.state]),
+    "solution": _of_attempt(lambda attempt: attempt.fsm.solution[attempt.state]),
+    "begins": lambda tables, room: _widen(tables._attempts[room].begins, tables.begins.shape[1]),
+    "room": lambda tables, room: room,
+}
+
+
+def _widen(begins: BoolArray, width: int) -> BoolArray:
     padded = np.zeros((len(begins), width), dtype=bool)
     padded[:, : begins.shape[1]] = begins
     return padded

@@ -12,8 +12,6 @@ keys that are no names, several documents in one file).
 from __future__ import annotations
 
 import io
-import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -121,12 +119,13 @@ class Document:
         try:
             return model.model_validate(_plain(self.data))
         except ValidationError as error:
+            faults = error.errors(include_url=False)
+            for fault in faults:
+                # <name>, <list>, <mapping>: which arm of a union was tried, no key of the file.
+                fault["loc"] = tuple(p for p in fault["loc"] if str(p)[:1] != "<")
             raise FileError(
                 self.path,
-                [
-                    self.fault(fault["loc"], sentence(fault, model))
-                    for fault in error.errors(include_url=False)
-                ],
+                [self.fault(fault["loc"], sentence(fault, model)) for fault in faults],
             ) from None
 
 
@@ -262,40 +261,6 @@ def _refusals(text: str) -> Iterator[tuple[Any, str]]:
 def _is_text(value: str) -> bool:
     """Whether no half of a surrogate pair is in it, which no file could hold."""
     return value.isascii() or not any("\ud800" <= character <= "\udfff" for character in value)
-
-
-def write_text(path: Path | str, text: str) -> None:
-    """Write a file so that a reader sees the old one or the new one, never a part.
-
-    Raises:
-        OpenLockError: If the folder cannot be written to or the disk is full; the old file stays.
-    """
-    write_bytes(path, text.encode("utf-8"))
-
-
-def write_bytes(path: Path | str, content: bytes) -> None:
-    """As :func:`write_text`, for bytes."""
-    path = Path(path)
-    temporary = ""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(temporary).chmod(0o666 & ~_umask())
-        Path(temporary).replace(path)
-    except OSError as error:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
-        raise OpenLockError(
-            f"{path}: cannot be written ({error.strerror}); free some space or choose another place"
-        ) from None
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current
 
 
 def dump_yaml(data: Any, width: int = 100) -> str:

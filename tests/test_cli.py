@@ -153,6 +153,44 @@ def _alive(pid: int) -> bool:
     return state != "Z"
 
 
+def test_a_comparison_stopped_by_hand_says_that_it_goes_on(slow: Path, tmp_path: Path) -> None:
+    going = subprocess.Popen(
+        command("compare", slow, "--out", "out", "--workers", "2", "--subjects", "400"),
+        cwd=tmp_path,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not list((tmp_path / "out" / "cells").glob("*.parquet")):
+        assert going.poll() is None
+        time.sleep(0.01)
+    os.killpg(going.pid, signal.SIGINT)  # as a terminal does
+    _, said = going.communicate(timeout=20)
+    assert going.returncode == 130
+    assert said == "error: stopped; the same command goes on where it was\n"
+
+
+def test_results_of_ones_own_choice_get_a_folder_of_their_own(tmp_path: Path) -> None:
+    words = ("compare", "-l", "oracle", "--subjects", 1, "--workers", 1)
+    folders = []
+    for condition in ("CC3", "CE3"):
+        openlock(*words, "-c", condition, cwd=tmp_path)
+        folders.append({path.name for path in (tmp_path / "results").iterdir()})
+    assert len(folders[0]) == 1
+    assert len(folders[1]) == 2
+    assert all(name.startswith("default-") for name in folders[1])
+
+
+def test_an_export_does_not_replace_a_file_unasked(tmp_path: Path) -> None:
+    at_once("schema", "new", "mine", cwd=tmp_path)
+    text = (tmp_path / "mine.yaml").read_text(encoding="utf-8")
+    words = ("schema", "export", "mine.yaml", "--format", "gml", "--out", "mine.yaml")
+    assert "exists already" in fails(*words, cwd=tmp_path)
+    assert (tmp_path / "mine.yaml").read_text(encoding="utf-8") == text
+    at_once(*words, "--force", cwd=tmp_path)
+
+
 def test_compare_prints_the_table_and_writes_the_report(tmp_path: Path) -> None:
     said = openlock(
         *("compare", "default", "--learner", "oracle", "--learner", "random"),
@@ -185,7 +223,7 @@ def test_a_schema_of_ones_own_is_compared_the_same_minute(tmp_path: Path) -> Non
         *("--subjects", 4, "--out", "out"),
         cwd=tmp_path,
     )
-    record = Store(tmp_path / "out").record().to_pandas()
+    record = Store(tmp_path / "out").record()[0].to_pandas()
     oracle = record[record["learner"] == "oracle"]
     assert set(oracle["schema"]) == {"vault"}
     assert set(oracle["category"]) == {"open1"}
@@ -287,7 +325,7 @@ def test_a_disk_that_fills_up_is_one_sentence_and_the_run_can_go_on(tmp_path: Pa
     assert "cannot be written" in said
     assert "goes on where it was" in said
     openlock(*words, cwd=tmp_path)
-    record = Store(tmp_path / "out").record()
+    record = Store(tmp_path / "out").record()[0]
     assert record["subject"].to_pylist()[-1] == 59
 
 

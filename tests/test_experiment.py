@@ -156,24 +156,44 @@ FAULTS = [
         "did you mean attempt_limit?",
     ),
     (
+        "conditions:\n  - name: own\n    tests: []\n    train: [{schema: CC3}]\nlearners: [random]",
+        4,
+        5,
+        "did you mean test?",
+    ),
+    (
+        "conditions:\n  - name: own\n    train: [{schema: CC3, layouts: rnd}]\nlearners: [random]",
+        4,
+        27,
+        "'published' or 'random'",
+    ),
+    ("conditions: [[CC3]]\nlearners: [random]", 2, 14, "write a name such as CC4"),
+    ("conditions: [CC3]\nlearners: [{name: x}]", 3, 12, "learner: is missing"),
+    (
+        "conditions: [CC3]\nlearners: [random]\nprotocols: {human: {attempt_limit: 3}}",
+        4,
+        13,
+        "choose another name",
+    ),
+    (
         "conditions:\n  - name: own\n    train:\n"
         "      - {schema: CC3, layouts: [{L0: LEFT, L1: LEFT, L2: UPPER}]}\nlearners: [random]",
-        3,
         5,
+        33,
         "two levers stand at LEFT",
     ),
     (
         "conditions:\n  - name: own\n    train: [{schema: CC3, layouts: [trial7]}]\n"
         "learners: [random]",
-        3,
-        5,
+        4,
+        37,
         "places 4 levers",
     ),
     (
         "conditions:\n  - name: own\n    train: [{schema: CC3, layouts: [trial1], trials: 2}]\n"
         "learners: [random]",
-        3,
-        5,
+        4,
+        46,
         "2 trials need as many layouts",
     ),
 ]
@@ -266,3 +286,38 @@ def test_schemas_in_the_working_directory_are_found_by_name(
     monkeypatch.chdir(tmp_path)
     experiment = read_experiment(path, Changes(conditions=["CC3-gate"]))
     assert experiment.conditions[0].test[0].schema.name == "gate"
+
+
+def test_an_edited_learner_is_another_learner(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = "from causal_openlock import OneSubjectLearner\nclass Mine(OneSubjectLearner):\n"
+    module = written(tmp_path, code + "    def act(self, seen):\n        return 1\n", "edited.py")
+    path = written(tmp_path, "name: e\nconditions: [CC3]\nlearners: ['edited:Mine']\n")
+    monkeypatch.chdir(tmp_path)
+    before = next(iter(read_experiment(path).cells()))
+    assert before.identity == next(iter(read_experiment(path).cells())).identity
+    module.write_text(module.read_text(encoding="utf-8").replace("1", "2"), encoding="utf-8")
+    assert before.identity != next(iter(read_experiment(path).cells())).identity
+
+
+def test_a_spelled_out_condition_is_chosen_by_its_name(tmp_path: Path) -> None:
+    text = "name: e\nconditions: [CC4, {name: mix, train: [{schema: CE3}]}]\nlearners: [random]\n"
+    experiment = read_experiment(written(tmp_path, text), Changes(conditions=["mix"]))
+    assert [condition.name for condition in experiment.conditions] == ["mix"]
+
+
+def test_the_command_that_runs_it_again_says_what_was_changed(tmp_path: Path) -> None:
+    path = written(tmp_path, SMALL)
+    assert read_experiment(path).command == f"causal-openlock compare {path}"
+    changed = read_experiment(path, Changes(conditions=["CC4", "CE4"], learners=["slow"], seed=1))
+    assert changed.command == (
+        f"causal-openlock compare {path} --condition CC4 --condition CE4 --learner slow --seed 1"
+    )
+    assert changed.title == "slow in CC4 and CE4"
+
+
+def test_the_protocol_of_the_command_line_is_every_learners(tmp_path: Path) -> None:
+    text = SMALL.replace("subjects: 3}", "protocol: human}")
+    experiment = read_experiment(written(tmp_path, text), Changes(protocol="rl"))
+    assert {entry.protocol.name for entry in experiment.entries} == {"rl"}

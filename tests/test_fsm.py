@@ -97,7 +97,6 @@ def agrees(fsm: FSM, state: int, action: int) -> None:
     after, chance = effect_by_hand(schema, seen, actions_of(schema)[action])
     assert seen_in(fsm, fsm.next_state[state, action]) == after
     assert fsm.chance[state, action] == pytest.approx(chance, rel=1e-9)
-    assert fsm.moved[state, action] == (after != seen)
     assert (fsm.chance[state, action] > 0) == (after != seen)
 
 
@@ -151,7 +150,7 @@ def test_machines_of_up_to_twelve_levers_agree_in_samples(schema: Schema, seed: 
 def test_certain_strengths_leave_nothing_to_chance(schema: Schema) -> None:
     fsm = compile(schema)
     assert set(np.unique(fsm.chance)) <= {0.0, 1.0}
-    assert np.array_equal(fsm.chance == 1.0, fsm.moved)
+    assert np.array_equal(fsm.chance == 1.0, fsm.next_state != np.arange(fsm.states)[:, None])
 
 
 def test_the_solutions_are_the_states_that_pushing_them_leads_to() -> None:
@@ -292,7 +291,7 @@ def agrees_with(attempt: Any, row: int, history: History) -> None:
     assert attempt.over[row] == history.over
     begins = [history.begins(solution) for solution in schema.solutions]
     assert attempt.begins[row].tolist() == begins
-    assert attempt.on_path[row] == any(begins)
+    assert attempt.begins[row].any() == any(begins)
     if not history.over:
         for index, action in enumerate(actions_of(schema)):
             _, chance = effect_by_hand(schema, history.seen, action)
@@ -332,7 +331,7 @@ def test_an_inert_push_on_the_way_leaves_the_path_but_opens_the_door() -> None:
     for action in (0, 2, 1):
         row = attempt.effect[row, action]
     assert attempt.fsm.solution[attempt.state[row]] == 0
-    assert not attempt.on_path[row]
+    assert not attempt.begins[row].any()
     row = attempt.effect[row, attempt.fsm.actions - 1]
     assert attempt.fsm.opened[attempt.state[row]]
-    assert not attempt.on_path[row]
+    assert not attempt.begins[row].any()

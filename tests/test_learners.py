@@ -136,12 +136,11 @@ class TestTally(LearnerContract):
 class Scripted(OneSubjectLearner):
     """Follows a script and writes down what it is told."""
 
-    scripts = ()
+    scripts = iter(())
 
     def begin(self) -> None:
         self.moments: list[Moment] = []
-        number = next(i for i, g in enumerate(self.brief.generators) if g is self.generator)
-        self.script = iter(self.scripts[number])
+        self.script = next(self.scripts)
 
     def act(self, observation):
         return next(self.script)
@@ -155,7 +154,8 @@ def test_a_player_is_told_what_its_own_action_led_to() -> None:
     layout = Layout.of(cc3, {"L0": "UPPER", "L1": "LEFT", "L2": "LOWER"})
     condition = Condition("room", (Trials(cc3, (layout,)),))
     # Positions: UPPER 1, LEFT 3, LOWER 5. The first subject solves it all, and is done.
-    Scripted.scripts = ([1, 3, 14, 1, 5, 14], [1, 8, 6, 14, 14, 3] + [0] * 6)
+    scripts = ([1, 3, 14, 1, 5, 14], [1, 8, 6, 14, 14, 3] + [0] * 6)
+    Scripted.scripts = iter(map(iter, scripts))
     play = Session(condition, replace(HUMAN, attempt_limit=4), 2)
     chorus = Chorus(Scripted)
     play.play(chorus)
@@ -180,6 +180,18 @@ def test_a_player_is_told_what_its_own_action_led_to() -> None:
     assert first[2].outcome.tolist() == [0, 1, 0, 1, 0, 0, 0, *colours, 0, 1]
     assert first[3].observation.tolist() == closed  # the room was put back
     assert second[1].outcome.tolist() == closed  # UPPER was pulled back
+
+
+def test_a_player_is_briefed_on_its_own_subject_and_on_no_other() -> None:
+    chorus, play = Chorus(Tally), session("CC3", subjects=3)
+    chorus.begin(play.brief)
+    for player, generator in zip(chorus._players, play.brief.generators, strict=True):
+        assert player.brief == replace(play.brief, subjects=1, generators=(generator,))
+        assert player.generator is generator
+    # A checkpoint holds the generator once, also where a player draws from the brief's.
+    chorus.load_state_dict(chorus.state_dict())
+    for player in chorus._players:
+        assert player.brief.generators == (player.generator,)
 
 
 @pytest.mark.parametrize("answer", [2.7, None, "3", np.array([1, 2])])

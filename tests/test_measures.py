@@ -1,18 +1,17 @@
-"""Measures, statistics and summary, against hand-worked examples and plain loops."""
+"""Attempts to solve and counts of categories, against hand-worked examples and plain loops."""
 
 from __future__ import annotations
 
 import itertools
 import math
 import time
-import warnings
 from collections import Counter, defaultdict
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+from fabricated_records import big_record, random_cells, table, trial_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,106 +23,13 @@ from causal_openlock.analysis.measures import (
     number_visits,
     ordered,
 )
-from causal_openlock.analysis.statistics import mean_interval, mean_intervals
 from causal_openlock.analysis.summary import (
     SUMMARY_COLUMNS,
     headline_table,
-    people,
     summary_table,
-    write_summary,
 )
 from causal_openlock.errors import StoreError
-from causal_openlock.record import CATEGORIES, categorise, record_schema
-
-Row = dict[str, Any]
-
-
-def trial_rows(found: list[int], solutions: int = 3, **values: Any) -> list[Row]:
-    """The attempts of one trial, by how many solutions are found after each of them."""
-    rows = []
-    for number, (before, after) in enumerate(itertools.pairwise([0, *found]), 1):
-        new = after > before
-        category = f"open{min(after, 3)}" if new else values.get("otherwise", "else")
-        rows.append(
-            {
-                "experiment": "fabricated",
-                "learner": "a",
-                "condition": "CC4",
-                "protocol": "human",
-                "subject": 0,
-                "seed": 1,
-                "phase": "train",
-                "loop": 1,
-                "trial": 1,
-                "schema": "CC4",
-                "layout": "trial1",
-                "actions": [0, 1, 14],
-                "moved": [True, True, new],
-                "reward": 0.0,
-                "wall_time": 0.1 * number,
-                **{name: value for name, value in values.items() if name != "otherwise"},
-                "attempt": number,
-                "unlocked": category != "else",
-                "opened": category.startswith("open"),
-                "solution": after - 1 if new else -1,
-                "new_solution": new,
-                "solutions_found": after,
-                "solutions": solutions,
-                "category": category,
-            }
-        )
-    return rows
-
-
-def table(rows: list[Row]) -> pa.Table:
-    """Rows as a record."""
-    columns = {}
-    for field in record_schema():
-        kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
-        column = pa.array([row[field.name] for row in rows], kind)
-        columns[field.name] = (
-            column.dictionary_encode() if pa.types.is_dictionary(field.type) else column
-        )
-    return pa.table(columns, schema=record_schema())
-
-
-def random_cells(
-    seed: int,
-    *,
-    learners: tuple[str, ...] = ("b", "a"),
-    conditions: tuple[str, ...] = ("CE4", "CC3-CC4", "own"),
-    protocols: tuple[str, ...] = ("human", "loops"),
-    subjects: int = 3,
-    limit: int = 6,
-) -> list[pa.Table]:
-    """Cells of random attempts; under ``loops`` trials go on after they are solved."""
-    rng = np.random.default_rng(seed)
-    cells = []
-    for learner, condition, protocol in itertools.product(learners, conditions, protocols):
-        rows: list[Row] = []
-        loops = 1 if protocol == "human" else 2
-        visits = [("train", loop, trial) for loop in range(1, loops + 1) for trial in (1, 2, 3)]
-        if "-" in condition:
-            visits += [("test", loop, 1) for loop in range(1, loops + 1)]
-        for subject, (phase, loop, trial) in itertools.product(range(subjects), visits):
-            found: list[int] = []
-            while len(found) < limit and not (protocol == "human" and found[-1:] == [3]):
-                step = int(rng.random() < 0.4)
-                found.append(min(3, (found[-1] if found else 0) + step))
-            rows += trial_rows(
-                found,
-                learner=learner,
-                condition=condition,
-                protocol=protocol,
-                subject=subject,
-                phase=phase,
-                loop=loop,
-                trial=trial,
-                layout=f"layout{rng.integers(3)}",
-                otherwise=str(rng.choice(["else", "unlock", "open1"])),
-            )
-        cells.append(table(rows))
-    return cells
+from causal_openlock.record import CATEGORIES
 
 
 @pytest.fixture(scope="module")
@@ -131,51 +37,7 @@ def random_record() -> pa.Table:
     return pa.concat_tables(random_cells(7))
 
 
-def big_record(attempts: int) -> pa.Table:
-    """A record of about so many attempts, made with NumPy: 8 cells, 300 attempts a trial."""
-    rng = np.random.default_rng(0)
-    trials = attempts // 8 // 300
-    rows = trials * 300
-    attempt = np.tile(np.arange(1, 301, dtype=np.int32), trials)
-    visit = np.repeat(np.arange(trials), 300)
-    chance = rng.random((trials, 300)) < 0.01
-    found = np.minimum(np.cumsum(chance, axis=1), 3).ravel()
-    new = np.diff(found.reshape(trials, 300), axis=1, prepend=0).ravel() > 0
-    category = categorise(rng.random(rows) < 0.3, new, new, found)
-
-    def name(text: str) -> pa.Array:
-        return pa.DictionaryArray.from_arrays(np.zeros(rows, np.int32), [text])
-
-    cells = []
-    for condition, learner in itertools.product(("CC4", "CE4"), "abcd"):
-        columns = {
-            "experiment": name("e"),
-            "learner": name(learner),
-            "condition": name(condition),
-            "protocol": name("rl"),
-            "phase": name("train"),
-            "schema": name(condition),
-            "layout": name("trial1"),
-            "category": pa.DictionaryArray.from_arrays(category.astype(np.int32), list(CATEGORIES)),
-            "subject": visit // 50,
-            "loop": visit % 50 // 5 + 1,
-            "trial": visit % 5 + 1,
-            "attempt": attempt,
-            "solutions_found": found,
-            "solutions": np.full(rows, 3),
-            "new_solution": new,
-        }
-        fields = [field for field in record_schema() if field.name in columns]
-        cells.append(
-            pa.table(
-                [pa.array(columns[field.name]).cast(field.type) for field in fields],
-                schema=pa.schema(fields),
-            ).append_column("seed", pa.array(np.ones(rows, np.int64)))
-        )
-    return pa.concat_tables(cells)
-
-
-# -- attempts to solve --------------------------------------------------------------------------
+# -- attempts to solve ----------------------------------------------------------------------------
 
 
 def test_attempts_of_three_trials_worked_by_hand() -> None:
@@ -277,7 +139,21 @@ def test_an_empty_record_has_empty_tables() -> None:
     assert headline_table(record).empty
 
 
-# -- categories ---------------------------------------------------------------------------------
+def test_loops_are_averaged_within_a_subject_first() -> None:
+    rows = []
+    for subject, lengths in enumerate([[3, 5], [4, 8], [6]]):  # the last made one loop only
+        for loop, length in enumerate(lengths, 1):
+            found = [0] * (length - 3) + [1, 2, 3]
+            rows += trial_rows(found, subject=subject, loop=loop, protocol="loops")
+    trials = attempts_to_solve(table(rows))
+    assert by_subject(trials, ["phase", "trial"])["attempts"].tolist() == [4, 6, 6]
+    (means,) = mean_by_trial(trials).to_dict("records")
+    assert means["mean"] == pytest.approx(16 / 3)
+    assert means["se"] == pytest.approx(math.sqrt(8 / 9) / math.sqrt(3))  # population SD
+    assert (means["subjects"], means["visits"], means["share_solved"]) == (3, 2, 1.0)
+
+
+# -- categories -----------------------------------------------------------------------------------
 
 
 def test_counts_of_ten_attempts_in_blocks_worked_by_hand() -> None:
@@ -321,158 +197,7 @@ def test_blocks_must_be_positive(random_record: pa.Table) -> None:
         category_counts(random_record, 0)
 
 
-# -- means and intervals ------------------------------------------------------------------------
-
-
-def test_loops_are_averaged_within_a_subject_first() -> None:
-    rows = []
-    for subject, lengths in enumerate([[3, 5], [4, 8], [6]]):  # the last made one loop only
-        for loop, length in enumerate(lengths, 1):
-            found = [0] * (length - 3) + [1, 2, 3]
-            rows += trial_rows(found, subject=subject, loop=loop, protocol="loops")
-    trials = attempts_to_solve(table(rows))
-    assert by_subject(trials, ["phase", "trial"])["attempts"].tolist() == [4, 6, 6]
-    (means,) = mean_by_trial(trials).to_dict("records")
-    assert means["mean"] == pytest.approx(16 / 3)
-    assert means["se"] == pytest.approx(math.sqrt(8 / 9) / math.sqrt(3))  # population SD
-    assert (means["subjects"], means["visits"], means["share_solved"]) == (3, 2, 1.0)
-
-
-def test_bootstrap_interval_covers_what_it_should() -> None:
-    rng = np.random.default_rng(1)
-    samples = rng.normal(10, 2, size=(300, 40))
-    low, high = mean_interval(samples, np.random.default_rng(2), resamples=500)
-    assert 0.89 < ((low < 10) & (high > 10)).mean() < 0.98
-    assert np.median(high - low) == pytest.approx(2 * 1.96 * 2 / math.sqrt(40), rel=0.1)
-
-
-def test_intervals_without_spread_or_company() -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        low, high = mean_interval(np.full((2, 7), 0.1), np.random.default_rng(0))
-        assert (low == 0.1).all()
-        assert (high == 0.1).all()
-        for shape in ((3, 1), (3, 0), (0, 5)):
-            low, high = mean_interval(np.zeros(shape), np.random.default_rng(0))
-            assert low.shape == high.shape == shape[:1]
-            assert np.isnan([*low, *high]).all()
-
-
-def test_a_groups_interval_does_not_depend_on_the_others() -> None:
-    rng = np.random.default_rng(5)
-    frame = pd.DataFrame({"group": np.repeat([*"abcd"], [10, 10, 10, 4]), "x": rng.random(34)})
-    together = mean_intervals(frame, ["group"], "x").set_index("group")
-    for name in "abcd":
-        alone = mean_intervals(frame[frame["group"] == name], ["group"], "x").set_index("group")
-        assert alone.loc[name].tolist() == pytest.approx(together.loc[name].tolist(), rel=1e-12)
-
-
-# -- summary and headline -----------------------------------------------------------------------
-
-
-def test_people_are_the_published_means() -> None:
-    table = people().set_index(["condition", "phase", "trial"])
-    assert len(table) == 14
-    assert table.loc[("CC4", "train", 1)].tolist() == [19.375, 1.509]
-    assert table.loc[("CE4", "train", 5)].tolist() == [9.425, 1.074]
-    assert table.loc[("CC3-CE4", "test", 1)].tolist() == [13.75, 1.162]
-
-
-def test_summary_beside_people_worked_by_hand() -> None:
-    rows = []
-    for subject, length in enumerate([4, 6]):
-        rows += trial_rows([0] * (length - 3) + [1, 2, 3], subject=subject)
-        rows += trial_rows([1] * 30, subject=subject, trial=2)
-        for phase in ("train", "test"):
-            rows += trial_rows([1, 2, 3], subject=subject, condition="CE3-CC4", phase=phase)
-        rows += trial_rows([1, 2, 3], subject=subject, protocol="rl")
-        rows += trial_rows([1, 2, 3], subject=subject, condition="mine")
-    summary = summary_table(table(rows)).set_index(["condition", "protocol", "phase", "trial"])
-    assert len(summary) == 6
-    first = summary.loc[("CC4", "human", "train", 1)]
-    assert (first["attempts"], first["se"]) == (5.0, pytest.approx(1 / math.sqrt(2)))
-    assert (first["ci_low"], first["ci_high"], first["share_solved"]) == (4.0, 6.0, 1.0)
-    assert (first["human_attempts"], first["human_se"]) == (19.375, 1.509)
-    assert first["difference"] == -14.375
-    second = summary.loc[("CC4", "human", "train", 2)]
-    assert (second["attempts"], second["share_solved"]) == (30.0, 0.0)
-    assert summary.loc[("CE3-CC4", "human", "test", 1), "human_attempts"] == 8.175
-    for incomparable in (
-        ("CE3-CC4", "human", "train", 1),
-        ("CC4", "rl", "train", 1),
-        ("mine", "human", "train", 1),
-    ):
-        assert summary.loc[[incomparable], ["human_attempts", "difference"]].isna().all(axis=None)
-
-
-def test_summary_agrees_with_plain_loops(random_record: pa.Table) -> None:
-    visits: dict[tuple[Any, ...], dict[int, dict[int, int]]] = defaultdict(
-        lambda: defaultdict(dict)
-    )
-    for row in random_record.to_pylist():
-        key = (row["learner"], row["condition"], row["protocol"], row["phase"], row["trial"])
-        loops = visits[key][row["subject"]]
-        if row["new_solution"] or row["solutions_found"] < row["solutions"]:
-            loops[row["loop"]] = max(loops.get(row["loop"], 0), row["attempt"])
-    summary = summary_table(random_record)
-    assert len(summary) == len(visits)
-    for row in summary.to_dict("records"):
-        key = tuple(row[name] for name in ("learner", "condition", "protocol", "phase", "trial"))
-        means = [sum(loops.values()) / len(loops) for loops in visits[key].values()]
-        assert row["attempts"] == pytest.approx(sum(means) / len(means))
-        assert row["subjects"] == len(means)
-        assert row["ci_low"] <= row["attempts"] <= row["ci_high"]
-
-
-def test_headline_takes_the_last_trial_or_the_test() -> None:
-    rows = []
-    for loop, trial in itertools.product([1, 2], [1, 2]):
-        found = [0] * (2 * loop + trial) + [1, 2, 3]
-        rows += trial_rows(found, loop=loop, trial=trial, protocol="rl", condition="CE4")
-        rows += trial_rows(found, loop=loop, trial=trial, protocol="rl", condition="CC3-CC4")
-    for loop, length in ((1, 3), (2, 4)):
-        found = [0] * (length - 3) + [1, 2, 3]
-        rows += trial_rows(
-            found, loop=loop, phase="test", trial=1, protocol="rl", condition="CC3-CC4"
-        )
-    rows += trial_rows([1, 2, 3], trial=1, condition="CE4")
-    rows += trial_rows([0, 1, 2, 3], trial=2, condition="CE4")
-    headline = headline_table(table(rows))
-    values = headline[["protocol", "condition", "measured", "attempts"]].to_numpy().tolist()
-    assert values == [
-        ["human", "CE4", "trial 2", 4.0],
-        ["rl", "CE4", "trial 2", 9.0],
-        ["rl", "CC3-CC4", "test", 3.5],
-    ]
-    assert headline["human_attempts"].iloc[0] == 14.875
-    assert headline["human_attempts"].iloc[1:].isna().all()
-
-
-def test_summary_files_of_equal_data_are_equal(tmp_path: Any) -> None:
-    cells = random_cells(11)
-    record = pa.concat_tables(cells)
-    later = pa.array(np.random.default_rng(0).random(record.num_rows), pa.float32())
-    index = record.schema.get_field_index("wall_time")
-    rows = np.random.default_rng(1).permutation(record.num_rows)
-    variants = {
-        "record": record,
-        "reversed": pa.concat_tables(cells[::-1]),
-        "shuffled": record.take(rows),
-        "rechunked": record.unify_dictionaries().combine_chunks(),
-        "slower": record.set_column(index, record.schema.field(index), later),
-    }
-    for name, variant in variants.items():
-        write_summary(variant, tmp_path / name)
-    first = (tmp_path / "record").read_bytes()
-    assert all((tmp_path / name).read_bytes() == first for name in variants)
-    lines = first.decode().splitlines()
-    assert lines[0] == ",".join(SUMMARY_COLUMNS)
-    assert len(lines) == 1 + len(summary_table(record))
-    assert b"\r" not in first
-    assert b"nan" not in first
-    other = pa.concat_tables(random_cells(12))
-    write_summary(other, tmp_path / "other")
-    assert (tmp_path / "other").read_bytes() != first
+# -- size -----------------------------------------------------------------------------------------
 
 
 def test_two_million_attempts_take_seconds() -> None:

@@ -187,6 +187,29 @@ def test_all_layouts_of_a_schema_can_be_asked_for_and_not_one_more() -> None:
         visits_of(Condition("more", (Trials(ONE, "random", 8),)), HUMAN)
 
 
+@pytest.mark.parametrize("source", [None, "published"])
+def test_a_number_of_trials_that_is_declared_is_kept_or_refused(source: Any) -> None:
+    cc4 = SCHEMAS["CC4"]
+    eight = Condition("eight", (Trials(SCHEMAS["CC3"]),), (Trials(cc4, source, 8),))
+    with pytest.raises(
+        ProtocolError,
+        match=r"8 trials of CC4 .* 5 layouts of 4 levers .* at most 5 trials, or for layouts: rand",
+    ):
+        visits_of(eight, HUMAN)
+    five = Condition("five", (Trials(cc4, source, 5),))
+    assert len(visits_of(five, HUMAN)) == 5
+    many = Condition("many", (Trials(cc4, "random", 8),))
+    assert len(visits_of(many, HUMAN)) == 8
+    if source is None:  # the protocol may have random ones
+        assert len(visits_of(eight, replace(HUMAN, layouts="random"))) == 6 + 8
+
+
+def test_training_with_four_levers_has_the_five_published_layouts() -> None:
+    visits = visits_of("CC4-CC3", HUMAN)
+    assert [visit.phase for visit in visits] == ["train"] * 5 + ["test"]
+    assert {visit.layout.name for visit in visits[:5]} == FOUR
+
+
 # -- conditions of one's own ----------------------------------------------------------------------
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -65,6 +66,24 @@ def test_the_fault_shown_is_the_fault_reported(folder: Path) -> None:
     assert shown in done.stderr
 
 
+def test_the_comparisons_of_the_schema_of_ones_own_run_as_shown(folder: Path) -> None:
+    shown = re.findall(r"\$ causal-openlock (compare --condition [^#\n]*)", README)
+    assert len(shown) == 2
+    for line in shown:
+        run(folder, *shlex.split(line), "--subjects", "1", "--workers", "1")
+
+
+def test_hyper_parameters_are_declared_as_shown(folder: Path) -> None:
+    (block,) = (block for block in blocks("python") if "class Settings" in block)
+    head = "from dataclasses import dataclass\nfrom typing import Annotated\n"
+    head += "from causal_openlock import OneSubjectLearner\n"
+    body = "\n    def act(self, observation):\n        return int(self.parameters.persistence)\n"
+    (folder / "declared.py").write_text(head + block + body, encoding="utf-8")
+    said = run(folder, "learners", "declared:Persistent")
+    assert "persistence" in said
+    assert "share of actions that are repeated" in said
+
+
 def test_the_learner_of_ones_own_plays(folder: Path) -> None:
     code = [line for line in blocks("python")[0].splitlines() if line.strip()]
     assert len(code) <= 20
@@ -73,7 +92,7 @@ def test_the_learner_of_ones_own_plays(folder: Path) -> None:
         *("compare", "--learner", "my_learners:Persistent", "--learner", "random"),
         *("--out", "results/mine", "--subjects", "2", "--condition", "CC3"),
     )
-    record = Store(folder / "results" / "mine").record().to_pandas()
+    record = Store(folder / "results" / "mine").record()[0].to_pandas()
     assert set(record["learner"]) == {"Persistent", "random"}
 
 
@@ -83,14 +102,15 @@ def test_the_experiment_of_ones_own_runs(folder: Path) -> None:
     path.write_text(text.replace("train_loops: 5", "train_loops: 1"), encoding="utf-8")
     words = ("compare", "first_look.yaml", "--out", "results/first_look", "--subjects", "2")
     run(folder, *words)
-    record = Store(folder / "results" / "first_look").record().to_pandas()
+    record = Store(folder / "results" / "first_look").record()[0].to_pandas()
     assert set(record["condition"]) == {"CC4", "CC3-CE4", "vault"}
     assert set(record["protocol"]) == {"human", "long"}
 
 
 def test_the_environments_are_made_as_shown() -> None:
     names: dict[str, object] = {}
-    exec(blocks("python")[1], names)
+    (block,) = (block for block in blocks("python") if "gymnasium.make" in block)
+    exec(block, names)
     env, rooms = names["env"], names["rooms"]
     assert isinstance(env, gymnasium.Env)
     assert env.reset(seed=0)[0].shape == (16,)

@@ -1,77 +1,23 @@
-"""Figures and the report: what they show, and that they stand alone."""
+"""The page of a report: what it shows, and that it stands alone."""
 
 from __future__ import annotations
 
-import errno
 import re
 import warnings
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pytest
-from matplotlib.colors import to_hex
-from test_measures import random_cells, table, trial_rows
+from fabricated_records import record_of_every_figure, table, trial_rows
+from html_page import Page
 
 from causal_openlock import reference
-from causal_openlock.analysis import style
-from causal_openlock.analysis.categories import baseline_categories, transfer_categories
-from causal_openlock.analysis.course import attempts_by_trial
 from causal_openlock.analysis.description import edges
-from causal_openlock.analysis.figures import baseline_attempts, draw_all, transfer_attempts
-from causal_openlock.analysis.measures import (
-    PAPER_CONDITIONS,
-    attempts_to_solve,
-    category_counts,
-)
-from causal_openlock.analysis.report import FIGURE_NAME, write_report
-from causal_openlock.errors import OpenLockError
+from causal_openlock.analysis.report import write_report
 from causal_openlock.experiment_file import read_experiment
-from causal_openlock.record import CATEGORIES
-
-VOID = {"meta", "link", "img", "br", "hr", "input"}
-
-
-class Page(HTMLParser):
-    """Reads a page: its tags, its text, and the cells of its tables."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.open: list[str] = []
-        self.text = ""
-        self.tables: list[list[list[str]]] = []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attributes)))
-        if tag not in VOID:
-            self.open.append(tag)
-        if tag == "table":
-            self.tables.append([])
-        elif tag == "tr":
-            self.tables[-1].append([])
-        elif tag in ("td", "th"):
-            self.tables[-1][-1].append("")
-        elif tag == "small" and self.tables:
-            self.tables[-1][-1][-1] += " | "
-
-    def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attributes)))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] in ("script", "style"):
-            return
-        self.text += data
-        if "td" in self.open or "th" in self.open:
-            self.tables[-1][-1][-1] += data
-
+from causal_openlock.learner_registry import create
+from causal_openlock.session import Session
 
 EXPERIMENT: dict[str, Any] = {
     "name": "paper",
@@ -86,12 +32,7 @@ EXPERIMENT: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def record() -> pa.Table:
-    conditions = ("CC4", "CE4", "CC3-CC4", "CE3-CE4", "own <i>$x$")
-    cells = random_cells(2, learners=("a", "b", "c <u> & d"), conditions=conditions)
-    rows = []
-    for trial in range(1, 6):
-        rows += trial_rows([1, 2, 3], trial=trial, learner="five", condition="CC4")
-    return pa.concat_tables([*cells, table(rows)])
+    return record_of_every_figure()
 
 
 @pytest.fixture(scope="module")
@@ -232,79 +173,51 @@ def test_uneven_subjects_are_warned_about(tmp_path: Path) -> None:
     assert "Not every subject played every trial" in text
 
 
-def test_files_beside_the_page(report: Path) -> None:
-    names = {path.name for path in (report.parent / "figures").iterdir()}
-    stems = {
-        "baseline_attempts",
-        "transfer_attempts",
-        "baseline_categories",
-        "transfer_categories",
-        "attempts_by_trial_human",
-        "attempts_by_trial_loops",
-    }
-    assert names == {f"{stem}.{kind}" for stem in stems for kind in ("png", "svg")}
-    assert (report.parent / "summary.csv").read_text().startswith("learner,condition,protocol,")
+def test_versions_are_warned_about_where_there_are_several(tmp_path: Path) -> None:
+    rows = [row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)]
+    versions = {"Python": "3.13.1", "numpy": ["2.1", "2.0"], "torch": ["2.13"]}
+    path = write_report(table(rows), tmp_path, {"versions": versions})
+    text = Page(path.read_text(encoding="utf-8")).text
+    assert text.count("different versions") == 1
+    assert "Cells were run with different versions of numpy (2.0, 2.1)." in text
+    assert "Python 3.13.1; numpy 2.1, 2.0; torch 2.13." in text
 
 
-def test_writing_again_writes_the_same(report: Path, record: pa.Table, tmp_path: Path) -> None:
-    rows = np.random.default_rng(0).permutation(record.num_rows)
-    write_report(record.take(rows), tmp_path, EXPERIMENT)
-    for path in report.parent.rglob("*.*"):
-        assert (tmp_path / path.relative_to(report.parent)).read_bytes() == path.read_bytes()
+def test_an_unfinished_comparison_opens_with_what_is_missing(tmp_path: Path) -> None:
+    record, whole = table(trial_rows([1, 2, 3])), {"title": "half", "missing_cells": []}
+    caution = "This comparison is unfinished"
+    assert caution not in write_report(record, tmp_path, whole).read_text(encoding="utf-8")
+    names = ["ddqn_CC4_0-39", "<b>_CE4_0-39"]
+    half = {"title": "half", "missing_cells": names}
+    text = Page(write_report(record, tmp_path, half).read_text(encoding="utf-8")).text
+    assert text.index("half") < text.index(caution) < text.index("Results", text.index(caution))
+    assert "unfinished: 2 of its cells are missing" in text
+    assert "(ddqn_CC4_0-39; <b>_CE4_0-39)" in text
+    assert "missing cells" not in text[text.index("What was run", 400) :]
+    many = {"missing_cells": [f"cell{i}" for i in range(30)]}
+    text = Page(write_report(record, tmp_path, many).read_text(encoding="utf-8")).text
+    assert "30 of its cells are missing" in text
+    assert "cell7; and 22 more)" in text
 
 
-def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Path) -> None:
-    rows = trial_rows([1, 2, 3])
-    both = [*rows, *trial_rows([1, 2, 3], protocol="rl"), *trial_rows([1, 2, 3], condition="x-y")]
-    write_report(table(both), tmp_path, {})
-    figures = tmp_path / "figures"
-    (figures / "mine.png").write_text("")
-    (figures / "baseline_attempts_mine.svg").write_text("")
-    (figures / "attempts_by_trial_rl.txt").write_text("")
-    assert (figures / "attempts_by_trial_rl.svg").exists()
-    write_report(table(rows), tmp_path, {})
-    assert {path.name for path in figures.iterdir()} == {
-        *(f"{stem}.{kind}" for stem in ("baseline_attempts", "attempts_by_trial_human")
-          for kind in ("png", "svg")),
-        "mine.png",
-        "baseline_attempts_mine.svg",
-        "attempts_by_trial_rl.txt",
-    }  # fmt: skip
-
-
-def test_names_of_all_figures_are_known(record: pa.Table) -> None:
-    assert all(FIGURE_NAME.fullmatch(drawing.name) for drawing in draw_all(record))
-
-
-def test_protocols_of_similar_names_have_files_of_their_own() -> None:
-    rows = [row for name in ("a-b", "a_b") for row in trial_rows([1], protocol=name)]
-    names = [drawing.name for drawing in draw_all(table(rows))]
-    assert names[-2:] == ["attempts_by_trial_a_b", "attempts_by_trial_a_b_2"]
-
-
-def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(tmp_path: Path) -> None:
-    (tmp_path / "figures").write_text("in the way")
-    with pytest.raises(OpenLockError, match=r"figures.*cannot be written"):
-        write_report(table(trial_rows([1, 2, 3])), tmp_path, {})
-    (tmp_path / "figures").unlink()
-    (tmp_path / "report.html").mkdir()
-    with pytest.raises(OpenLockError, match=r"report.html.*cannot be written"):
-        write_report(table(trial_rows([1, 2, 3])), tmp_path, {})
-
-
-def test_a_full_disk_leaves_the_earlier_report_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_report(table(trial_rows([1, 2, 3])), tmp_path, {"title": "earlier"})
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
-
-    def full(*_: Any) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    with pytest.raises(OpenLockError, match="No space left on device"):
-        write_report(table(trial_rows([0, 1, 2, 3])), tmp_path, {"title": "later"})
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
+def test_trials_are_told_as_they_were_played(tmp_path: Path) -> None:
+    declared = tmp_path / "own.yaml"
+    declared.write_text(
+        "name: own\nsubjects: 2\nconditions: [CC4-CC3, CE4]\n"
+        "learners: [{learner: random, name: a}]\n"
+    )
+    experiment = read_experiment(declared)
+    (entry,), found = experiment.entries, []
+    for condition in experiment.conditions:
+        session = Session(condition, entry.protocol, 2, learner="a")
+        found.append(session.play(create("random")))
+    page = Page(
+        write_report(pa.concat_tables(found), tmp_path, experiment.as_dict()).read_text("utf-8")
+    )
+    cells = [row for rows in page.tables for row in rows]
+    assert ["CC4-CC3", "CC4", "CC3", "5 training trials, then 1 test trial"] in cells
+    assert ["CE4", "CE4", "–", "5 trials"] in cells
+    assert "Fewer where fewer layouts are published; a condition may say otherwise." in page.text
 
 
 def test_what_was_run_is_told_in_words(tmp_path: Path) -> None:
@@ -328,7 +241,9 @@ def test_what_was_run_is_told_in_words(tmp_path: Path) -> None:
     assert "causal-openlock compare EXPERIMENT.yaml --out DIR" in text
     assert "negative_immovable" in text
     assert not re.search(r"[{}\[\]]|None|True|False", text)
-    assert ["CC3-CE4", "CC3", "CE4"] in [row for rows in page.tables for row in rows]
+    cells = [row for rows in page.tables for row in rows]
+    assert ["CC3-CE4", "CC3", "CE4", "–"] in cells
+    assert ["CC4", "CC4", "–", "1 trial"] in cells
 
 
 def test_edges_in_a_line_tell_what_is_out_of_the_ordinary() -> None:
@@ -348,174 +263,3 @@ def test_edges_in_a_line_tell_what_is_out_of_the_ordinary() -> None:
 def test_empty_record_makes_a_report(tmp_path: Path) -> None:
     page = Page(write_report(table([]), tmp_path, {"title": "nothing"}).read_text("utf-8"))
     assert "The record holds no attempts." in page.text
-
-
-# -- figures ------------------------------------------------------------------------------------
-
-
-def test_first_panel_of_figure_3_is_people(record: pa.Table) -> None:
-    drawing = baseline_attempts(attempts_to_solve(record), ["b"])
-    assert drawing is not None
-    titles = [axes.get_title(loc="left") for axes in drawing.figure.axes]
-    assert titles == ["People", "b", "a", "c <u> & d", "five"]
-    human = reference.results()["cogsci2018"]["human"]["baseline"]
-    heights = [bar.get_height() for bar in drawing.figure.axes[0].patches]
-    assert heights == [*human["CC4"]["mean"], *human["CE4"]["mean"]]
-    colours = {to_hex(bar.get_facecolor()).upper() for bar in drawing.figure.axes[0].patches[:5]}
-    assert colours == {style.COMMON_CAUSE}
-    (segments,) = [line.get_segments() for line in drawing.figure.axes[0].collections[:1]]
-    spans = [(end[1] - start[1]) / 2 for start, end in segments]
-    assert spans == pytest.approx(human["CC4"]["se"])
-
-
-def test_figure_4_shows_the_test_by_what_was_trained(record: pa.Table) -> None:
-    drawing = transfer_attempts(attempts_to_solve(record))
-    assert drawing is not None
-    people = drawing.figure.axes[0].patches
-    assert [bar.get_height() for bar in people] == [5.525, 8.175, 13.75, 7.725]
-    assert [to_hex(bar.get_facecolor()).upper() for bar in people] == [
-        style.COMMON_CAUSE,
-        style.COMMON_EFFECT,
-    ] * 2
-    assert len(drawing.figure.axes[1].patches) == 2  # conditions that were not run are left out
-
-
-def test_figure_6_segments_are_logarithms_of_counts(record: pa.Table) -> None:
-    counts = category_counts(record)
-    drawing = baseline_categories(counts)
-    assert drawing is not None
-    published = reference.results()["cogsci2018"]["ddqn"]["baseline_counts"]
-    first = drawing.figure.axes[0].patches
-    block = published["CE4"]["0-30k"]
-    assert [bar.get_height() for bar in first[:5]] == pytest.approx(np.log10(list(block.values())))
-    assert {bar.get_linestyle() for bar in first[:5]} == {":"}
-    assert first[4].get_y() + first[4].get_height() == pytest.approx(15.55, abs=0.01)
-    # Fifty segments, less the one that the paper's last bar lacks.
-    assert len(first) == 49
-    mine = counts[
-        (counts["learner"] == "a")
-        & (counts["protocol"] == "loops")
-        & (counts["condition"] == "CC4")
-        & (counts["block"] == 1)
-    ]
-    solid = [bar for bar in drawing.figure.axes[1].patches if bar.get_linestyle() == "-"]
-    heights = [np.log10(count) for count in mine["count"] if count > 1]
-    assert [bar.get_height() for bar in solid[: len(heights)]] == pytest.approx(heights)
-
-
-def test_figure_7_first_panel_is_published(record: pa.Table) -> None:
-    drawing = transfer_categories(category_counts(record, 1))
-    assert drawing is not None
-    published = reference.results()["cogsci2018"]["ddqn"]["transfer_counts"]
-    heights = [bar.get_height() for bar in drawing.figure.axes[0].patches]
-    expected = [np.log10(published[c][k]) for c in published for k in CATEGORIES]
-    assert heights == pytest.approx(expected)
-
-
-def test_only_what_there_are_data_for_is_drawn() -> None:
-    def names(**values: Any) -> list[str]:
-        return [d.name for d in draw_all(table(trial_rows([1, 2, 3], **values)))]
-
-    assert names() == ["baseline_attempts", "attempts_by_trial_human"]
-    assert names(condition="mine") == ["attempts_by_trial_human"]
-    assert names(protocol="My RL!") == ["baseline_categories", "attempts_by_trial_my_rl_"]
-    assert names(condition="CC3-CC4", phase="test") == [
-        "transfer_attempts",
-        "attempts_by_trial_human",
-    ]
-
-
-def test_a_long_course_is_drawn_in_few_points() -> None:
-    rows = []
-    for loop in range(1, 131):
-        rows += trial_rows([0] * (loop % 2) + [1, 2, 3], loop=loop, protocol="rl")
-    drawing = attempts_by_trial(attempts_to_solve(table(rows)), "rl")
-    assert drawing is not None
-    x, y = drawing.figure.axes[1].lines[0].get_data()  # the first axes hold the key
-    assert len(x) == 44  # 130 trials by threes, the last one alone
-    assert list(x[:2]) == [2, 5]
-    assert x[-1] == 130
-    assert y[:2] == pytest.approx([11 / 3, 10 / 3])
-    assert "a point averages up to 3 trials" in drawing.caption
-
-
-LONG = "a_learner_with_a_name_that_no_panel_can_hold"
-OWN = ("chain3", "noisy_CC3", "my_condition-with_a_name_that_is_long", "d", "e", "f", "g", "h")
-
-
-@pytest.mark.parametrize(
-    ("learners", "conditions"),
-    [
-        (1, OWN[:1]),
-        (1, OWN),
-        (3, PAPER_CONDITIONS),
-        (4, ("CE3-CC4",)),
-        (12, (*PAPER_CONDITIONS, *OWN[:2])),
-    ],
-)
-def test_every_line_by_trial_lies_in_its_panel(learners: int, conditions: tuple[str, ...]) -> None:
-    names = tuple(f"{LONG if i % 3 == 2 else 'learner'} {i:02}" for i in range(learners))
-    cells = random_cells(5, learners=names, conditions=conditions, protocols=("human",), subjects=1)
-    # The first learner solves everything at once, which must not set the scale for the others.
-    quick = [row for name in conditions
-             for row in trial_rows([1], 1, learner="0", condition=name)]  # fmt: skip
-    drawing = attempts_by_trial(
-        attempts_to_solve(pa.concat_tables([table(quick), *cells])), "human"
-    )
-    assert drawing is not None
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        style.svg_text(drawing.figure)
-    panels = [axes for axes in drawing.figure.axes if axes.axison]
-    drawn = 0
-    for axes in panels:
-        lines = [line for line in axes.lines if str(line.get_marker()) in "os^D"]
-        drawn += len({line.get_color() for line in lines})
-        for line in lines:
-            low, high = axes.get_ylim()
-            assert all(low <= y <= high for y in line.get_ydata())
-            assert all(axes.get_xlim()[0] <= x <= axes.get_xlim()[1] for x in line.get_xdata())
-        width, height = axes.get_window_extent().size / drawing.figure.dpi
-        assert width > 1
-        assert height > 0.7
-    assert drawn == (learners + 1) * len(conditions)
-    columns = {1: 1, 6: 3, 8: 4}[len(conditions)]
-    assert len(panels) == (learners + 1) * columns
-
-
-def test_the_test_and_the_limit_are_marked() -> None:
-    rows = [
-        row for trial in (1, 2) for row in trial_rows([0, 0, 0], trial=trial, condition="CC3-CC4")
-    ]
-    rows += trial_rows([1, 2, 3], condition="CC3-CC4", phase="test")
-    drawing = attempts_by_trial(attempts_to_solve(table(rows)), "human")
-    assert drawing is not None
-    panel = drawing.figure.axes[1]
-    assert [text.get_text() for text in panel.texts] == ["test", "n = 1"]
-    thin = [line for line in panel.lines if line.get_linewidth() < 1]
-    limit, test = thin
-    assert set(limit.get_ydata()) == {3}
-    assert set(test.get_xdata()) == {2.5}
-
-
-def test_blocks_are_named_like_the_papers() -> None:
-    def names(attempts: int, loops: int) -> list[str]:
-        rows = [
-            row
-            for loop in range(1, loops + 1)
-            for row in trial_rows([0] * attempts, loop=loop, protocol="rl")
-        ]
-        drawing = baseline_categories(category_counts(table(rows)))
-        assert drawing is not None
-        return [label.get_text() for label in drawing.figure.axes[1].get_xticklabels()]
-
-    assert names(30, 5) == ["0–30", "30–60", "60–90", "90–120", "120–150"]
-    assert names(300, 10) == ["0–0.6k", "0.6–1.2k", "1.2–1.8k", "1.8–2.4k", "2.4–3k"]
-
-
-def test_many_learners_wrap() -> None:
-    rows = [row for i in range(11) for row in trial_rows([1, 2, 3], learner=f"learner {i:02}")]
-    drawing = baseline_attempts(attempts_to_solve(table(rows)))
-    assert drawing is not None
-    assert len(drawing.figure.axes) == 12
-    assert drawing.figure.get_figwidth() == style.WIDTH

@@ -11,7 +11,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from causal_openlock import runner, store
+from causal_openlock import files, runner
 from causal_openlock.analysis.summary import write_summary
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment import Experiment
@@ -41,7 +41,7 @@ def play(experiment: Experiment, folder: Path, **options: object) -> Store:
 
 
 def contents(kept: Store, experiment: Experiment) -> pa.Table:
-    return kept.record(experiment).drop_columns(["wall_time"])
+    return kept.record()[0].drop_columns(["wall_time"])
 
 
 def test_any_executor_gives_the_same_record(experiment: Experiment, tmp_path: Path) -> None:
@@ -154,17 +154,25 @@ def test_what_a_killed_run_left_half_written_is_swept_away(
 def test_a_full_disk_is_one_sentence_and_leaves_no_part_of_a_file(
     experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    begun = Store(tmp_path / "out")
+    begun.open(experiment)
+    begun.close()
+
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(store.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", full)
     with pytest.raises(StoreError, match="No space left on device") as caught:
         play(experiment, tmp_path / "out")
     assert "\n" not in str(caught.value)
     assert list((tmp_path / "out" / "cells").iterdir()) == []
+    # Not even a start leaves anything behind that stands in the way.
+    with pytest.raises(StoreError, match="No space left on device"):
+        play(experiment, tmp_path / "new")
     monkeypatch.undo()
-    kept = play(experiment, tmp_path / "out")
-    assert all(kept.check(cell) is None for cell in experiment.cells())
+    for folder in ("out", "new"):
+        kept = play(experiment, tmp_path / folder)
+        assert all(kept.check(cell) is None for cell in experiment.cells())
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="a read-only folder does not stop root")
@@ -200,6 +208,113 @@ def test_a_failing_learner_is_named_and_what_was_done_stays(
     path.write_text(text.replace("Brittle", "Stray"), encoding="utf-8")
     with pytest.raises(LearnerError, match="Stray in CC3: action 99 is outside"):
         play(read_experiment(path), tmp_path / "out2")
+
+
+LETHAL = """\
+import os, sys
+from causal_openlock import OneSubjectLearner
+
+class Exits(OneSubjectLearner):
+    def act(self, observation):
+        sys.exit(0)
+
+class Dies(OneSubjectLearner):
+    def act(self, observation):
+        os._exit(9)
+"""
+
+
+@pytest.mark.parametrize(
+    ("learner", "says"),
+    [("Exits", "the learner Exits failed in CC3"), ("Dies", "a worker process ended")],
+)
+def test_a_learner_that_ends_its_process_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, learner: str, says: str
+) -> None:
+    (tmp_path / "lethal.py").write_text(LETHAL, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "experiment.yaml"
+    path.write_text(
+        f"name: e\nsubjects: 1\nconditions: [CC3]\nlearners: ['lethal:{learner}']\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(LearnerError, match=says):
+        runner.run(read_experiment(path), tmp_path / "out", workers=1)
+
+
+def test_a_start_cut_short_leaves_a_folder_that_can_be_used(
+    experiment: Experiment, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / ".lock").touch()
+    (folder / ".experiment.json.abc.partial").write_bytes(b"{")
+    kept = play(experiment, folder)
+    assert all(kept.check(cell) is None for cell in experiment.cells())
+    assert not list(folder.glob("*.partial"))
+
+
+def test_where_nothing_is_done_yet_another_experiment_may_begin(
+    experiment: Experiment, tmp_path: Path
+) -> None:
+    begun = Store(tmp_path / "out")
+    begun.open(experiment)
+    begun.close()
+    other = dataclasses.replace(experiment, seed=4)
+    assert play(other, tmp_path / "out").description()["seed"] == 4
+
+
+def test_a_folder_in_use_is_refused_until_it_is_free(
+    experiment: Experiment, tmp_path: Path
+) -> None:
+    first = Store(tmp_path / "out")
+    first.open(experiment)
+    with pytest.raises(StoreError, match="in use by another comparison"):
+        play(experiment, tmp_path / "out")
+    first.close()
+    play(experiment, tmp_path / "out")
+
+
+def test_workers_in_another_directory_keep_records_where_they_belong(
+    experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with ProcessPoolExecutor(
+        1,
+        mp_context=get_context("spawn"),
+        initializer=os.chdir,
+        initargs=(tmp_path / "elsewhere",),
+    ) as executor:
+        kept = runner.run(experiment, "out", executor=executor)
+    assert all(kept.check(cell) is None for cell in experiment.cells())
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_record_tells_which_cells_are_missing_and_what_the_others_were_made_with(
+    experiment: Experiment, tmp_path: Path
+) -> None:
+    kept = play(experiment, tmp_path / "out")
+    _, description = kept.record()
+    assert "missing_cells" not in description
+    assert description["versions"]["causal-openlock"] == "0.1.0"
+    lost = kept.path(list(experiment.cells())[2])
+    lost.unlink()
+    record, description = kept.record()
+    assert description["missing_cells"] == [lost.stem]
+    assert record.num_rows > 0
+
+
+def test_files_can_be_read_by_others_as_the_system_is_set(
+    experiment: Experiment, tmp_path: Path
+) -> None:
+    before = os.umask(0o022)
+    try:
+        kept = play(experiment, tmp_path / "out")
+    finally:
+        os.umask(before)
+    modes = {path.stat().st_mode & 0o777 for path in kept.cells.iterdir()}
+    assert modes == {0o644}
 
 
 def test_the_summary_does_not_depend_on_the_order_of_the_cells(

@@ -1,11 +1,12 @@
 """From the record to a report: measures, statistics, figures.
 
-Everything here reads the record (:mod:`causal_openlock.record`) and nothing else, one step after
-the other:
+Everything here reads the record (:mod:`causal_openlock.record`), one step after the other, and the
+description of the experiment for what its names stand for:
 
 ================ ================================================================================
 ``measures``     What happened: attempts to solve each trial, attempts in each category.
 ``statistics``   How certain a mean over subjects is.
+``comparable``   What in an experiment is the paper's own, so that people can stand beside it.
 ``summary``      The tables of results, with people's published results beside them.
 ``style``        What the figures have in common: colours, panels, how they are saved.
 ``figures``      Attempts in the form of the paper's Figures 3 and 4; all figures of a record.

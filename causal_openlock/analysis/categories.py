@@ -19,9 +19,9 @@ from matplotlib.patches import Patch
 
 from causal_openlock import reference
 from causal_openlock.analysis import style
+from causal_openlock.analysis.comparable import HUMAN_PROTOCOL
 from causal_openlock.analysis.measures import TRANSFERS, ordered
 from causal_openlock.analysis.style import Drawing
-from causal_openlock.analysis.summary import HUMAN_PROTOCOL
 from causal_openlock.record import CATEGORIES
 
 _OUTLINES = {"CE4": ":", "CC4": "-"}  # left to right, as in the paper

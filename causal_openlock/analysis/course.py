@@ -23,13 +23,13 @@ from matplotlib.ticker import MaxNLocator
 from causal_openlock.analysis import style
 from causal_openlock.analysis.measures import (
     BASELINES,
-    PAPER_CONDITIONS,
     TRANSFERS,
     mean_by_trial,
     number_visits,
     ordered,
 )
 from causal_openlock.analysis.style import Drawing
+from causal_openlock.protocol import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
 _COLUMNS = 4  # the most that fit the width

@@ -9,9 +9,12 @@ outline, so that nothing that was said gets lost.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-_HEADING = ("name", "title", "seed", "versions")  # shown elsewhere on the page
+if TYPE_CHECKING:
+    import pandas as pd
+
+_HEADING = ("name", "title", "seed", "versions", "missing_cells")  # shown elsewhere on the page
 _LEARNER = {"name", "protocol", "parameters"}
 _CONDITION = {"name", "train"}
 _BUDGETS = {
@@ -54,15 +57,17 @@ def describe(experiment: Mapping[str, Any]) -> dict[str, Any]:
         "protocols": {},
         "rewards": {},
     }
-    if _all(learners, _LEARNER) and all(_all([one["protocol"]], _BUDGETS) for one in learners):
+    if mappings_with(learners, _LEARNER) and all(
+        mappings_with([one["protocol"]], _BUDGETS) for one in learners
+    ):
         del rest["learners"]
         result["learners"] = [_learner(one) for one in learners]
         for one in learners:
             result["protocols"][str(one["protocol"]["name"])] = budgets(one["protocol"])
-            if _all([reward := one.get("reward")], {"name", "terms"}):
+            if mappings_with([reward := one.get("reward")], {"name", "terms"}):
                 named = {key: value for key, value in reward.items() if key != "name"}
                 result["rewards"][str(reward["name"])] = _pairs(named)
-    if _all(conditions, _CONDITION) and _all(_trials(conditions), {"schema"}):
+    if mappings_with(conditions, _CONDITION) and mappings_with(_trials(conditions), {"schema"}):
         del rest["conditions"]
         result["conditions"] = [
             {
@@ -91,31 +96,55 @@ def budgets(protocol: Mapping[str, Any]) -> str:
     """The budgets of a protocol in sentences, for instance::
 
     At most 30 attempts in a trial, which ends as soon as it is solved. Baseline: 5 trials.
-    Transfer: 6 training trials, then 1 test trial.
+    Transfer: 6 training trials, then 1 test trial. Fewer where fewer layouts are published; a
+    condition may say otherwise.
     """  # noqa: D415
     limit = protocol["attempt_limit"]
     if protocol["stop_when_solved"]:
         said = [f"At most {limit} attempts in a trial, which ends as soon as it is solved."]
     else:
         said = [f"{limit} attempts in every trial, also after it is solved."]
-    base, training, test = (
-        _loops(protocol[f"{phase}_trials"], protocol[f"{loops}_loops"], kind)
-        for phase, loops, kind in (
-            ("baseline", "baseline", ""),
-            ("training", "train", "training "),
-            ("test", "test", "test "),
-        )
-    )
+    fixed = protocol.get("test_layout")
+    base = _loops(protocol["baseline_trials"], protocol["baseline_loops"], "")
+    training = _loops(protocol["training_trials"], protocol["train_loops"], "training ")
+    test = _loops(1 if fixed else protocol["test_trials"], protocol["test_loops"], "test ")
     said.append(f"Baseline: {base}. Transfer: {training}, then {test}.")
-    if protocol.get("test_layout"):
-        said.append(f"The test is in layout {protocol['test_layout']}.")
     if protocol.get("layouts") == "random":
-        said.append("Layouts are drawn at random.")
+        said.append("A condition may say otherwise. Layouts are drawn at random.")
+    else:
+        said.append("Fewer where fewer layouts are published; a condition may say otherwise.")
+    if fixed:
+        said.append(f"The test is in layout {fixed}.")
     if protocol.get("action_limit"):
         said.append(f"An attempt has at most {protocol['action_limit']} actions.")
     known = {*_BUDGETS, "layouts", "test_layout", "action_limit"}
     said += [f"{key}: {_value(value)}." for key, value in protocol.items() if key not in known]
     return " ".join(said)
+
+
+def trials_played(trials: pd.DataFrame) -> dict[str, str]:
+    """How many trials a subject played in each condition, from the record itself.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+    Returns:
+        By condition a text such as ``5 training trials, then 1 test trial``, for each protocol if
+        there are several.
+    """
+    grouped = trials.groupby(["condition", "protocol", "phase"], observed=True)
+    counts = grouped[["trial", "loop"]].max().reset_index()
+    several = counts["protocol"].nunique() > 1
+    said: dict[str, list[str]] = {}
+    for (condition, protocol), phases in counts.groupby(["condition", "protocol"], observed=True):
+        kinds = {"train": "training " if "test" in set(phases["phase"]) else "", "test": "test "}
+        parts = [
+            _loops(row["trial"], row["loop"], kinds[row["phase"]])
+            for row in phases.to_dict("records")
+        ]
+        text = (f"{protocol}: " if several else "") + ", then ".join(parts)
+        said.setdefault(str(condition), []).append(text)
+    return {condition: "; ".join(texts) for condition, texts in said.items()}
 
 
 def edges(schema: Mapping[str, Any]) -> str:
@@ -150,7 +179,7 @@ def _learner(one: Mapping[str, Any]) -> dict[str, Any]:
         "package": one.get("package") or "",
         "protocol": one["protocol"]["name"],
         "subjects": one.get("subjects"),
-        "reward": reward["name"] if _all([reward], {"name", "terms"}) else _value(reward),
+        "reward": reward["name"] if mappings_with([reward], {"name", "terms"}) else _value(reward),
         "parameters": _pairs(one["parameters"] or {}),
     }
 
@@ -204,8 +233,8 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def _all(values: Any, keys: set[str]) -> bool:
-    """Whether there are values and each is a mapping with these keys."""
+def mappings_with(values: Any, keys: set[str]) -> bool:
+    """Whether this is a list of mappings that have these keys, one at least."""
     return (
         isinstance(values, list)
         and bool(values)
@@ -213,4 +242,4 @@ def _all(values: Any, keys: set[str]) -> bool:
     )
 
 
-__all__ = ["budgets", "describe", "edges"]
+__all__ = ["budgets", "describe", "edges", "mappings_with", "trials_played"]

@@ -7,7 +7,7 @@ bars of people and of learners mean the same.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from causal_openlock.analysis import style
 from causal_openlock.analysis.categories import baseline_categories, transfer_categories
+from causal_openlock.analysis.comparable import HUMAN_PROTOCOL, comparable, paper_conditions
 from causal_openlock.analysis.course import attempts_by_trial
 from causal_openlock.analysis.measures import (
     BASELINES,
@@ -29,7 +30,7 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.style import Drawing
-from causal_openlock.analysis.summary import HUMAN_PROTOCOL, people, people_per_condition
+from causal_openlock.analysis.summary import did_what_people_did, people, people_per_condition
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -37,12 +38,16 @@ if TYPE_CHECKING:
 _ERROR_BARS = "Error bars: ± 1 standard error (population SD / √n)."
 
 
-def draw_all(record: pa.Table, learners: Sequence[str] = ()) -> list[Drawing]:
+def draw_all(
+    record: pa.Table, learners: Sequence[str] = (), experiment: Mapping[str, Any] | None = None
+) -> list[Drawing]:
     """Every figure that the record has data for.
 
     Args:
         record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
         learners: Labels of learners in the order in which to draw them; the others follow.
+        experiment: The description of what was run: what it shows to differ from the paper is not
+            drawn beside the paper's results. Without it names decide.
 
     Returns:
         Those of :func:`baseline_attempts`, :func:`transfer_attempts`,
@@ -51,11 +56,17 @@ def draw_all(record: pa.Table, learners: Sequence[str] = ()) -> list[Drawing]:
         :func:`~causal_openlock.analysis.course.attempts_by_trial` that there are data for.
     """
     trials = attempts_to_solve(record)
+    beside_people = trials[did_what_people_did(trials, comparable(experiment or {}))]
+    rooms = paper_conditions(experiment or {})
+    blocks, phases = (
+        counts if rooms is None else counts[counts["condition"].isin(list(rooms))]
+        for counts in (category_counts(record, blocks=5), category_counts(record, blocks=1))
+    )
     drawings = [
-        baseline_attempts(trials, learners),
-        transfer_attempts(trials, learners),
-        baseline_categories(category_counts(record, blocks=5), learners),
-        transfer_categories(category_counts(record, blocks=1), learners),
+        baseline_attempts(beside_people, learners),
+        transfer_attempts(beside_people, learners),
+        baseline_categories(blocks, learners),
+        transfer_categories(phases, learners),
         *(
             attempts_by_trial(trials, protocol, learners)
             for protocol in trials["protocol"].unique()

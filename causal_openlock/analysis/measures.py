@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 
 from causal_openlock.errors import StoreError
 from causal_openlock.fsm import IntArray
+from causal_openlock.protocol import PAPER_CONDITIONS
 from causal_openlock.record import CATEGORIES, PHASES
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-BASELINES = ("CC4", "CE4")
-TRANSFERS = ("CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
-PAPER_CONDITIONS = (*BASELINES, *TRANSFERS)
+BASELINES, TRANSFERS = PAPER_CONDITIONS[:2], PAPER_CONDITIONS[2:]
 """The paper's six conditions; tables and figures show them in this order, before any others."""
 
 CELL = ["learner", "condition", "protocol"]
@@ -301,7 +300,6 @@ def _group_index(table: pd.DataFrame, by: Sequence[str]) -> IntArray:
 __all__ = [
     "BASELINES",
     "CELL",
-    "PAPER_CONDITIONS",
     "SUBJECT",
     "TRANSFERS",
     "VISIT",

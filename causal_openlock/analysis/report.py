@@ -16,18 +16,21 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from causal_openlock.analysis import style
-from causal_openlock.analysis.description import describe
+from causal_openlock.analysis.comparable import Pairs, comparable
+from causal_openlock.analysis.description import describe, trials_played
 from causal_openlock.analysis.figures import draw_all
 from causal_openlock.analysis.measures import CELL, attempts_to_solve, ordered
 from causal_openlock.analysis.style import Drawing
 from causal_openlock.analysis.summary import (
+    did_what_people_did,
     headline,
     people_per_condition,
     summarise,
     write_table,
 )
 from causal_openlock.errors import OpenLockError
-from causal_openlock.yaml_file import write_text
+from causal_openlock.files import write_text
+from causal_openlock.protocol import PAPER_CONDITIONS
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -54,7 +57,9 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
             shown. ``name``, ``title`` and ``seed`` head the page; ``learners`` (a mapping by
             label, or a list of labels or of mappings with a ``label`` or ``name``) gives the order
             in which learners appear; ``versions`` maps packages to a version, or to a list of them
-            if cells were run with several, which is warned about.
+            if cells were run with several, which is warned about; ``missing_cells`` names what
+            an unfinished folder lacks, and the page opens with that. People are shown beside
+            whoever did what people did; see :mod:`~causal_openlock.analysis.comparable`.
 
     Returns:
         The path of ``report.html``.
@@ -66,11 +71,12 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
     folder = Path(out_dir)
     trials = attempts_to_solve(record)
     learners = ordered(trials["learner"], _labels(experiment.get("learners", ())))
-    summary = summarise(trials)
+    pairs = comparable(experiment)
+    summary = summarise(trials, pairs)
     write_table(summary, folder / "summary.csv")
     figures = [
         _inline(drawing, style.save(drawing.figure, folder / "figures" / drawing.name))
-        for drawing in draw_all(record, learners)
+        for drawing in draw_all(record, learners, experiment)
     ]
     _remove_others(folder / "figures", {figure["name"] for figure in figures})
 
@@ -82,11 +88,13 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
         attempts=f"{record.num_rows:,}",
         trials=f"{len(trials):,}",
         people_count=people_per_condition(),
-        headline=_headline_blocks(headline(trials), learners, described["protocols"]),
+        missing=[str(name) for name in experiment.get("missing_cells") or ()],
+        headline=_headline_blocks(headline(trials, pairs), learners, described["protocols"]),
         figures=figures,
         summary=_summary_blocks(summary, learners),
         described=described if experiment else None,
-        warnings=warnings_of(trials, summary, experiment.get("versions") or {}),
+        played=trials_played(trials),
+        warnings=warnings_of(trials, summary, experiment.get("versions") or {}, pairs),
     )
     path = folder / "report.html"
     write_text(path, page)
@@ -108,7 +116,10 @@ def _remove_others(folder: Path, names: Collection[str]) -> None:
 
 
 def warnings_of(
-    trials: pd.DataFrame, summary: pd.DataFrame, versions: Mapping[str, Any]
+    trials: pd.DataFrame,
+    summary: pd.DataFrame,
+    versions: Mapping[str, Any],
+    pairs: Pairs | None = None,
 ) -> list[str]:
     """What a reader should know before believing the numbers, a sentence each.
 
@@ -116,8 +127,17 @@ def warnings_of(
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         summary: From :func:`~causal_openlock.analysis.summary.summarise`.
         versions: Versions of packages; a list where cells were run with several.
+        pairs: Whom people compare with; None if names decide.
     """
     found = []
+    named = summary[did_what_people_did(summary) & summary["condition"].isin(PAPER_CONDITIONS)]
+    others = named.loc[~did_what_people_did(named, pairs), CELL].drop_duplicates()
+    if len(others):
+        names = [_group(key) for key in others.itertuples(index=False)]
+        found.append(
+            "Some conditions are called like the paper's and have other rooms, trials or budgets, "
+            f"so people are not shown beside them ({_some(names)})."
+        )
     grouped = summary.groupby(CELL, observed=True)["subjects"]
     who = ["learner", "protocol"]
     least = summary.groupby(who, observed=True)["subjects"].min().sort_values(kind="stable")
@@ -165,7 +185,7 @@ def _group(key: Any) -> str:
 def _some(names: Sequence[str]) -> str:
     more = len(names) - _SHOWN
     shown = "; ".join(names[:_SHOWN])
-    return f"{shown}; and {more} more, see the table" if more > 0 else shown
+    return f"{shown}; and {more} more" if more > 0 else shown
 
 
 def _labels(learners: Any) -> list[str]:
@@ -197,8 +217,8 @@ def _headline_blocks(
         compared = []
         for condition in conditions:
             of = [cell for (_, name), cell in cells.items() if name == condition]
-            same = of[0]["human_attempts"] and len({cell["measured"] for cell in of}) == 1
-            compared.append(of[0] if same else None)
+            same = len({(cell["measured"], cell["human_attempts"]) for cell in of}) == 1
+            compared.append(of[0] if same and of[0]["human_attempts"] else None)
         blocks.append(
             {
                 "protocol": protocol,
@@ -285,7 +305,12 @@ def _template() -> Any:
         keep_trailing_newline=True,
     )
     environment.filters.update(
-        decimals=_decimals, signed=_signed, percent=_percent, interval=_interval, plain=_plain
+        decimals=_decimals,
+        signed=_signed,
+        percent=_percent,
+        interval=_interval,
+        plain=_plain,
+        some=_some,
     )
     return environment.get_template("report.html.j2")
 

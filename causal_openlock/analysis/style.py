@@ -21,8 +21,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from causal_openlock.files import write_bytes, write_text
 from causal_openlock.record import CATEGORIES
-from causal_openlock.yaml_file import write_bytes, write_text
 
 COMMON_CAUSE, COMMON_EFFECT = "#E69F00", "#00427A"
 OTHER = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")

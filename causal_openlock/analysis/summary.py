@@ -2,21 +2,23 @@
 
 People are known only as published means and error bars (the paper's Figures 3 and 4: baseline
 trials and transfer tests, 40 people for each condition). They are shown as such, beside learners
-that played under the same protocol, ``human``, and no other.
+that played under the same protocol, ``human``, in the same rooms, and no others; see
+:mod:`~causal_openlock.analysis.comparable`.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock import reference
+from causal_openlock.analysis.comparable import HUMAN_PROTOCOL, Pairs, comparable
 from causal_openlock.analysis.measures import (
     CELL,
     attempts_to_solve,
@@ -24,13 +26,11 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
 )
 from causal_openlock.analysis.statistics import mean_intervals
-from causal_openlock.yaml_file import write_text
+from causal_openlock.files import write_text
+from causal_openlock.fsm import BoolArray
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-HUMAN_PROTOCOL = "human"
-"""The only protocol under which learners and people can be compared."""
 
 SUMMARY_COLUMNS = (
     *CELL,
@@ -75,19 +75,21 @@ def people_per_condition() -> int:
     return int(reference.results()["cogsci2018"]["human"]["n_per_condition"])
 
 
-def summary_table(record: pa.Table) -> pd.DataFrame:
+def summary_table(record: pa.Table, experiment: Mapping[str, Any] | None = None) -> pd.DataFrame:
     """Every trial of every condition: how many attempts it took, and how that compares.
 
     Args:
         record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        experiment: The description of what was run, which tells whom people compare with; without
+            it names do.
 
     Returns:
         See :func:`summarise`.
     """
-    return summarise(attempts_to_solve(record))
+    return summarise(attempts_to_solve(record), comparable(experiment or {}))
 
 
-def summarise(trials: pd.DataFrame) -> pd.DataFrame:
+def summarise(trials: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
     """The summary of trials that are counted already.
 
     A protocol with loops visits a trial number many times; a subject's visits are averaged first,
@@ -95,6 +97,9 @@ def summarise(trials: pd.DataFrame) -> pd.DataFrame:
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        pairs: Whom people compare with, from
+            :func:`~causal_openlock.analysis.comparable.comparable`; by default whoever played a
+            condition of the paper's name under ``human``.
 
     Returns:
         One row for each ``learner``, ``condition``, ``protocol``, ``phase`` and ``trial``, with
@@ -109,10 +114,12 @@ def summarise(trials: pd.DataFrame) -> pd.DataFrame:
         - ``difference``: ``attempts`` minus ``human_attempts``.
     """
     table = _means(trials, ["phase", "trial"]).rename(columns={"visits": "loops"})
-    return _beside_people(table)[list(SUMMARY_COLUMNS)]
+    return _beside_people(table, pairs)[list(SUMMARY_COLUMNS)]
 
 
-def write_summary(record: pa.Table, path: Path | str) -> None:
+def write_summary(
+    record: pa.Table, path: Path | str, experiment: Mapping[str, Any] | None = None
+) -> None:
     """Write the summary as CSV; equal data give equal bytes.
 
     Rows and columns have a fixed order, numbers at most six significant digits and lines end in
@@ -122,11 +129,12 @@ def write_summary(record: pa.Table, path: Path | str) -> None:
     Args:
         record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
         path: The file to write.
+        experiment: As in :func:`summary_table`.
 
     Raises:
         OpenLockError: If it cannot be written; a file that was there stays as it was.
     """
-    write_table(summary_table(record), path)
+    write_table(summary_table(record, experiment), path)
 
 
 def write_table(table: pd.DataFrame, path: Path | str) -> None:
@@ -145,19 +153,20 @@ def _cell(value: object) -> str:
     return str(value)
 
 
-def headline_table(record: pa.Table) -> pd.DataFrame:
+def headline_table(record: pa.Table, experiment: Mapping[str, Any] | None = None) -> pd.DataFrame:
     """What each learner came to in each condition, in one row.
 
     Args:
         record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        experiment: As in :func:`summary_table`.
 
     Returns:
         See :func:`headline`.
     """
-    return headline(attempts_to_solve(record))
+    return headline(attempts_to_solve(record), comparable(experiment or {}))
 
 
-def headline(trials: pd.DataFrame) -> pd.DataFrame:
+def headline(trials: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
     """The headline of trials that are counted already.
 
     A condition with a test phase is judged by its test (the mean of a subject's test trials, in
@@ -165,6 +174,7 @@ def headline(trials: pd.DataFrame) -> pd.DataFrame:
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        pairs: As in :func:`summarise`.
 
     Returns:
         One row for each ``learner``, ``protocol`` and ``condition``, with ``measured`` (such as
@@ -181,7 +191,7 @@ def headline(trials: pd.DataFrame) -> pd.DataFrame:
     chosen = chosen[last | (chosen["phase"] == "test")]
     # People's test is one trial, number 1; a baseline is compared trial by trial.
     chosen = chosen.assign(trial=np.where(chosen["phase"] == "test", 1, chosen["trial"]))
-    table = _beside_people(_means(chosen, ["phase", "trial"]))
+    table = _beside_people(_means(chosen, ["phase", "trial"]), pairs)
     measured = [
         "test" if phase == "test" else f"trial {trial}"
         for phase, trial in zip(table["phase"], table["trial"], strict=True)
@@ -213,13 +223,22 @@ def _means(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     return means.assign(ci_low=intervals["ci_low"], ci_high=intervals["ci_high"])
 
 
-def _beside_people(table: pd.DataFrame) -> pd.DataFrame:
+def did_what_people_did(table: pd.DataFrame, pairs: Pairs | None = None) -> BoolArray:
+    """``[N]`` whether people compare with each row, by its learner, condition and protocol."""
+    human = (table["protocol"] == HUMAN_PROTOCOL).to_numpy(dtype=bool)
+    if pairs is None:
+        return human
+    known = [pair in pairs for pair in zip(table["learner"], table["condition"], strict=True)]
+    return human & np.array(known, dtype=bool)
+
+
+def _beside_people(table: pd.DataFrame, pairs: Pairs | None) -> pd.DataFrame:
     published = people().set_index(["condition", "phase", "trial"])
     keys = pd.MultiIndex.from_arrays(
         [table[c].astype(object) for c in ("condition", "phase", "trial")]
     )
     beside = published.reindex(keys).reset_index(drop=True)
-    beside[(table["protocol"] != HUMAN_PROTOCOL).to_numpy()] = np.nan
+    beside[~did_what_people_did(table, pairs)] = np.nan
     return table.assign(
         human_attempts=beside["human_attempts"],
         human_se=beside["human_se"],
@@ -228,8 +247,8 @@ def _beside_people(table: pd.DataFrame) -> pd.DataFrame:
 
 
 __all__ = [
-    "HUMAN_PROTOCOL",
     "SUMMARY_COLUMNS",
+    "did_what_people_did",
     "headline",
     "headline_table",
     "people",

@@ -51,16 +51,10 @@ def main() -> None:
     try:
         app()
     except OpenLockError as error:
-        _fail(str(error), 2)
-    except BrokenPipeError:
-        # The reader of our output has seen enough.
-        sys.stderr.close()
-        sys.exit(0)
+        _fail(str(error), error.status)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         _fail(f"{where}{error.strerror or error}; check the path, its permissions and the disk", 2)
-    except KeyboardInterrupt:
-        _fail("stopped; the same command goes on where it was", 130)
 
 
 def _fail(message: str, status: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,7 +22,9 @@ def compare(
     ] = "default",
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for the results; default results/EXPERIMENT."),
+        typer.Option(
+            "--out", "-o", help="Folder for the results; by default one of its own in results/."
+        ),
     ] = None,
     condition: Annotated[
         list[str] | None,
@@ -37,7 +39,9 @@ def compare(
     subjects: Annotated[
         int | None, typer.Option(min=1, help="Subjects for each learner and condition.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all randomness.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=2**63 - 1, help="Seed of all randomness.")
+    ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; default: one for each core.")
     ] = None,
@@ -45,16 +49,22 @@ def compare(
     """Compare learners; a folder that holds a part of this comparison is completed."""
     from rich.console import Console
 
+    from causal_openlock.errors import Interrupted
     from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
 
     changes = Changes(condition or None, learner or None, protocol, subjects, seed)
     chosen = read_experiment(find_experiment(experiment), changes)
-    folder = out or Path("results") / chosen.name
+    # A changed experiment is another one, and has results of its own.
+    own = "" if changes == Changes() else f"-{chosen.identity[:8]}"
+    folder = out or Path("results") / f"{chosen.name}{own}"
     console = Console()
     for caution in chosen.cautions():
         _warn(console, caution)
-    store = _run(chosen, folder, workers, console)
-    _report(store, store.record(chosen), console)
+    try:
+        store = _run(chosen, folder, workers, console)
+        _report(store, console)
+    except KeyboardInterrupt:
+        raise Interrupted("stopped; the same command goes on where it was") from None
 
 
 def report(
@@ -65,9 +75,7 @@ def report(
 
     from causal_openlock.store import Store
 
-    store = Store(folder)
-    store.description()
-    _report(store, store.record(), Console())
+    _report(Store(folder), Console())
 
 
 def _run(experiment: Experiment, folder: Path, workers: int | None, console: Console) -> Store:
@@ -110,41 +118,47 @@ def _warn(console: Console, sentence: str) -> None:
     console.print(f"warning: {sentence}", style="yellow", soft_wrap=True, highlight=False)
 
 
-def _report(store: Store, record: Any, console: Console) -> None:
+def _report(store: Store, console: Console) -> None:
     from causal_openlock.analysis.report import write_report
     from causal_openlock.analysis.summary import headline_table
 
-    held = store.description()
-    held.pop("identity", None)
-    path = write_report(record, store.folder, held)
-    learners = [learner["name"] for learner in held["learners"]]
-    _print_headline(headline_table(record), learners, console)
+    record, description = store.record()
+    missing = description.get("missing_cells", [])
+    if missing:
+        _warn(
+            console,
+            f"{len(missing)} cells are not there yet ({', '.join(missing[:3])}"
+            f"{', ...' * (len(missing) > 3)}); compare completes them",
+        )
+    path = write_report(record, store.folder, description)
+    learners = [learner["name"] for learner in description["learners"]]
+    conditions = [condition["name"] for condition in description["conditions"]]
+    _print_headline(headline_table(record), learners, conditions, console)
     console.print(f"report: {path}", soft_wrap=True, highlight=False)
 
 
-def _print_headline(table: pd.DataFrame, learners: list[str], console: Console) -> None:
+def _print_headline(
+    table: pd.DataFrame, learners: list[str], conditions: list[str], console: Console
+) -> None:
     """The headline, for each protocol a row for each learner and a column for each condition."""
     from rich.table import Table
 
-    from causal_openlock.protocol import PAPER_CONDITIONS
-
-    order = [*PAPER_CONDITIONS, *table["condition"]]
     for protocol in table["protocol"].unique():
         rows = table[table["protocol"] == protocol]
-        conditions = sorted(rows["condition"].unique(), key=order.index)
+        played = set(rows["condition"])
         console.print(f"\n[bold]Attempts to find every solution, protocol {protocol}[/bold]")
         shown = Table(box=None, padding=(0, 2, 0, 0))
         shown.add_column("", min_width=max(map(len, [*learners, "people"])))
-        for condition in conditions:
+        for condition in (order := [name for name in conditions if name in played]):
             at = rows.loc[rows["condition"] == condition, "measured"].iloc[0]
             shown.add_column(f"{condition}\n{at}", justify="right", no_wrap=True)
-        people = [_first(rows, condition, "human_attempts") for condition in conditions]
+        people = [_first(rows, condition, "human_attempts") for condition in order]
         if any(people):
             shown.add_row("people", *people, style="bold")
         for learner in learners:
             own = rows[rows["learner"] == learner]
             if len(own):
-                cells = [_cell(own[own["condition"] == condition]) for condition in conditions]
+                cells = [_cell(own[own["condition"] == condition]) for condition in order]
                 shown.add_row(learner, *cells)
         console.print(shown)
     console.print(

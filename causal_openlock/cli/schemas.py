@@ -146,15 +146,19 @@ def export(
     name: SchemaName,
     format: Annotated[
         str | None,
-        typer.Option("--format", "-f", help="yaml, json, gml, dot, dagitty or bif."),
+        typer.Option("--format", "-f", help="yaml, node-link, gml, dot, dagitty or bif."),
     ] = None,
     out: Output = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
-    """Write a schema in another format; a file in one of these formats can be read, too."""
+    """Write a schema in another format; files in these formats but bif can be given, too."""
+    from causal_openlock.errors import OpenLockError
     from causal_openlock.schema_formats import export_schema, write_schema_as
 
     schema = _read(name)
     if out is not None:
+        if out.exists() and not force:
+            raise OpenLockError(f"{out} exists already; choose another name, or pass --force")
         write_schema_as(schema, out, format)
         typer.echo(f"{out} written")
     else:
@@ -169,8 +173,8 @@ def new(
 ) -> None:
     """Begin a schema of one's own: a commented file to change."""
     from causal_openlock.errors import OpenLockError
+    from causal_openlock.files import write_text
     from causal_openlock.schema_file import dump_schema, schema_from_dict
-    from causal_openlock.yaml_file import write_text
 
     path = out or Path(f"{name}.yaml")
     if path.exists():

@@ -16,30 +16,57 @@ from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
 from causal_openlock.errors import OpenLockError
 from causal_openlock.reward_table import RewardTable
 from causal_openlock.rewards import BASIC_REWARD, RewardFunction
-from causal_openlock.room import RANDOM_LAYOUT, Layout, Room
+from causal_openlock.room import RANDOM_LAYOUT, Layout
 from causal_openlock.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:
     from causal_openlock.schema import Schema
 
 
-class _ListedRoom:
-    """The tables of one room as Python lists, which a single step reads fastest."""
+KEPT_ROWS = 500_000
+"""How many rows the rooms met so far may have before they are forgotten: about 100 bytes each."""
 
-    def __init__(self, settings: Settings, layout: Layout) -> None:
+
+class _Listed:
+    """The tables of one room as Python lists, which a single step reads fastest.
+
+    They serve the schema's rooms in all layouts: an action in another layout is looked up as the
+    one that aims at the same lever here.
+    """
+
+    def __init__(self, settings: Settings) -> None:
         tables = RoomTables(settings.positions)
+        layout = Layout(tuple(range(len(settings.schema.levers))), settings.positions)
         tables.add([(settings.schema, layout, settings.action_limit)])
         self.tables = tables
         self.rewards = RewardTable(settings.reward, tables)
-        self.room: Room = tables.rooms[0]
-        self.effect: list[int] = tables.effect.tolist()
+        everything = np.arange(tables.rows * tables.actions)
+        self.effect: list[int] = tables.effect(everything).tolist()
         self.chance: list[float] = tables.chance.tolist()
         self.idle: list[int] = tables.idle.tolist()
         self.unlocked: list[bool] = tables.unlocked.tolist()
         self.actions_left: list[int] = (tables.status & ACTIONS_LEFT).tolist()
         self.solution: list[int] = np.where(tables.opened, tables.solution, -1).tolist()
-        self.observations = list(tables.observation)
         self.paid: list[float] = self.rewards.table().tolist()
+
+
+class _Placed:
+    """A layout, and how the listed room is read in it."""
+
+    def __init__(self, listed: _Listed, layout: Layout) -> None:
+        room, tables = listed.tables.rooms[0], listed.tables
+        self.layout = layout
+        self.observations = list(layout.observations(room.fsm, tables.state))
+        # Every position has one of the listed room, so that two inactive levers remain two.
+        there, here = ([*of.places, *_inactive(of)] for of in (room.layout, layout))
+        same = dict(zip(here, there, strict=True))
+        lever = [same[place] for place in range(layout.positions)]
+        pull = [layout.positions + place for place in lever]
+        self.actions: list[int] = [*lever, *pull, 2 * layout.positions]
+
+
+def _inactive(layout: Layout) -> list[int]:
+    return [place for place in range(layout.positions) if place not in layout.places]
 
 
 class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
@@ -85,7 +112,8 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise OpenLockError(f"render_mode is ansi or rgb_array, not {render_mode!r}")
         self.render_mode = render_mode
-        self._listed: dict[Layout, _ListedRoom] = {}
+        self._listed = _Listed(self._settings)
+        self._layouts: dict[Layout, _Placed] = {}
         self._actions = 2 * self._settings.positions + 1
         self._whole_trial = self._settings.whole_trial
         self._stochastic = not self._settings.schema.deterministic
@@ -117,12 +145,13 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
 
     def _begin_trial(self) -> None:
         layout = self._settings.draw_layout(self.np_random)
-        if layout not in self._listed:
-            if len(self._listed) >= 1000:
-                self._listed.clear()
-            self._listed[layout] = _ListedRoom(self._settings, layout)
-        self._listed_room = self._listed[layout]
-        self._observations = self._listed_room.observations
+        if layout not in self._layouts:
+            if len(self._layouts) * self._listed.tables.rows >= KEPT_ROWS:
+                self._layouts.clear()
+            self._layouts[layout] = _Placed(self._listed, layout)
+        self._placed = self._layouts[layout]
+        self._observations = self._placed.observations
+        self._same_action = self._placed.actions
         self._attempts_left = self._settings.attempt_limit
         self._found: set[int] = set()
         self._solutions_left = len(self._settings.schema.solutions)
@@ -145,8 +174,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             action = -1
         if not 0 <= action < self._actions:
             raise InvalidAction(f"an action is an integer from 0 to {self._actions - 1}")
+        action = self._same_action[action]
         flat = row * self._actions + action
-        listed = self._listed_room
+        listed = self._listed
         after = listed.effect[flat]
         if self._stochastic and self.np_random.random() >= listed.chance[flat] > 0.0:
             after = listed.idle[row]
@@ -167,7 +197,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         """The reward where history or luck matters."""
         found = np.zeros((1, len(self._settings.schema.solutions)), dtype=bool)
         found[0, list(self._found)] = True
-        paid = self._listed_room.rewards.pay(
+        paid = self._listed.rewards.pay(
             np.array([row * self._actions + action]),
             np.array([after]),
             np.array([self._previous]),
@@ -177,7 +207,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         return float(paid[0])
 
     def _end_attempt(
-        self, listed: _ListedRoom, after: int, reward: float
+        self, listed: _Listed, after: int, reward: float
     ) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
         solution = listed.solution[after]
         if solution >= 0 and solution not in self._found:
@@ -210,18 +240,18 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
                 "solutions_left": self._solutions_left,
                 "solutions_found": len(self._found),
                 "attempts_left": self._attempts_left,
-                "actions_left": self._listed_room.actions_left[row],
+                "actions_left": self._listed.actions_left[row],
             },
             "latent": self._latent.copy(),
         }
 
     def _describe(self) -> dict[str, Any]:
         """What no learner may see, in values that cannot be changed."""
-        room = self._listed_room.room
+        schema = self._settings.schema
         return {
-            "schema": room.schema.name,
-            "layout": tuple(room.layout.as_mapping(room.schema).items()),
-            "solutions": room.schema.solutions,
+            "schema": schema.name,
+            "layout": tuple(self._placed.layout.as_mapping(schema).items()),
+            "solutions": schema.solutions,
             "found": tuple(sorted(self._found)),
         }
 
@@ -232,10 +262,10 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             return None
         from causal_openlock.render.room import draw_room, room_text
 
-        if not hasattr(self, "_listed_room"):
+        if not hasattr(self, "_placed"):
             raise ResetNeeded("call reset() before render()")
         row = self._row if self._row >= 0 else ~self._row
-        seen = self._listed_room.observations[row]
+        seen = self._placed.observations[row]
         positions = self._settings.positions
         if self.render_mode == "ansi":
             return room_text(seen, positions)

@@ -15,9 +15,9 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, nearest
+from causal_openlock.files import write_bytes
 from causal_openlock.render.arrange import RADIUS, Drawing, arrange
 from causal_openlock.schema import DOOR, Schema
-from causal_openlock.yaml_file import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
