@@ -55,35 +55,39 @@ class Store:
         Raises:
             StoreError: If it holds something else, is in use, or cannot be written to.
         """
-        declared = self.folder / "experiment.json"
         try:
-            if self.folder.exists() and not self.folder.is_dir():
-                raise StoreError(f"{self.folder} is a file; choose a folder for the results")
-            if not declared.exists() and self._holds_something():
-                raise StoreError(
-                    f"{self.folder} is not empty and holds no results; choose another folder"
-                )
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._take_lock()
-            # Where nothing is done yet, nothing is lost by another experiment.
-            if declared.exists() and any(self.cells.glob("*.parquet")):
-                self._check_same(experiment)
-            else:
-                held = {
-                    "identity": experiment.identity,
-                    **experiment.as_dict(),
-                    "cells": [cell.file_name for cell in experiment.cells()],
-                }
-                write_text(declared, json.dumps(held, indent=1) + "\n")
-            self.cells.mkdir(exist_ok=True)
-            sweep(self.folder)
-            sweep(self.cells)
-        except StoreError:
+            self._prepare(experiment)
+        except BaseException as error:
+            self.close()
+            if isinstance(error, OSError):
+                raise _unusable(self.folder, error.strerror) from None
+            if isinstance(error, OpenLockError) and not isinstance(error, StoreError):
+                raise StoreError(str(error)) from None
             raise
-        except OSError as error:
-            raise _unusable(self.folder, error.strerror) from None
-        except OpenLockError as error:
-            raise StoreError(str(error)) from None
+
+    def _prepare(self, experiment: Experiment) -> None:
+        declared = self.folder / "experiment.json"
+        if self.folder.exists() and not self.folder.is_dir():
+            raise StoreError(f"{self.folder} is a file; choose a folder for the results")
+        if not declared.exists() and self._holds_something():
+            raise StoreError(
+                f"{self.folder} is not empty and holds no results; choose another folder"
+            )
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._take_lock()
+        # Where nothing is done yet, nothing is lost by another experiment.
+        if declared.exists() and any(self.cells.glob("*.parquet")):
+            self._check_same(experiment)
+        else:
+            held = {
+                "identity": experiment.identity,
+                **experiment.as_dict(),
+                "cells": [cell.file_name for cell in experiment.cells()],
+            }
+            write_text(declared, json.dumps(held, indent=1) + "\n")
+        self.cells.mkdir(exist_ok=True)
+        sweep(self.folder)
+        sweep(self.cells)
 
     def close(self) -> None:
         """Let others work in the folder."""

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pandas as pd
 
-_HEADING = ("name", "title", "seed", "versions", "missing_cells")  # shown elsewhere on the page
+_HEADING = ("name", "title", "seed", "version", "versions", "command", "missing_cells")
+"""Shown elsewhere on the page."""
 _LEARNER = {"name", "protocol", "parameters"}
 _CONDITION = {"name", "train"}
 _BUDGETS = {

@@ -133,7 +133,7 @@ def _report(store: Store, console: Console) -> None:
     path = write_report(record, store.folder, description)
     learners = [learner["name"] for learner in description["learners"]]
     conditions = [condition["name"] for condition in description["conditions"]]
-    _print_headline(headline_table(record), learners, conditions, console)
+    _print_headline(headline_table(record, description), learners, conditions, console)
     console.print(f"report: {path}", soft_wrap=True, highlight=False)
 
 
