@@ -100,7 +100,7 @@ class Events:
             unlocks=tables.unlocked[after] & ~tables.unlocked[row],
             unlocked=tables.unlocked[after],
             opens=tables.opened[after] & ~tables.opened[row],
-            on_path=np.logical_or.reduce(tables.begins[after], axis=1),
+            on_path=tables.on_path[after],
             repeated=never,
             new=tables.solution[after] >= 0,
             retraced=never,
@@ -124,7 +124,7 @@ class Events:
             self,
             repeated=repeated,
             new=self.new & ~known,
-            retraced=np.logical_or.reduce(tables.begins[after] & found, axis=1),
+            retraced=np.logical_or.reduce(tables.begins(after) & found, axis=1),
             found=found.sum(axis=1),
         )
 

@@ -133,7 +133,7 @@ class Session:
         self._room = self._rooms[:, 0].copy()
         self._attempt = np.ones(subjects, dtype=np.int64)
         self._row = tables.start[self._room]
-        self._found = np.zeros((subjects, tables.begins.shape[1]), dtype=bool)
+        self._found = np.zeros((subjects, int(tables.solutions.max())), dtype=bool)
         self._found_count = np.zeros(subjects, dtype=np.int64)
         self._playing = np.ones(subjects, dtype=bool)
         self._everyone = np.arange(subjects)

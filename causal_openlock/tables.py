@@ -7,7 +7,7 @@ step of B rooms is one gather at ``row * A + action``: what is seen, what is unl
 the attempt is over are further gathers by the new row.
 
 A room takes ``8 * A`` bytes a row for where actions lead and little else. That is 4 kB for the
-paper's rooms and 8 MB for twelve levers in attempts of thirteen actions.
+paper's rooms and 9 MB for twelve free levers in attempts of thirteen actions.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class RoomTables:
         unlocked: ``[R]`` whether the door is unlocked.
         opened: ``[R]`` whether the door is open.
         solution: ``[R]`` which solution is pushed, -1 for none.
-        begins: ``[R, K]`` whether the actions so far begin solution *k*.
+        on_path: ``[R]`` whether the actions so far are the beginning of some solution.
         room: ``[R]`` index of the room.
         start: ``[G]`` the row at which each room's attempts begin.
         solutions: ``[G]`` how many solutions each room has.
@@ -94,7 +94,12 @@ class RoomTables:
         self.unlocked: BoolArray = np.zeros(0, bool)
         self.opened: BoolArray = np.zeros(0, bool)
         self.solution: IntArray = np.zeros(0, np.int64)
-        self.begins: BoolArray = np.zeros((0, 0), bool)
+        self.on_path: BoolArray = np.zeros(0, bool)
+        # [R] where each row's line of _begins is: there can be hundreds of solutions, so twins
+        # share theirs.
+        self._line: IntArray = np.zeros(0, np.int64)
+        self._begins: BoolArray = np.zeros((0, 0), bool)
+        self._first_line: list[int] = []  # of each room
         self.room: IntArray = np.zeros(0, np.int64)
         self.start: IntArray = np.zeros(0, np.int64)
         self.solutions: IntArray = np.zeros(0, np.int64)
@@ -146,11 +151,18 @@ class RoomTables:
         return np.array([self._index[key] for key in keys], dtype=np.int64)
 
     def _stack(self, new: list[tuple[RoomKey, Layout]]) -> None:
-        since, first = len(self.rooms), self.rows
-        starts, twins = [], []
+        since, first, lines = len(self.rooms), self.rows, len(self._begins)
+        starts, twins, begins = [], [], [self._begins]
         for key, layout in new:
             twin = self._twins.setdefault((key.schema, key.action_limit), len(self.rooms))
-            attempt = self._attempts[twin] if twin < len(self.rooms) else self._unrolled(key)
+            if twin < len(self.rooms):
+                attempt = self._attempts[twin]
+                self._first_line.append(self._first_line[twin])
+            else:
+                attempt = self._unrolled(key)
+                self._first_line.append(lines)
+                begins.append(attempt.begins)
+                lines += len(attempt.begins)
             self._attempts.append(attempt)
             self.rooms.append(Room(attempt.fsm, layout))
             starts.append(first)
@@ -163,7 +175,9 @@ class RoomTables:
         self.solutions = np.concatenate([self.solutions, solutions])
         self.action_limit = np.concatenate([self.action_limit, limits])
         self.stochastic |= not all(key.schema.deterministic for key, _ in new)
-        self.begins = _widen(self.begins, int(self.solutions.max()))
+        if len(begins) > 1:
+            most = int(self.solutions.max())
+            self._begins = np.concatenate([_widen(part, most) for part in begins])
         for name, part in _PARTS.items():
             self._extend(name, part, since)
         self._extend("_leads", _leads, since, self.actions)
@@ -189,6 +203,10 @@ class RoomTables:
             mine = self.rows_of(room)
             grown[mine.start * each : mine.stop * each] = part(self, room)
         setattr(self, name, grown)
+
+    def begins(self, row: IntArray) -> BoolArray:
+        """``[B, K]`` whether the actions so far, at B rows, begin solution *k*."""
+        return self._begins.take(self._line.take(row), axis=0)
 
     def effect(self, choice: IntArray) -> IntArray:
         """``[B]`` the rows after actions that take effect.
@@ -278,7 +296,10 @@ _PARTS: dict[str, Part] = {
     "unlocked": _of_attempt(lambda attempt: attempt.fsm.unlocked[attempt.state]),
     "opened": _of_attempt(lambda attempt: attempt.fsm.opened[attempt.state]),
     "solution": _of_attempt(lambda attempt: attempt.fsm.solution[attempt.state]),
-    "begins": lambda tables, room: _widen(tables._attempts[room].begins, tables.begins.shape[1]),
+    "on_path": _of_attempt(lambda attempt: attempt.begins.any(axis=1)),
+    "_line": lambda tables, room: (
+        tables._first_line[room] + np.arange(len(tables._attempts[room].state))
+    ),
     "room": lambda tables, room: room,
 }
 

@@ -154,8 +154,7 @@ def test_a_player_is_told_what_its_own_action_led_to() -> None:
     layout = Layout.of(cc3, {"L0": "UPPER", "L1": "LEFT", "L2": "LOWER"})
     condition = Condition("room", (Trials(cc3, (layout,)),))
     # Positions: UPPER 1, LEFT 3, LOWER 5. The first subject solves it all, and is done.
-    scripts = ([1, 3, 14, 1, 5, 14], [1, 8, 6, 14, 14, 3] + [0] * 6)
-    Scripted.scripts = iter(map(iter, scripts))
+    Scripted.scripts = map(iter, ([1, 3, 14, 1, 5, 14], [1, 8, 6, 14, 14, 3] + [0] * 6))
     play = Session(condition, replace(HUMAN, attempt_limit=4), 2)
     chorus = Chorus(Scripted)
     play.play(chorus)

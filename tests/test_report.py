@@ -238,7 +238,7 @@ def test_what_was_run_is_told_in_words(tmp_path: Path) -> None:
     assert "6 training trials, gone through 4 times, then 5 test trials" in text
     assert "L0 → L1, L2, L3; L1, L2, L3 → door" in text
     assert "causal-openlock 0.1.0; numpy 2.0, 2.1." in text
-    assert "causal-openlock compare EXPERIMENT.yaml --out DIR" in text
+    assert f"causal-openlock compare {declared}" in text
     assert "negative_immovable" in text
     assert not re.search(r"[{}\[\]]|None|True|False", text)
     cells = [row for rows in page.tables for row in rows]

@@ -88,7 +88,7 @@ def test_the_table_pays_what_the_reward_function_pays(
         limit = schema.least_action_limit + int(generator.integers(2))
         tables.add([(schema, Layout.random(schema, generator), limit)])
         room = generator.integers(len(tables.rooms), size=many)
-        found = generator.random((many, tables.begins.shape[1])) < 0.3
+        found = generator.random((many, int(tables.solutions.max()))) < 0.3
         found &= np.arange(found.shape[1]) < tables.solutions[room][:, None]
         row, previous = tables.start[room], np.full(many, -1)
         for _ in range(12):

@@ -10,6 +10,8 @@ from scipy import stats
 from strategies import schemas
 
 from causal_openlock.fsm import IntArray
+from causal_openlock.reward_table import RewardTable
+from causal_openlock.rewards import find_reward
 from causal_openlock.room import Layout, Room
 from causal_openlock.schema import DOOR, Gate, Schema
 from causal_openlock.schema_file import bundled_schemas
@@ -27,6 +29,7 @@ PER_ROW = (
     "unlocked",
     "opened",
     "solution",
+    "on_path",
 )
 
 
@@ -62,12 +65,17 @@ def test_rooms_stacked_in_one_go_or_one_by_one_are_the_same_table(rooms: list[St
     at_once, index = stacked(rooms)
     one_by_one = RoomTables(7)
     assert [int(one_by_one.add([room])[0]) for room in rooms] == index.tolist()
-    names = (*PER_ROW, "effect", "chance", "begins", "room", "start", "solutions", "action_limit")
+    names = (*PER_ROW, "chance", "room", "start", "solutions", "action_limit", "twin")
     for name in names:
         assert np.array_equal(getattr(at_once, name), getattr(one_by_one, name)), name
         assert getattr(at_once, name).dtype == getattr(one_by_one, name).dtype
     assert at_once.stochastic == one_by_one.stochastic
-    assert at_once.rows == one_by_one.rows == len(at_once.effect) / 15
+    assert at_once.rows == one_by_one.rows
+    everywhere = np.arange(at_once.rows)
+    assert np.array_equal(at_once.begins(everywhere), one_by_one.begins(everywhere))
+    everything = np.arange(15 * at_once.rows)
+    assert np.array_equal(at_once.effect(everything), one_by_one.effect(everything))
+    assert at_once.nbytes == one_by_one.nbytes
 
 
 @settings(max_examples=40, deadline=None)
@@ -81,12 +89,16 @@ def test_a_room_behaves_among_others_as_it_does_alone(rooms: list[Stacked]) -> N
         for name in PER_ROW:
             shift = first if name == "idle" else 0
             assert np.array_equal(getattr(tables, name)[mine], getattr(alone, name) + shift), name
-        choices = slice(first * 15, (first + count) * 15)
-        assert np.array_equal(tables.effect[choices], alone.effect + first)
-        assert np.array_equal(tables.chance[choices], alone.chance)
+        choices = np.arange(first * 15, (first + count) * 15)
+        assert np.array_equal(tables.effect(choices), alone.effect(choices - first * 15) + first)
+        if alone.stochastic:
+            assert np.array_equal(tables.chance[choices], alone.chance)
+        elif tables.stochastic:
+            assert set(tables.chance[choices]) <= {0.0, 1.0}
         solutions = len(schema.solutions)
-        assert np.array_equal(tables.begins[mine, :solutions], alone.begins)
-        assert not tables.begins[mine, solutions:].any()
+        begins = tables.begins(np.arange(mine.start, mine.stop))
+        assert np.array_equal(begins[:, :solutions], alone.begins(np.arange(count)))
+        assert not begins[:, solutions:].any()
         assert (tables.room[mine] == which).all()
         assert tables.solutions[which] == solutions
         assert tables.action_limit[which] == limit
@@ -106,6 +118,51 @@ def test_the_same_room_is_stacked_once_and_another_limit_makes_another_room() ->
     assert tables.rows == rows
     assert tables.add([(cc3, trial1, 4)]).tolist() == [3]
     assert tables.rows > rows
+
+
+def test_rooms_that_differ_by_the_layout_alone_are_twins() -> None:
+    cc3, ce3 = BUNDLED["CC3"], BUNDLED["CE3"]
+    layouts = [Layout(places) for places in ((0, 1, 2), (6, 3, 1), (2, 1, 0))]
+    rooms = [(cc3, layouts[0], 3), (ce3, layouts[0], 3), (cc3, layouts[1], 3), (cc3, layouts[0], 4)]
+    tables, _ = stacked(rooms)
+    tables.add([(ce3, layouts[2], 3), (cc3, layouts[2], 3)])
+    assert tables.twin.tolist() == [0, 1, 0, 3, 1, 0]
+    for room, twin in enumerate(tables.twin):
+        mine, its = tables.rows_of(room), tables.rows_of(twin)
+        for name in ("state", "used", "over", "status"):
+            held = getattr(tables, name)
+            assert np.array_equal(held[mine], held[its]), (room, name)
+
+
+# -- memory ---------------------------------------------------------------------------------------
+
+LEVERS = [f"L{index}" for index in range(12)]
+
+
+@pytest.mark.parametrize("gate", [Gate("all"), Gate("at_least", 6)], ids=["1 way", "924 ways"])
+@pytest.mark.parametrize("reward", ["paper", "authors_2018_unique_solutions"])
+def test_a_room_of_twelve_levers_takes_less_than_twenty_megabytes(gate: Gate, reward: str) -> None:
+    """Of arrays that last, the table of rewards included; what the first room takes is shared."""
+    schema = Schema("large", LEVERS, {lever: [DOOR] for lever in LEVERS}, gates={DOOR: gate})
+    generator = np.random.default_rng(0)
+    tables = RoomTables(12)
+    rewards = RewardTable(find_reward(reward), tables)
+    took = []
+    for _ in range(3):
+        tables.add([(schema, Layout.random(schema, generator, 12), 13)])
+        rewards.table()
+        took.append(tables.nbytes + rewards.nbytes)
+    assert tables.rows > 3 * 8192
+    assert np.diff(took).max() < 20e6
+    if len(schema.solutions) == 1:
+        assert took[0] < 20e6
+
+
+def test_rooms_that_obey_keep_no_chances() -> None:
+    tables, _ = stacked([(BUNDLED["CC4"], Layout((0, 1, 2, 3)), 3)])
+    assert len(tables.chance) == 0
+    tables.add([(NOISY, Layout((0, 1, 2)), 3)])
+    assert len(tables.chance) == 15 * tables.rows
 
 
 @pytest.mark.parametrize(
@@ -197,8 +254,8 @@ def test_the_status_byte_says_what_the_other_tables_say(rooms: list[Stacked]) ->
     assert np.array_equal(tables.over, (tables.status & ACTIONS_LEFT) == 0)
     assert np.array_equal(tables.observation[:, -2] == 0, tables.unlocked)
     assert np.array_equal(tables.observation[:, -1] == 1, tables.opened)
-    for room, active in zip(tables.room, tables.active, strict=True):
-        assert np.array_equal(active, tables.rooms[room].active)
+    for room, seen in zip(tables.room, tables.observation, strict=True):
+        assert np.array_equal(seen[7:14] == 1, tables.rooms[room].active)
     # One comparison tells a step what it has to know, since an attempt ends with an open door.
     assert not (tables.opened & ~tables.unlocked).any()
     assert np.array_equal(tables.status >= UNLOCKED, tables.unlocked)
