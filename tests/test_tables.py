@@ -139,10 +139,16 @@ def test_rooms_that_differ_by_the_layout_alone_are_twins() -> None:
 LEVERS = [f"L{index}" for index in range(12)]
 
 
-@pytest.mark.parametrize("gate", [Gate("all"), Gate("at_least", 6)], ids=["1 way", "924 ways"])
+@pytest.mark.parametrize(
+    ("gate", "megabytes"),
+    [(Gate("all"), 20), (Gate("at_least", 6), 26)],
+    ids=["1 solution", "924 solutions"],
+)
 @pytest.mark.parametrize("reward", ["paper", "authors_2018_unique_solutions"])
-def test_a_room_of_twelve_levers_takes_less_than_twenty_megabytes(gate: Gate, reward: str) -> None:
-    """Of arrays that last, the table of rewards included; what the first room takes is shared."""
+def test_a_room_of_twelve_levers_takes_a_few_megabytes(
+    gate: Gate, megabytes: int, reward: str
+) -> None:
+    """Of arrays that last, the table of rewards included."""
     schema = Schema("large", LEVERS, {lever: [DOOR] for lever in LEVERS}, gates={DOOR: gate})
     generator = np.random.default_rng(0)
     tables = RoomTables(12)
@@ -153,9 +159,10 @@ def test_a_room_of_twelve_levers_takes_less_than_twenty_megabytes(gate: Gate, re
         rewards.table()
         took.append(tables.nbytes + rewards.nbytes)
     assert tables.rows > 3 * 8192
-    assert np.diff(took).max() < 20e6
-    if len(schema.solutions) == 1:
-        assert took[0] < 20e6
+    assert np.diff(took).max() < megabytes * 1e6
+    # Which solutions the actions so far begin is kept once, whatever the layouts.
+    once = len(schema.solutions) * tables.rows / 3
+    assert took[0] < megabytes * 1e6 + once
 
 
 def test_rooms_that_obey_keep_no_chances() -> None:

@@ -107,6 +107,44 @@ def test_the_step_that_resets_a_room_ignores_its_action(episode: Any) -> None:
     assert not reward.any(), "the ignored action is none to be repeated"
 
 
+@pytest.mark.parametrize("episode", EPISODES)
+def test_forgetting_rooms_that_nobody_is_in_bounds_the_tables_and_changes_nothing(
+    episode: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments: dict[str, Any] = {"schema": "noisy_CC3", "episode": episode, "attempt_limit": 2}
+    remembers = OpenLockVectorEnv(3, reward="paper", **arguments)
+    monkeypatch.setattr("causal_openlock.envs.vector.KEPT_CHOICES", 1)
+    forgets = OpenLockVectorEnv(3, reward="paper", **arguments)
+    for own in (remembers, forgets):
+        own.reset(seed=4)
+    generator = np.random.default_rng(0)
+    stacked = []
+    for moment in range(600):
+        # Trials end together at first, and then at moments of their own.
+        if moment == 50:
+            mask = np.array([True, False, False])
+            for own in (remembers, forgets):
+                own.reset(options={"reset_mask": mask})
+        actions = generator.integers(15, size=3)
+        first, second = (own.step(actions) for own in (remembers, forgets))
+        for result, expected in zip(second[:4], first[:4], strict=True):
+            np.testing.assert_array_equal(result, expected)
+        assert_same_console(second[4], [{"console": _at(first[4], each)} for each in range(3)])
+        (first_rooms, second_rooms) = (
+            [tables.rooms[room].layout for room in tables.room[told["latent"]["row"]]]
+            for told in (first[4], second[4])
+            for tables in [told["latent"]["tables"]]
+        )
+        assert first_rooms == second_rooms
+        stacked.append(len(second[4]["latent"]["tables"].rooms))
+    assert max(stacked) <= 12, "three are in use, and as many again may be before they are counted"
+    assert len(first[4]["latent"]["tables"].rooms) > 60
+
+
+def _at(info: dict[str, Any], which: int) -> dict[str, Any]:
+    return {key: values[which] for key, values in info["console"].items()}
+
+
 def test_each_of_many_random_rooms_is_the_room_of_its_layout() -> None:
     generator = np.random.default_rng(0)
     many = 30

@@ -23,6 +23,13 @@ if TYPE_CHECKING:
     from causal_openlock.schema import Schema
 
 
+KEPT_CHOICES = 1 << 23
+"""How many rows times actions may be stacked before rooms that nobody is in are forgotten.
+
+All layouts of the paper's rooms are far below it, and ten rooms of twelve levers fit: 150 MB.
+"""
+
+
 class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
     """Many rooms at once, each with its own trial.
 
@@ -75,6 +82,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self._heeds_found = settings.reward.heeds_found
         self._heeds_repeats = settings.reward.heeds_repeats
         self._room_of: dict[int, int] = {}
+        self._kept_choices = KEPT_CHOICES
         self._started = False
 
     def reset(
@@ -131,10 +139,24 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         codes, first, which = np.unique(
             order @ positions ** np.arange(levers), return_index=True, return_inverse=True
         )
+        if self._tables.rows * self._tables.actions > self._kept_choices:
+            self._forget()
         new = [i for i, code in enumerate(codes.tolist()) if code not in self._room_of]
         layouts = [Layout(tuple(order[first[i]].tolist()), positions) for i in new]
         self._room_of.update(zip(codes[new].tolist(), self._stacked(layouts), strict=True))
         return np.array([self._room_of[code] for code in codes.tolist()])[which]
+
+    def _forget(self) -> None:
+        """Stack anew the rooms that somebody is in, and no others: layouts can be countless."""
+        old, (used, which) = self._tables, np.unique(self._room, return_inverse=True)
+        self._tables = RoomTables(self._settings.positions)
+        self._rewards = RewardTable(self._settings.reward, self._tables)
+        self._room_of = {}
+        moment = self._row - old.start[self._room]
+        self._room = self._stacked([old.rooms[room].layout for room in used])[which]
+        self._row = self._tables.start[self._room] + moment
+        stacked = self._tables.rows * self._tables.actions
+        self._kept_choices = max(KEPT_CHOICES, 2 * stacked)
 
     def _stacked(self, layouts: list[Layout]) -> NDArray[np.int64]:
         settings = self._settings
@@ -175,6 +197,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if len(self._due):
             reward[self._due] = 0.0
             self._begin_trials(self._due)
+            tables = self._tables
             status[self._due] = tables.status[self._row[self._due]]
             self._due = _NONE
 
