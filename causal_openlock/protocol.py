@@ -38,6 +38,11 @@ PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
 LayoutSource = Literal["published", "random"]
 
 
+def default_action_limit(schema: Schema) -> int:
+    """Actions in an attempt where nothing is said: the paper's 3, or as many as are needed."""
+    return max(PAPER_ACTION_LIMIT, schema.least_action_limit)
+
+
 @dataclass(frozen=True)
 class Protocol:
     """How a condition is carried out.
@@ -94,7 +99,7 @@ class Protocol:
             ProtocolError: If the protocol's limit is too small for the schema.
         """
         if self.action_limit is None:
-            return max(PAPER_ACTION_LIMIT, schema.least_action_limit)
+            return default_action_limit(schema)
         if self.action_limit < schema.least_action_limit:
             raise ProtocolError(
                 f"{schema.name} needs attempts of {schema.least_action_limit} actions and the "

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.fsm import BoolArray, IntArray
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -206,7 +206,6 @@ __all__ = [
     "CATEGORIES",
     "PHASES",
     "AttemptLog",
-    "FloatArray",
     "assemble",
     "categorise",
     "record_schema",

@@ -104,7 +104,12 @@ class Layout:
                     f"two levers stand at {names[place]}; give each lever a position of its own"
                 )
         if not self.name:
-            object.__setattr__(self, "name", " ".join(names[place] for place in self.places))
+            object.__setattr__(self, "name", self._by_position)
+
+    @property
+    def _by_position(self) -> str:
+        """The name of a layout that has no other."""
+        return " ".join(position_names(self.positions)[place] for place in self.places)
 
     @classmethod
     def of(
@@ -186,8 +191,7 @@ class Layout:
         """The same places in a room of another size."""
         if positions == self.positions:
             return self
-        by_position = " ".join(position_names(self.positions)[place] for place in self.places)
-        return Layout(self.places, positions, "" if self.name == by_position else self.name)
+        return Layout(self.places, positions, "" if self.name == self._by_position else self.name)
 
     def role_actions(self) -> IntArray:
         """``[2P + 1]`` the machine's action for each of the room's actions.

@@ -28,7 +28,7 @@ from pydantic_core import PydanticCustomError
 from causal_openlock.errors import FileError, OpenLockError, SchemaError, nearest
 from causal_openlock.files import write_text
 from causal_openlock.model_faults import StrictModel, described, sentence
-from causal_openlock.schema import DOOR, MAX_LEVERS, NAME, Gate, Schema
+from causal_openlock.schema import MAX_LEVERS, NAME, Gate, Schema
 from causal_openlock.yaml_edit import rewritten, styled
 from causal_openlock.yaml_file import (
     Document,
@@ -281,7 +281,6 @@ def json_schema() -> dict[str, Any]:
 
 
 __all__ = [
-    "DOOR",
     "SchemaFile",
     "bundled",
     "bundled_schemas",

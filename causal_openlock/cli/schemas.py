@@ -82,8 +82,9 @@ def _show_states(fsm: FSM) -> None:
     from rich.table import Table
 
     from causal_openlock.fsm import NO_SOLUTION, unroll
+    from causal_openlock.protocol import default_action_limit
 
-    limit = max(3, fsm.schema.least_action_limit)
+    limit = default_action_limit(fsm.schema)
     attempt = unroll(fsm, limit)
     reached = list(dict.fromkeys(attempt.state.tolist()))
     shown = reached[:64]

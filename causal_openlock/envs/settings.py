@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
-from causal_openlock.protocol import MAX_ACTION_LIMIT, PAPER_ACTION_LIMIT
+from causal_openlock.protocol import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.rewards import RewardFunction, find_reward
 from causal_openlock.room import RANDOM_LAYOUT, Layout, position_names, positions_for
 
@@ -76,7 +76,7 @@ class Settings:
         if attempt_limit < 1:
             raise ProtocolError(f"attempt_limit must be at least 1, not {attempt_limit}")
         if action_limit is None:
-            action_limit = max(PAPER_ACTION_LIMIT, schema.least_action_limit)
+            action_limit = default_action_limit(schema)
         if not schema.least_action_limit <= action_limit <= MAX_ACTION_LIMIT:
             raise ProtocolError(
                 f"{schema.name} needs attempts of at least {schema.least_action_limit} actions and "
