@@ -1,0 +1,295 @@
+"""The beliefs of many subjects at once, each about the room that it is in.
+
+Each subject holds its hypotheses and their probabilities; what is ruled out is dropped. An update
+takes the pairs of all subjects whose rooms look alike, one flat array of (subject, hypothesis)
+pairs, and multiplies each pair's probability by the likelihood of what its subject saw.
+
+A world without noise rules hypotheses out for good. A subject starts in such a world unless it is
+told to expect noise, and once every hypothesis is ruled out it concludes that levers may fail to
+move: it takes the trial's events up again with strengths that are unknown. That is Bayesian
+inference in the limit of a vanishing prior probability of noise.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from causal_openlock.belief.evidence import DOOR, Event, likelihood
+from causal_openlock.belief.knowledge import Knowledge, rule_prior
+from causal_openlock.belief.space import RoomSight, Space, enumerate_space
+from causal_openlock.belief.strength import strengths
+from causal_openlock.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.learner import Brief, Step, View
+
+enumerated = lru_cache(maxsize=64)(enumerate_space)
+STRENGTH_NODES = 5
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What subjects believe before they see a room; the fields of the learner's parameters."""
+
+    concentration: float = 1.0
+    simplicity: float = float(np.log(2.0))
+    free_form: float = 0.1
+    by_colour: float = 0.5
+    by_white: float = 0.1
+    noise: float = 0.0
+    strength_alpha: float = 4.0
+    strength_beta: float = 1.0
+    hypothesis_limit: int = 20_000
+    particles: int = 500
+    forgetting: float = 0.0
+
+
+@dataclass(eq=False)
+class Belief:
+    """What one subject holds possible in the room that it is in.
+
+    Attributes:
+        space: The hypotheses.
+        slots: ``[P]`` the slot of each position.
+        which: ``[E]`` indices of hypotheses that are still possible, in ascending order.
+        weight: ``[E]`` their probabilities; they add up to 1.
+        start: ``[E]`` the same when the trial began, kept by subjects that forget.
+        found: What stood pushed when solutions were found, as masks of slots.
+        events: How often what happened in this trial.
+    """
+
+    space: Space
+    slots: IntArray
+    which: IntArray
+    weight: FloatArray
+    start: FloatArray | None = None
+    found: tuple[int, ...] = ()
+    events: Counter[tuple[Any, ...]] = field(default_factory=Counter)
+
+    @property
+    def positions(self) -> IntArray:
+        """``[P]`` the position of each slot."""
+        return np.argsort(self.slots)
+
+    @property
+    def entropy(self) -> float:
+        """Bits that are missing to certainty."""
+        weight = self.weight[self.weight > 0]
+        return float(-(weight * np.log2(weight)).sum())
+
+
+class Beliefs:
+    """The beliefs of B subjects.
+
+    Args:
+        brief: Sizes of the rooms.
+        prior: What they believe before they see a room.
+        generators: One for each subject, for hypotheses that are sampled.
+    """
+
+    def __init__(
+        self, brief: Brief, prior: Prior, generators: tuple[np.random.Generator, ...]
+    ) -> None:
+        self.prior = prior
+        self.positions = brief.positions
+        self._generators = generators
+        self._certain = strengths(0.0, 1.0, 1.0, 1)
+        self._unsure = strengths(
+            prior.noise or 0.5, prior.strength_alpha, prior.strength_beta, STRENGTH_NODES
+        )
+        self.unsure: BoolArray = np.full(brief.subjects, prior.noise > 0)
+        self.knowledge = Knowledge(
+            brief.subjects,
+            brief.positions,
+            concentration=prior.concentration,
+            simplicity=prior.simplicity,
+            free_form=prior.free_form,
+            rules=rule_prior(prior.by_colour, prior.by_white),
+            strengths=self._unsure,
+        )
+        self.of: list[Belief | None] = [None] * brief.subjects
+
+    # -- a room is entered, and left ------------------------------------------------------------
+
+    def enter(self, view: View) -> None:
+        """Take up the rooms of subjects that have just come into one."""
+        new = [b for b in np.flatnonzero(view.playing).tolist() if self.of[b] is None]
+        groups: dict[tuple[RoomSight, bool], list[int]] = {}
+        for subject in new:
+            grey = view.observation[subject, self.positions : 2 * self.positions] == 1
+            sight = RoomSight(
+                self.positions,
+                int(grey.sum()),
+                int(view.console.solutions_left[subject]),
+                int(view.console.actions_left[subject]),
+            )
+            groups.setdefault((sight, bool(self.unsure[subject])), []).append(subject)
+        for (sight, unsure), members in groups.items():
+            who = np.array(members)
+            grey = view.observation[who, self.positions : 2 * self.positions] == 1
+            order = np.argsort(~grey, axis=1, kind="stable")
+            space = self._space(sight, unsure)
+            weights = self._weights(space, who, order)
+            for row, subject in enumerate(members):
+                self.of[subject] = self._fresh(space, np.argsort(order[row]), weights[row])
+
+    def _space(self, sight: RoomSight, unsure: bool) -> Space:
+        how = self._unsure if unsure else self._certain
+        return enumerated(sight, how, self.prior.simplicity, self.prior.hypothesis_limit)
+
+    def _weights(self, space: Space, who: IntArray, order: IntArray) -> FloatArray:
+        """``[len(who), H]`` what subjects believe of a room before they try anything."""
+        known = self.knowledge
+        places = np.take_along_axis(known.places(who), order, axis=1)
+        surely = known.strengths[who] if len(space.strengths) > 1 else np.ones((len(who), 1))
+        return space.prior(known.classes(who), known.rules[who], places, surely)
+
+    def _fresh(self, space: Space, slots: IntArray, weight: FloatArray) -> Belief:
+        which = np.flatnonzero(weight > 0)
+        share = weight[which] / weight[which].sum()
+        return Belief(space, slots, which, share, share if self.prior.forgetting else None)
+
+    def leave(self, subject: int) -> None:
+        """Keep what a room has taught, and forget the room."""
+        belief = self.of[subject]
+        if belief is not None:
+            self.knowledge.absorb(subject, belief.space, belief.which, belief.weight, belief.slots)
+        self.of[subject] = None
+
+    # -- something happens ----------------------------------------------------------------------
+
+    def update(self, step: Step) -> None:
+        """Take in what the subjects' actions led to."""
+        who, events = self._events(step)
+        spaces: dict[int, list[int]] = {}
+        for row, subject in enumerate(who):
+            spaces.setdefault(id(self._belief(subject).space), []).append(row)
+        for rows in spaces.values():
+            self._update(who[rows], Event(*(values[rows] for values in events)))
+        for row, subject in enumerate(who):
+            belief = self._belief(subject)
+            one = tuple(int(value[row]) for value in events[:-1])
+            belief.events[(*one, belief.found)] += 1
+            if events.new[row]:
+                belief.found = (*belief.found, int(events.pushed[row]))
+        if self.prior.forgetting:
+            for subject in np.flatnonzero(step.attempt_over & step.view.playing):
+                belief = self._belief(subject)
+                if belief.start is not None:
+                    lost = self.prior.forgetting
+                    belief.weight = (1.0 - lost) * belief.weight + lost * belief.start
+        for subject in np.flatnonzero(step.trial_over & step.view.playing):
+            self.leave(subject)
+
+    def _belief(self, subject: int) -> Belief:
+        belief = self.of[subject]
+        assert belief is not None, "the subject is in no room"
+        return belief
+
+    def _events(self, step: Step) -> tuple[IntArray, Event]:
+        """The actions that could have done something, and what came of them."""
+        seen, outcome = step.view.observation, step.outcome
+        positions = self.positions
+        door = step.action == 2 * positions
+        lever = step.action % positions
+        everyone = np.arange(len(step.action))
+        is_pushed = seen[everyone, lever] == 1
+        pulls = step.action >= positions
+        tells = np.where(door, seen[:, -2] == 0, pulls == is_pushed)
+        who = np.flatnonzero(step.view.playing & tells)
+        slots = np.array([self._belief(b).slots for b in who]).reshape(-1, positions)
+        masks = (seen[who, :positions].astype(np.int64) << slots).sum(axis=1)
+        found = [self._belief(b).found for b in who]
+        padded = np.zeros((len(who), max(map(len, found), default=0)), dtype=np.uint16)
+        for row, sets in enumerate(found):
+            padded[row, : len(sets)] = sets
+        of_lever = slots[np.arange(len(who)), lever[who]]
+        moved = seen[who, lever[who]] != outcome[who, lever[who]]
+        return who, Event(
+            slot=np.where(door[who], DOOR, of_lever),
+            pushed=masks.astype(np.uint16),
+            took_effect=np.where(door[who], outcome[who, -1] == 1, moved),
+            unlocked=outcome[who, -2] == 0,
+            new=step.new_solution[who],
+            found=padded,
+        )
+
+    def _update(self, who: IntArray, event: Event) -> None:
+        """One event for each of some subjects that share a space."""
+        beliefs = [self._belief(subject) for subject in who]
+        sizes = [len(belief.which) for belief in beliefs]
+        of = np.repeat(np.arange(len(who)), sizes)
+        which = np.concatenate([belief.which for belief in beliefs])
+        weight = np.concatenate([belief.weight for belief in beliefs])
+        space = beliefs[0].space
+        spread = Event(*(values[of] for values in event))
+        weight *= likelihood(space.hypotheses, which, space.strengths, spread)
+        total = np.bincount(of, weight, minlength=len(who))
+        ends = np.cumsum([0, *sizes])
+        for row, belief in enumerate(beliefs):
+            own = slice(ends[row], ends[row + 1])
+            if total[row] <= 0:
+                self._reconsider(who[row], Event(*(values[row] for values in event)))
+                continue
+            share = weight[own] / total[row]
+            if belief.start is None:
+                kept = share > 0
+                belief.which, belief.weight = which[own][kept], share[kept]
+            else:
+                belief.weight = share
+
+    # -- when nothing is possible any more ------------------------------------------------------
+
+    def _reconsider(self, subject: int, event: Event) -> None:
+        """Every hypothesis is ruled out: think again, now with levers that may fail to move."""
+        belief = self._belief(subject)
+        self.unsure[subject] = True
+        who = np.array([subject])
+        space = self._space(belief.space.sight, True)
+        weight = self._weights(space, who, belief.positions[None])[0]
+        fresh = self._fresh(space, belief.slots, weight)
+        fresh.events, fresh.found = belief.events, belief.found
+        events = dict(belief.events)
+        last = tuple(int(value) for value in event[:-1])
+        events[(*last, belief.found)] = events.get((*last, belief.found), 0) + 1
+        log = np.log(fresh.weight)
+        for (*one, found), times in events.items():
+            log += times * self._log_likelihood(fresh, one, found)
+        best = log.max()
+        if np.isfinite(best):
+            weight = np.exp(log - best)
+            kept = weight > 0
+            fresh.which, fresh.weight = fresh.which[kept], weight[kept] / weight.sum()
+            if fresh.start is not None:
+                fresh.start = fresh.start[kept]
+        self.of[subject] = fresh
+
+    @staticmethod
+    def _log_likelihood(belief: Belief, one: list[int], found: tuple[int, ...]) -> FloatArray:
+        many = len(belief.which)
+        slot, pushed, took_effect, unlocked, new = one
+        event = Event(
+            slot=np.full(many, slot),
+            pushed=np.full(many, pushed, dtype=np.uint16),
+            took_effect=np.full(many, bool(took_effect)),
+            unlocked=np.full(many, bool(unlocked)),
+            new=np.full(many, bool(new)),
+            found=np.tile(np.array(found, dtype=np.uint16), (many, 1)),
+        )
+        space = belief.space
+        with np.errstate(divide="ignore"):
+            return np.log(likelihood(space.hypotheses, belief.which, space.strengths, event))
+
+    # -- checkpoints ----------------------------------------------------------------------------
+
+    def state_dict(self) -> dict[str, Any]:
+        """All of it, for a checkpoint."""
+        return {
+            "knowledge": self.knowledge.state_dict(),
+            "unsure": self.unsure.copy(),
+            "of": copy.deepcopy(self.of),
+        }

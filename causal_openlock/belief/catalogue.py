@@ -1,0 +1,210 @@
+"""All that n levers can do, given what the console tells: how many solutions there are.
+
+A :class:`Catalogue` lists the *behaviours* of n levers, each once: the classes of the grammar and
+the free form generate many structures that no attempt can tell apart, and these are one hypothesis
+with the sum of their probabilities. Which structures stand behind a behaviour is kept, so that
+beliefs about arrows can be read off a belief about behaviours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+
+from causal_openlock.belief.grammar import Generated, assigned, outlines, schema_classes
+from causal_openlock.belief.structures import (
+    Masks,
+    Structures,
+    gate_dags,
+    linear_extensions,
+    merge,
+)
+from causal_openlock.fsm import BoolArray, FloatArray, IntArray
+
+FREE_FORM_LEVERS = 4
+"""Up to so many levers every gate-DAG is enumerated; five have seventeen million."""
+
+
+@dataclass(frozen=True, eq=False)
+class Catalogue:
+    """The behaviours of n levers with k solutions in attempts of so many actions.
+
+    U behaviours, M labelled structures behind them, G pairs of a structure and a class that
+    generates it, C classes and the free form.
+
+    Attributes:
+        members: ``[M]`` the structures.
+        behaviour: ``[M]`` which behaviour each has; ascending.
+        member: ``[G]`` the structure of each pair; ascending.
+        kind: ``[G]`` the class of each pair; C is the free form.
+        chance: ``[G]`` probability that the class generates the structure, of all on n levers.
+        free_form: Whether the free form is among the pairs.
+    """
+
+    members: Structures
+    behaviour: IntArray
+    member: IntArray
+    kind: IntArray
+    chance: FloatArray
+    free_form: bool
+
+    @cached_property
+    def first(self) -> IntArray:
+        """``[U]`` a structure of each behaviour."""
+        return np.searchsorted(self.behaviour, np.arange(len(self)))
+
+    @cached_property
+    def inert(self) -> Masks:
+        """``[U]`` levers that do nothing for the door."""
+        return self.members[self.first].inert()
+
+    @cached_property
+    def solutions(self) -> Masks:
+        """``[U, k]`` the solutions, as sets of levers."""
+        return solution_masks(self.members[self.first])
+
+    def __len__(self) -> int:
+        return int(self.behaviour[-1]) + 1 if len(self.behaviour) else 0
+
+    def prior(self, classes: FloatArray) -> FloatArray:
+        """``[B, U]`` probability of each behaviour.
+
+        Args:
+            classes: ``[B, C + 1]`` probability of each class for each of B subjects.
+        """
+        pairs = classes[:, self.kind] * self.chance
+        return _sums(pairs, self.behaviour[self.member], len(self))
+
+    def pairs_given_behaviour(self, classes: FloatArray) -> FloatArray:
+        """``[G]`` probability of structure and class, given the behaviour; for one subject."""
+        pairs = classes[self.kind] * self.chance
+        groups = self.behaviour[self.member]
+        total = np.bincount(groups, pairs, minlength=len(self))
+        return np.divide(pairs, total[groups], out=np.zeros_like(pairs), where=pairs > 0)
+
+
+def _sums(values: FloatArray, groups: IntArray, count: int) -> FloatArray:
+    """Sums over runs of equal groups; every group occurs, in ascending order."""
+    if not count:
+        return np.zeros((len(values), 0))
+    starts = np.searchsorted(groups, np.arange(count))
+    return np.add.reduceat(values, starts, axis=1)
+
+
+def solution_masks(structures: Structures) -> Masks:
+    """``[M, k]`` the solutions of structures that all have k."""
+    found = structures.solutions()
+    which = np.nonzero(found)[1]
+    return which.reshape(len(structures), -1).astype(np.uint16)
+
+
+def fits(structures: Structures, solutions: int, action_limit: int) -> BoolArray:
+    """``[M]`` whether there are exactly so many solutions, each done in an attempt."""
+    found = structures.solutions()
+    length = np.bitwise_count(np.arange(found.shape[1]))
+    longest = (found * length).max(axis=1, initial=0)
+    fitting: BoolArray = (found.sum(axis=1) == solutions) & (longest < action_limit)
+    return fitting
+
+
+@cache
+def feasible(levers: int) -> BoolArray:
+    """``[C + 1]`` which classes can have so many levers; the free form always can."""
+    return np.array(
+        [any(True for _ in kind.sizes(levers)) for kind in schema_classes()] + [True], dtype=bool
+    )
+
+
+@cache
+def free_form_weight(levers: int, simplicity: float) -> FloatArray:
+    """``[M]`` probability of each gate-DAG in the free form.
+
+    Levers are put in a random order, and each chooses its causes among those before it; what a
+    structure needs to be described costs ``simplicity`` for each cause and each gate but ``any``.
+    """
+    structures = gate_dags(levers)
+    weight = linear_extensions(structures.causes)
+    for node in range(levers + 1):
+        causes = np.bitwise_count(structures.causes[:, node])
+        weight = weight * gate_weight(causes, structures.threshold[:, node], simplicity)
+    return weight / weight.sum()
+
+
+def _ways(split: tuple[int, ...]) -> int:
+    """In how many ways levers can be dealt out to roles of these sizes."""
+    return math.factorial(sum(split)) // math.prod(map(math.factorial, split))
+
+
+def gate_weight(causes: IntArray, threshold: IntArray, simplicity: float) -> FloatArray:
+    """Factor of one node in the free form: what its gate costs to describe."""
+    return np.exp(-simplicity * (causes + (threshold > 1.0)))
+
+
+@cache
+def catalogue(
+    levers: int,
+    solutions: int,
+    action_limit: int,
+    uncertain: bool,
+    simplicity: float,
+    limit: int,
+) -> Catalogue:
+    """The catalogue for what a subject perceives of a room.
+
+    Args:
+        levers: Active levers, n.
+        solutions: Solutions that there are to find, k.
+        action_limit: Actions in an attempt.
+        uncertain: Whether levers may fail to move, so that more behaviours differ.
+        simplicity: As for :func:`free_form_weight`.
+        limit: Of more than four levers, only so many structures of the shortest classes are
+            listed; the others are of the free form, which is sampled there.
+    """
+    outline, splits = outlines(levers)
+    fitting = np.flatnonzero(fits(outline.structures, solutions, action_limit))
+    if levers > FREE_FORM_LEVERS:  # classes come in the order of their length
+        ways = [_ways(splits[index]) for index in fitting]
+        fitting = fitting[np.cumsum(ways) <= limit]
+    parts = [
+        assigned(
+            Generated(outline.structures[fitting], outline.kind[fitting], outline.chance[fitting]),
+            tuple(splits[index] for index in fitting),
+        )
+    ]
+    free_form = levers <= FREE_FORM_LEVERS
+    if free_form:
+        structures = gate_dags(levers)
+        chosen = np.flatnonzero(fits(structures, solutions, action_limit))
+        parts.append(
+            Generated(
+                structures[chosen],
+                np.full(len(chosen), len(schema_classes())),
+                free_form_weight(levers, simplicity)[chosen],
+            )
+        )
+    causes = np.concatenate([part.structures.causes for part in parts])
+    threshold = np.concatenate([part.structures.threshold for part in parts])
+    if not len(causes):
+        nothing = np.zeros(0, dtype=np.int64)
+        return Catalogue(
+            Structures(causes, threshold), nothing, nothing, nothing, np.zeros(0), free_form
+        )
+    labels = np.concatenate([causes.view(np.uint8), threshold], axis=1)
+    first, member = merge(labels)
+    members = Structures(causes[first], threshold[first])
+    _, behaviour = merge(members.behaviour(action_limit, uncertain))
+    rank = np.argsort(behaviour, kind="stable")  # so that members of a behaviour are neighbours
+    place = np.empty_like(rank)
+    place[rank] = np.arange(len(rank))
+    pairs = np.argsort(place[member], kind="stable")
+    return Catalogue(
+        members=members[rank],
+        behaviour=behaviour[rank],
+        member=place[member][pairs],
+        kind=np.concatenate([part.kind for part in parts])[pairs],
+        chance=np.concatenate([part.chance for part in parts])[pairs],
+        free_form=free_form,
+    )

@@ -1,0 +1,244 @@
+"""A grammar of causal schemas that knows no size: roles, and which role enables which.
+
+What a subject carries from a room with three levers into one with four can be no structure on three
+levers. It is a *class* of structures: "one lever enables many, any of which unlocks the door". The
+grammar generates such classes. A class is a list of up to three *roles*; a role is played by one
+lever or by many, is enabled by earlier roles through a gate (any of their levers, all of them, at
+least two of them), and the door is enabled by roles in the same way. A role that enables nothing is
+a decoy. The prior prefers short descriptions: each role, each "role enables role", and each gate
+other than ``any`` costs a factor.
+
+On n levers, a class *generates* structures: first how many levers play each role, then which.
+Classes and what they generate are enumerated here; which of them are probable is for experience to
+say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations, pairwise, permutations, product
+
+import numpy as np
+
+from causal_openlock.belief.structures import Structures
+from causal_openlock.fsm import FloatArray, IntArray
+
+MAX_ROLES = 3
+GATES = ("any", "all", "two")
+
+
+@dataclass(frozen=True, order=True)
+class Role:
+    """Levers that do the same.
+
+    Attributes:
+        many: Whether any number of levers may play it, or exactly one.
+        causes: The roles that enable it, as a bit mask; 0 if its levers are free.
+        gate: Whether ``any`` of their levers must be pushed, ``all`` or ``two``.
+    """
+
+    many: bool
+    causes: int
+    gate: str
+
+    @property
+    def length(self) -> int:
+        """Length of its description."""
+        return 1 + self.causes.bit_count() + (self.gate != "any")
+
+
+@dataclass(frozen=True, order=True)
+class SchemaClass:
+    """Schemas of all sizes that share a description.
+
+    Attributes:
+        roles: The levers' roles, causes before effects.
+        door: What enables the door; it is no role of levers, and one of it is enough.
+    """
+
+    roles: tuple[Role, ...]
+    door: Role
+
+    @property
+    def length(self) -> int:
+        """Length of its description: roles, arrows between them, and unusual gates."""
+        return sum(role.length for role in (*self.roles, self.door)) - 1
+
+    def sizes(self, levers: int) -> Iterator[tuple[int, ...]]:
+        """How many levers can play each role, if there are so many of them."""
+        for cuts in combinations(range(1, levers), len(self.roles) - 1):
+            sizes = tuple(np.diff([0, *cuts, levers]).tolist())
+            if all(role.many or size == 1 for role, size in zip(self.roles, sizes, strict=True)):
+                yield sizes
+
+    def __str__(self) -> str:
+        names = [f"{chr(65 + i)}{'+' * role.many}" for i, role in enumerate(self.roles)]
+
+        def told(role: Role) -> str:
+            of = [name for i, name in enumerate(names) if role.causes >> i & 1]
+            joined = " ".join(of)
+            return joined if role.gate == "any" else f"{role.gate}({joined})"
+
+        arrows = [
+            f"{told(role)} -> {name}" if role.causes else name
+            for role, name in zip(self.roles, names, strict=True)
+        ]
+        return "; ".join([*arrows, f"{told(self.door)} -> door"])
+
+
+@cache
+def schema_classes(roles: int = MAX_ROLES) -> tuple[SchemaClass, ...]:
+    """Every class of at most so many roles, each once, the shortest first."""
+    found: set[SchemaClass] = set()
+    for count in range(1, roles + 1):
+        options = [
+            [
+                Role(many, causes, gate)
+                for many in (False, True)
+                for causes in range(1 << index)
+                for gate in (GATES if causes else GATES[:1])
+            ]
+            for index in range(count)
+        ]
+        doors = [Role(False, causes, gate) for causes in range(1, 1 << count) for gate in GATES]
+        for chosen in product(*options):
+            for door in doors:
+                whole = (*chosen, door)
+                if all(_chooses(role, chosen) for role in whole):
+                    found.add(_canonical(SchemaClass(chosen, door)))
+    return tuple(sorted(found, key=lambda kind: (kind.length, kind)))
+
+
+def _chooses(role: Role, roles: tuple[Role, ...]) -> bool:
+    """Whether the gate makes a difference, or is the plain one."""
+    if role.gate == "any":
+        return True
+    most = sum(3 if other.many else 1 for i, other in enumerate(roles) if role.causes >> i & 1)
+    return most > (1 if role.gate == "all" else 2)
+
+
+def _canonical(kind: SchemaClass) -> SchemaClass:
+    """The same class with its roles in an order that does not depend on how it was written."""
+    best = kind
+    for order in permutations(range(len(kind.roles))):
+        place = {old: new for new, old in enumerate(order)}
+
+        def moved(role: Role, place: dict[int, int] = place) -> Role:
+            causes = sum(1 << new for old, new in place.items() if role.causes >> old & 1)
+            return Role(role.many, causes, role.gate)
+
+        roles = tuple(moved(kind.roles[old]) for old in order)
+        if all(role.causes < 1 << index for index, role in enumerate(roles)):
+            best = min(best, SchemaClass(roles, moved(kind.door)))
+    return best
+
+
+def class_prior(simplicity: float, free_form: float) -> FloatArray:
+    """``[C + 1]`` prior probability of each class; the last is "none of these", the free form.
+
+    Args:
+        simplicity: What each part of a description costs, in nats.
+        free_form: Prior probability that a schema is of no class.
+    """
+    lengths = np.array([kind.length for kind in schema_classes()], dtype=float)
+    prior = np.exp(-simplicity * (lengths - lengths.min()))
+    return np.append((1.0 - free_form) * prior / prior.sum(), free_form)
+
+
+@dataclass(frozen=True, eq=False)
+class Generated:
+    """What classes generate on n levers: G pairs of a structure and a class that generates it.
+
+    Attributes:
+        structures: ``[G]`` the structures; one is there as often as classes generate it.
+        kind: ``[G]`` index of the class.
+        chance: ``[G]`` probability that the class generates it, of all structures on n levers.
+    """
+
+    structures: Structures
+    kind: IntArray
+    chance: FloatArray
+
+
+@cache
+def outlines(levers: int) -> tuple[Generated, tuple[tuple[int, ...], ...]]:
+    """One structure for each class and each way to split the levers into its roles.
+
+    Which lever plays which role is left open here: it changes neither how many solutions there
+    are nor how long they are, by which most structures are ruled out at a glance.
+
+    Returns:
+        The structures with the levers in the order of the roles, and the size of each role.
+    """
+    nodes, kinds, chances, splits = [], [], [], []
+    for index, kind in enumerate(schema_classes()):
+        ways = list(kind.sizes(levers))
+        for sizes in ways:
+            nodes.append(_outline(kind, sizes))
+            kinds.append(index)
+            chances.append(1.0 / len(ways))
+            splits.append(sizes)
+    table = np.array(nodes, dtype=np.int64).reshape(-1, levers + 1, 2)
+    structures = Structures(table[..., 0].astype(np.uint16), table[..., 1].astype(np.uint8))
+    return Generated(structures, np.array(kinds, dtype=np.int64), np.array(chances)), tuple(splits)
+
+
+def _outline(kind: SchemaClass, sizes: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Causes and threshold of each lever, role after role, and of the door."""
+    starts = np.cumsum([0, *sizes]).tolist()
+    members = [(1 << end) - (1 << start) for start, end in pairwise(starts)]
+    nodes = []
+    for role, size in zip((*kind.roles, kind.door), (*sizes, 1), strict=True):
+        causes = sum(levers for i, levers in enumerate(members) if role.causes >> i & 1)
+        enough = {"any": 1, "all": causes.bit_count(), "two": min(2, causes.bit_count())}
+        nodes += [(causes, enough[role.gate] if causes else 0)] * size
+    return nodes
+
+
+def assigned(outline: Generated, splits: tuple[tuple[int, ...], ...]) -> Generated:
+    """Each outline with its levers in every way in the roles, all ways equally probable.
+
+    Args:
+        outline: Structures with the levers in the order of the roles.
+        splits: The size of each role.
+    """
+    levers = outline.structures.levers
+    parts: list[Generated] = []
+    for split in sorted(set(splits)):
+        rows = np.array([index for index, own in enumerate(splits) if own == split])
+        orders = list(_orders(split))
+        for order in orders:
+            parts.append(
+                Generated(
+                    outline.structures[rows].relabelled(order),
+                    outline.kind[rows],
+                    outline.chance[rows] / len(orders),
+                )
+            )
+    if not parts:
+        parts = [Generated(outline.structures[:0], outline.kind[:0], outline.chance[:0])]
+    return Generated(
+        Structures(
+            np.concatenate([part.structures.causes for part in parts]).reshape(-1, levers + 1),
+            np.concatenate([part.structures.threshold for part in parts]).reshape(-1, levers + 1),
+        ),
+        np.concatenate([part.kind for part in parts]),
+        np.concatenate([part.chance for part in parts]),
+    )
+
+
+def _orders(split: tuple[int, ...]) -> Iterator[IntArray]:
+    """Every way to deal the levers out to roles of these sizes, order within a role aside."""
+    levers = frozenset(range(sum(split)))
+
+    def deal(left: frozenset[int], sizes: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+        if not sizes:
+            yield ()
+            return
+        for hand in combinations(sorted(left), sizes[0]):
+            for rest in deal(left - set(hand), sizes[1:]):
+                yield (*hand, *rest)
+
+    return (np.array(order) for order in deal(levers, split))

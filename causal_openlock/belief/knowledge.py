@@ -1,0 +1,137 @@
+"""What is carried from room to room: classes of schemas, rules that mark levers, strength.
+
+A room's hypotheses start afresh; what they have in common does not. Each subject holds
+
+* a Dirichlet distribution over schema classes: prior counts, ``concentration`` in all, and with
+  each finished room one more count, divided among the classes as the room's posterior has it;
+* the probability of each rule that may mark active levers, which every room updates;
+* for each position, a Beta distribution of how often the lever there is active;
+* the probability of each strength of levers.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from causal_openlock.belief.catalogue import feasible
+from causal_openlock.belief.grammar import class_prior
+from causal_openlock.belief.space import RULES, Space
+from causal_openlock.belief.strength import Strengths
+from causal_openlock.fsm import FloatArray, IntArray
+
+RULE_CHANGES = 1e-3
+"""Probability that another rule holds in the next room; keeps every rule possible."""
+
+
+class Knowledge:
+    """What B subjects know about schemas, before they enter a room.
+
+    Args:
+        subjects: B.
+        positions: Levers of the room, P.
+        concentration: Of the Dirichlet prior over classes: how many rooms the prior is worth.
+        simplicity: As for :func:`~causal_openlock.belief.grammar.class_prior`.
+        free_form: The same.
+        rules: Prior probability of each of :data:`~causal_openlock.belief.space.RULES`.
+        strengths: Strengths that are held possible.
+
+    Attributes:
+        rooms: ``[B, C + 1]`` in how many rooms each class was met.
+        rules: ``[B, 3]`` probability of each rule.
+        active: ``[B, P]`` how often the lever at each position was active, in expectation.
+        visits: ``[B]`` rooms finished.
+        strengths: ``[B, G]`` probability of each strength.
+    """
+
+    def __init__(
+        self,
+        subjects: int,
+        positions: int,
+        *,
+        concentration: float,
+        simplicity: float,
+        free_form: float,
+        rules: FloatArray,
+        strengths: Strengths,
+    ) -> None:
+        self.prior = class_prior(simplicity, free_form)
+        self.concentration = concentration
+        self._rules = rules
+        self.rooms: FloatArray = np.zeros((subjects, len(self.prior)))
+        self.rules: FloatArray = np.tile(rules, (subjects, 1))
+        self.active: FloatArray = np.zeros((subjects, positions))
+        self.visits: IntArray = np.zeros(subjects, dtype=np.int64)
+        self.strengths: FloatArray = np.tile(strengths.prior, (subjects, 1))
+
+    def classes(self, who: IntArray) -> FloatArray:
+        """``[len(who), C + 1]`` probability of each class in the next room."""
+        counts = self.rooms[who] + self.concentration * self.prior
+        return counts / counts.sum(axis=1, keepdims=True)
+
+    def places(self, who: IntArray) -> FloatArray:
+        """``[len(who), P]`` probability that the lever at each position is active."""
+        return (self.active[who] + 1.0) / (self.visits[who, None] + 2.0)
+
+    def absorb(
+        self, subject: int, space: Space, which: IntArray, weight: FloatArray, slots: IntArray
+    ) -> None:
+        """Learn from a room that is left.
+
+        Args:
+            subject: Whose room it was.
+            space: Its hypotheses.
+            which: ``[E]`` those held possible in the end.
+            weight: ``[E]`` their probabilities.
+            slots: ``[P]`` the slot of each position.
+        """
+        who = np.array([subject])
+        many = len(space.strengths)
+        in_block = np.searchsorted(space.ends, which, side="right")
+        blocks = np.bincount(in_block, weight, minlength=len(space.blocks))
+        by_rule = space.marked(self.places(who)[:, np.argsort(slots)])[0] * self.rules[subject]
+        total = by_rule.sum(axis=1, keepdims=True)
+        shares = np.divide(by_rule, total, out=np.zeros_like(by_rule), where=total > 0)
+        rules = blocks @ shares
+        if rules.sum() > 0:
+            rules = (1.0 - RULE_CHANGES) * rules / rules.sum() + RULE_CHANGES * self._rules
+            self.rules[subject] = rules
+        bits = space.active[:, None] >> slots & 1
+        self.active[subject] += blocks @ bits
+        self.visits[subject] += 1
+        self.strengths[subject] = np.bincount(which % many, weight, minlength=many)
+
+        classes = self.classes(who)[0]
+        starts = np.concatenate([[0], space.ends[:-1]])
+        counts = np.zeros_like(classes)
+        for index in np.flatnonzero(blocks > 0):
+            own = space.blocks[index].catalogue
+            of_block = in_block == index
+            behaviour = (which[of_block] - starts[index]) // many
+            held = np.bincount(behaviour, weight[of_block], minlength=len(own))
+            possible = classes * feasible(own.members.levers)
+            pairs = own.pairs_given_behaviour(possible) * held[own.behaviour[own.member]]
+            counts += np.bincount(own.kind, pairs, minlength=len(counts))
+        self.rooms[subject] += counts
+
+    def state_dict(self) -> dict[str, Any]:
+        """All of it, for a checkpoint."""
+        names = ("rooms", "rules", "active", "visits", "strengths")
+        return {name: getattr(self, name).copy() for name in names}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        for name, value in state.items():
+            setattr(self, name, value.copy())
+
+
+def rule_prior(by_colour: float, by_white: float) -> FloatArray:
+    """``[3]`` probability of each of the rules.
+
+    Args:
+        by_colour: That colour marks the active levers.
+        by_white: If so, that it is the white ones.
+    """
+    grey = by_colour * (1.0 - by_white)
+    return np.array([grey, by_colour * by_white, 1.0 - by_colour][: len(RULES)])

@@ -1,0 +1,187 @@
+"""What an action is worth: information, and solutions.
+
+The value of a plan is what it is expected to tell about the room, in bits, plus ``beta`` times the
+probability that it completes a new solution. Plans are *closed loop*: what is done next depends on
+what was seen, so a plan is a tree over the actions left in the attempt, and its value is computed
+from the leaves up. The expected information of a tree is the entropy of its outcomes, less what
+is pure chance in them; by the chain rule it adds up from action to action.
+
+Pulling a lever back is left out: it never helps to find out, or to solve, within so few actions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from causal_openlock.belief.evidence import completes
+from causal_openlock.belief.space import Hypotheses
+from causal_openlock.belief.strength import Strengths
+from causal_openlock.fsm import FloatArray, IntArray
+
+TIE = 1e-9
+"""Values that differ by less are equal but for rounding."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What a plan is for.
+
+    Attributes:
+        information: Weight of expected information, per bit.
+        beta: Weight of the probability of a new solution.
+        horizon: Actions to look ahead; ``None`` looks to the end of the attempt.
+    """
+
+    information: float = 1.0
+    beta: float = 3.0
+    horizon: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """Where an attempt stands.
+
+    Attributes:
+        pushed: What stands pushed, as a bit mask of slots.
+        unlocked: Whether the door is unlocked.
+        left: Actions left.
+        found: What stood pushed when solutions were found.
+    """
+
+    pushed: int
+    unlocked: bool
+    left: int
+    found: tuple[int, ...]
+
+
+class Planner:
+    """Values of actions under a belief.
+
+    Args:
+        hypotheses: ``[h]`` what is held possible.
+        strengths: What their strengths stand for.
+        objective: What plans are for.
+        found: What stood pushed when solutions were found.
+    """
+
+    def __init__(
+        self,
+        hypotheses: Hypotheses,
+        strengths: Strengths,
+        objective: Objective,
+        found: tuple[int, ...] = (),
+    ) -> None:
+        self._hypotheses, self._strengths, self._objective = hypotheses, strengths, objective
+        self._found = np.array(found, dtype=np.uint16)
+        self._door = hypotheses.causes.shape[1] - 1
+        self._uncertain = len(strengths) > 1
+
+    def values(self, weight: FloatArray, situation: Situation) -> FloatArray:
+        """``[P + 1]`` value of pushing each lever, and the door last.
+
+        Minus infinity for what stands pushed already, and for a locked door; zero for a lever that
+        cannot move.
+
+        Args:
+            weight: ``[h]`` the belief.
+            situation: Where the attempt stands.
+        """
+        who = np.flatnonzero(weight > 0)
+        share = weight[who] / weight[who].sum()
+        left = min(situation.left, self._objective.horizon or situation.left)
+        values = np.full(self._door + 1, -np.inf)
+        self._look(who, share, situation.pushed, situation.unlocked, left, values)
+        return values
+
+    def _look(
+        self,
+        who: IntArray,
+        weight: FloatArray,
+        pushed: int,
+        unlocked: bool,
+        left: int,
+        values: FloatArray | None = None,
+    ) -> float:
+        """The value of the best plan, in units of the weights' sum."""
+        own = self._hypotheses
+        slots = np.array([slot for slot in range(self._door) if not pushed >> slot & 1])
+        best = 0.0
+        if len(slots):
+            mask = np.uint16(pushed)
+            live = np.bitwise_count(own.causes[who[:, None], slots] & mask)
+            threshold = own.threshold[who[:, None], slots]
+            if self._uncertain:
+                chance = self._strengths.chance[own.strength[who, None], live, threshold]
+            else:
+                chance = (live >= threshold).astype(float)
+            after = (mask | np.left_shift(np.uint16(1), slots.astype(np.uint16))).astype(np.uint16)
+            opens = (
+                np.bitwise_count(own.causes[who, self._door, None] & after)
+                >= own.threshold[who, self._door, None]
+            )
+            moves = weight[:, None] * chance
+            unlocks = moves * opens
+            total = weight.sum()
+            moving, unlocking = moves.sum(axis=0), unlocks.sum(axis=0)
+            outcomes = np.stack([total - moving, moving - unlocking, unlocking])
+            worth = self._objective.information * (
+                _bits(total) - _bits(outcomes).sum(axis=0) - self._luck(weight, chance)
+            )
+            worth[moving <= TIE * total] = 0.0
+            if left > 1:
+                for index in np.flatnonzero(moving > TIE * total):
+                    if outcomes[0, index] > TIE * total:
+                        stays = weight - moves[:, index]
+                        worth[index] += self._child(who, stays, pushed, unlocked, left - 1)
+                    for open_now in (False, True):
+                        if outcomes[1 + open_now, index] > TIE * total:
+                            part = unlocks[:, index] if open_now else (moves - unlocks)[:, index]
+                            worth[index] += self._child(
+                                who, part, int(after[index]), open_now, left - 1
+                            )
+            if values is not None:
+                values[slots] = worth
+            best = max(best, float(worth.max()))
+        if unlocked:
+            door = self._open(who, weight, pushed, left)
+            if values is not None:
+                values[self._door] = door
+            best = max(best, door)
+        return best
+
+    def _child(
+        self, who: IntArray, weight: FloatArray, pushed: int, unlocked: bool, left: int
+    ) -> float:
+        kept = weight > 0
+        return self._look(who[kept], weight[kept], pushed, unlocked, left)
+
+    def _open(self, who: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
+        """The value of pushing the unlocked door."""
+        own = self._hypotheses
+        live = np.bitwise_count(own.causes[who, self._door] & np.uint16(pushed))
+        chance = self._strengths.chance[own.strength[who], live, own.threshold[who, self._door]]
+        many = np.full(len(who), pushed, dtype=np.uint16)
+        found = np.broadcast_to(self._found, (len(who), len(self._found)))
+        opens = weight * chance
+        new = float((opens * completes(own, who, many, found)).sum())
+        total, opening = weight.sum(), float(opens.sum())
+        outcomes = np.array([total - opening, opening - new, new])
+        gain = _bits(total) - _bits(outcomes).sum() - self._luck(weight, chance[:, None])[0]
+        value = self._objective.information * gain + self._objective.beta * new
+        if left > 1 and outcomes[0] > TIE * total:
+            value += self._child(who, weight - opens, pushed, True, left - 1)
+        return float(value)
+
+    def _luck(self, weight: FloatArray, chance: FloatArray) -> FloatArray:
+        """``[A]`` bits of the outcomes that are chance under every hypothesis."""
+        if not self._uncertain:
+            return np.zeros(chance.shape[1])
+        return -(weight @ (_bits(chance) + _bits(1.0 - chance)))
+
+
+def _bits(weight: FloatArray) -> FloatArray:
+    """``w log2 w``, 0 at 0."""
+    safe = np.maximum(weight, 1e-300)
+    return np.where(weight > 0, weight * np.log2(safe), 0.0)

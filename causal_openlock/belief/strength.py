@@ -1,0 +1,72 @@
+"""How surely an enabled lever moves: certainly, or with a strength that is Beta-distributed.
+
+Each pushed cause transmits on its own with the strength s, and a push takes effect if as many
+transmit as the gate asks for: a noisy-OR, a noisy-AND, or something in between. The chance is a
+polynomial in s, so integrals over a Beta prior are sums over a few Gauss-Jacobi nodes: with G
+nodes they are exact up to degree 2G - 1, and the posterior over the nodes is the conjugate Beta
+posterior in all its moments that matter here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from causal_openlock.belief.structures import NEVER
+from causal_openlock.fsm import FloatArray
+from causal_openlock.schema import MAX_LEVERS
+
+CERTAIN = 0
+"""Index of the strength 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Strengths:
+    """Strengths that are held possible; the first is certainty.
+
+    Attributes:
+        value: ``[G]`` the strengths.
+        prior: ``[G]`` their probabilities.
+        chance: ``[G, P + 1, 16]`` probability that at least so many causes transmit: by strength,
+            by how many causes are pushed, by threshold.
+    """
+
+    value: FloatArray
+    prior: FloatArray
+    chance: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+
+@cache
+def strengths(noise: float, alpha: float, beta: float, nodes: int) -> Strengths:
+    """Certainty, and the nodes of a Beta prior.
+
+    Args:
+        noise: Prior probability that levers may fail to move; at 0 there is certainty alone.
+        alpha: First parameter of the Beta prior of the strength.
+        beta: Second parameter.
+        nodes: Gauss-Jacobi nodes.
+    """
+    value, prior = np.ones(1), np.ones(1)
+    if noise > 0:
+        from scipy.special import roots_sh_jacobi
+
+        at, weight = roots_sh_jacobi(nodes, alpha + beta - 1, alpha)
+        value = np.concatenate([value, at])
+        prior = np.concatenate([[1.0 - noise], noise * weight / weight.sum()])
+    return Strengths(value, prior, np.stack([at_least(s) for s in value]))
+
+
+def at_least(strength: float) -> FloatArray:
+    """``[P + 1, 16]`` probability that at least ``k`` of ``m`` pushed causes transmit."""
+    exactly = np.zeros((MAX_LEVERS + 1, int(NEVER) + 1))
+    exactly[0, 0] = 1.0
+    for pushed in range(MAX_LEVERS):
+        exactly[pushed + 1] = exactly[pushed] * (1.0 - strength)
+        exactly[pushed + 1, 1:] += exactly[pushed, :-1] * strength
+    more: FloatArray = exactly[:, ::-1].cumsum(axis=1)[:, ::-1]
+    return np.clip(more, 0.0, 1.0)

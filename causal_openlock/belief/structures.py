@@ -1,0 +1,209 @@
+"""Causal structures as arrays: many gate-DAGs at once, and what they do.
+
+A *structure* on n levers says, for each lever and for the door, which levers enable it and how
+many of these must be pushed: the causes as a bit mask, and a threshold (1 is ``any``, all of them
+is ``all``, 0 is a free lever). It is a :class:`~causal_openlock.schema.Schema` without names, in a
+form in which ten thousand of them are compared at once: M structures are two small arrays.
+
+What a structure *does* is derived here for all of them together: which sets of levers unlock the
+door, which of these sets are minimal (the solutions), and which levers are inert. Two structures
+that do the same in every attempt of so many actions are alike in *behaviour*, and no learner can
+tell them apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.fsm import BoolArray, FloatArray, IntArray
+
+Masks = NDArray[np.uint16]
+Counts = NDArray[np.uint8]
+
+NEVER = np.uint8(15)
+"""Threshold of a lever that never moves: more causes than any lever has."""
+
+
+@dataclass(frozen=True, eq=False)
+class Structures:
+    """M gate-DAGs on n levers; the last node is the door.
+
+    Attributes:
+        causes: ``[M, n + 1]`` for each node the set of levers that enable it, as a bit mask.
+        threshold: ``[M, n + 1]`` how many of them must be pushed; 0 for a free lever.
+    """
+
+    causes: Masks
+    threshold: Counts
+
+    def __len__(self) -> int:
+        return len(self.causes)
+
+    @property
+    def levers(self) -> int:
+        """Number of levers, n."""
+        return self.causes.shape[1] - 1
+
+    def __getitem__(self, chosen: IntArray | BoolArray | slice) -> Structures:
+        """Some of the structures."""
+        return Structures(self.causes[chosen], self.threshold[chosen])
+
+    def holds(self, pushed: int) -> BoolArray:
+        """``[M, n + 1]`` whether the gate of each node holds while ``pushed`` are pushed."""
+        return np.bitwise_count(self.causes & np.uint16(pushed)) >= self.threshold
+
+    def works(self) -> BoolArray:
+        """``[M, 2^n]`` whether pushing exactly this set, in some order, unlocks the door.
+
+        A set works if every gate in it, and the door's, is met by the set itself; as causes come
+        before effects, its levers can then be pushed one after another.
+        """
+        n = self.levers
+        works = np.empty((len(self), 1 << n), dtype=bool)
+        for pushed in range(1 << n):
+            holds = self.holds(pushed)
+            works[:, pushed] = holds[:, n]
+            for lever in range(n):
+                if pushed >> lever & 1:
+                    works[:, pushed] &= holds[:, lever]
+        return works
+
+    def solutions(self) -> BoolArray:
+        """``[M, 2^n]`` whether this set of levers is a solution: it works, and no subset does."""
+        works = self.works()
+        contains = np.zeros_like(works)  # whether some proper subset works
+        for pushed in range(works.shape[1]):
+            for lever in range(self.levers):
+                if pushed >> lever & 1:
+                    smaller = pushed ^ 1 << lever
+                    contains[:, pushed] |= works[:, smaller] | contains[:, smaller]
+        return works & ~contains
+
+    def inert(self) -> Masks:
+        """``[M]`` the levers from which no path leads to the door."""
+        n = self.levers
+        useful = self.causes[:, n].copy()
+        for _ in range(n):
+            for lever in range(n):
+                useful |= np.where(useful >> np.uint16(lever) & 1, self.causes[:, lever], 0)
+        return (~useful & np.uint16((1 << n) - 1)).astype(np.uint16)
+
+    def relabelled(self, order: IntArray) -> Structures:
+        """All structures with lever i called ``order[i]``."""
+        n = self.levers
+        renamed = np.zeros(1 << n, dtype=np.uint16)
+        for lever in range(n):
+            renamed |= (np.arange(1 << n) >> lever & 1).astype(np.uint16) << np.uint16(order[lever])
+        causes, threshold = np.empty_like(self.causes), np.empty_like(self.threshold)
+        where = [*order, n]
+        causes[:, where] = renamed[self.causes]
+        threshold[:, where] = self.threshold
+        return Structures(causes, threshold)
+
+    def behaviour(self, action_limit: int, uncertain: bool = False) -> NDArray[np.uint8]:
+        """``[M, W]`` bytes that are equal exactly for structures of equal behaviour.
+
+        Two structures behave alike if in every state that an attempt can reach they agree on which
+        levers move, on whether the door is unlocked, and on which solution opening it completes.
+
+        Args:
+            action_limit: Actions in an attempt.
+            uncertain: Whether enabled levers move only with some probability, which depends on
+                how many causes are pushed, so that this number matters too.
+        """
+        n = self.levers
+        sets = 1 << n
+        inert, solutions = self.inert(), self.solutions()
+        reached = np.zeros((len(self), sets), dtype=bool)
+        reached[:, 0] = True
+        parts = []
+        for action in range(action_limit + 1):
+            before = reached.copy()
+            for pushed in range(sets if action < action_limit else 0):
+                holds = self.holds(pushed)
+                for lever in range(n):
+                    reached[:, pushed ^ 1 << lever] |= before[:, pushed] & holds[:, lever]
+            if action == action_limit - 1:
+                acting = before  # states in which there is an action left
+        for pushed in range(sets):
+            holds = self.holds(pushed)
+            live = np.bitwise_count(self.causes & np.uint16(pushed)) + 16 * self.threshold
+            moves = np.where(holds, live if uncertain else 1, 0).astype(np.uint8)
+            moves[:, n] = np.where(acting[:, pushed] | ~holds[:, n], moves[:, n], 1)
+            moves[:, :n] *= acting[:, [pushed]]
+            moves[:, n] *= reached[:, pushed]
+            relevant = np.uint16(pushed) & ~inert
+            credited = solutions[np.arange(len(self)), relevant] & holds[:, n] & acting[:, pushed]
+            parts += [moves, np.where(credited, relevant, 0).astype(np.uint16)[:, None]]
+        return np.concatenate([part.view(np.uint8) for part in parts], axis=1)
+
+
+def merge(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
+    """Which rows are equal.
+
+    Args:
+        rows: ``[M, W]`` bytes.
+
+    Returns:
+        ``[U]`` the first of each group of equal rows, and ``[M]`` the group of each row.
+    """
+    whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1]))).ravel()
+    _, first, group = np.unique(whole, return_index=True, return_inverse=True)
+    return first, group.reshape(-1)
+
+
+@cache
+def gate_dags(levers: int) -> Structures:
+    """Every labelled gate-DAG on so many levers, with every threshold gate.
+
+    One to four levers have 1, 12, 408 and 43,168 of them; five have millions.
+    """
+    options = [
+        [
+            (mask, k)
+            for mask in range(1 << levers)
+            if not mask >> lever & 1
+            for k in (range(1, mask.bit_count() + 1) if mask else (0,))
+        ]
+        for lever in range(levers)
+    ]
+    chosen = np.array(
+        [gates for gates in product(*options) if _acyclic([mask for mask, _ in gates])],
+        dtype=np.int64,
+    ).reshape(-1, levers, 2)
+    door = np.array(
+        [(mask, k) for mask in range(1, 1 << levers) for k in range(1, mask.bit_count() + 1)]
+    )
+    many, doors = len(chosen), len(door)
+    nodes = np.concatenate(
+        [np.repeat(chosen, doors, axis=0), np.tile(door, (many, 1))[:, None]], axis=1
+    )
+    return Structures(nodes[..., 0].astype(np.uint16), nodes[..., 1].astype(np.uint8))
+
+
+def _acyclic(causes: list[int]) -> bool:
+    left = set(range(len(causes)))
+    while left:
+        free = {lever for lever in left if not any(causes[lever] >> other & 1 for other in left)}
+        if not free:
+            return False
+        left -= free
+    return True
+
+
+def linear_extensions(causes: Masks) -> FloatArray:
+    """``[M]`` in how many orders the levers can be listed, causes before effects."""
+    n = causes.shape[1] - 1
+    ways = np.zeros((len(causes), 1 << n))
+    ways[:, 0] = 1.0
+    for listed in range(1 << n):
+        for lever in range(n):
+            if not listed >> lever & 1:
+                ready = causes[:, lever] & ~np.uint16(listed) == 0
+                ways[:, listed | 1 << lever] += np.where(ready, ways[:, listed], 0.0)
+    return ways[:, -1]
