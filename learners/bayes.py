@@ -25,13 +25,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from pydantic import Field
 
 from causal_openlock.belief.beliefs import Belief, Beliefs, Prior
 from causal_openlock.belief.believer import Believer, situation_of
+from causal_openlock.belief.intention import draw_intention
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation
+from causal_openlock.belief.space import Space
 from causal_openlock.fsm import FloatArray, IntArray
 from causal_openlock.learner import Brief, Step, View
 from causal_openlock.randomness import Streams
@@ -42,6 +45,10 @@ Count = Annotated[int, Field(ge=1)]
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
 ]
+_PLANS: WeakKeyDictionary[Space, dict[Any, FloatArray]] = WeakKeyDictionary()
+"""Plans made in this process: a plan follows from a belief, whoever holds it."""
+MOST_PLANS = 200_000
+ALMOST_NOTHING = 1e-6
 GRAIN = 1024
 """Planning tells apart probabilities that differ by more than 1/1024 of the greatest."""
 
@@ -100,38 +107,85 @@ class Bayes(Believer):
         self._draws = Streams(choices, width=3)
         prior = Prior(**{name: getattr(own, name) for name in Prior.__dataclass_fields__})
         self.beliefs = Beliefs(brief, prior, samples)
-        self._plans: dict[Any, FloatArray] = {}
+        self._intended: list[tuple[int, ...] | None] = [None] * brief.subjects
+        self._tried = [0] * brief.subjects
 
     def act(self, view: View) -> IntArray:
         """``[B]`` what each subject does."""
         self.beliefs.enter(view)
         draws = self._draws.uniform()
         actions = np.zeros(self.brief.subjects, dtype=np.int64)
-        for subject in np.flatnonzero(view.playing):
-            if draws[subject, 0] < self.parameters.lapse:
-                actions[subject] = int(draws[subject, 1] * self.brief.actions)
+        for subject in np.flatnonzero(view.playing).tolist():
+            lapses, one, other = draws[subject].tolist()
+            if lapses < self.parameters.lapse:
+                actions[subject] = int(one * self.brief.actions)
                 continue
-            belief = self.beliefs.of[subject]
-            assert belief is not None
-            slot = self._choose(belief, view, subject, draws[subject])
-            actions[subject] = (
-                2 * self.brief.positions if slot == self.brief.positions else belief.positions[slot]
-            )
+            belief = self.belief(subject)
+            situation = situation_of(belief, view, subject)
+            if self.parameters.policy in ("thompson", "random_consistent"):
+                slot = self._carry_out(subject, belief, situation, (one, other))
+            else:
+                slot = self._choose(self._values(belief, situation), other)
+            door = slot == self.brief.positions
+            actions[subject] = 2 * slot if door else belief.positions[slot]
         return actions
 
-    def _choose(self, belief: Belief, view: View, subject: int, draws: FloatArray) -> int:
-        """The slot of the lever to push; P is the door."""
-        situation = situation_of(belief, view, subject)
-        values = self._values(belief, situation)
+    def _choose(self, values: FloatArray, draw: float) -> int:
+        """The slot of the lever that is best to push, or nearly; P is the door."""
         best = values.max()
         if self.parameters.temperature > 0:
             odds = np.exp((values - best) / self.parameters.temperature)
         else:
             odds = (values >= best - TIE).astype(float)
         ladder = odds.cumsum()
-        return int(np.searchsorted(ladder, draws[2] * ladder[-1], side="right"))
+        return int(np.searchsorted(ladder, draw * ladder[-1], side="right"))
 
     def _values(self, belief: Belief, situation: Situation) -> FloatArray:
+        """``[P + 1]`` what pushing each lever is worth to the policy, and the door."""
+        beta = self.parameters.beta
+        if self.parameters.policy == "solve_and_learn":
+            return self._plan(belief, situation, Objective(1.0, beta))
+        solve = Objective(0.0, 1.0)
+        if self.parameters.policy == "solve":
+            return self._plan(belief, situation, solve)
+        if self.parameters.policy == "learn_attempt":
+            # When there is nothing to learn, what solves comes first.
+            return self._plan(belief, situation, Objective(1.0, ALMOST_NOTHING))
+        values = self._plan(belief, situation, Objective(1.0, 0.0, horizon=1))
+        if situation.unlocked or values.max() < TIE:
+            to_solve = self._plan(belief, situation, solve)
+            if values.max() < TIE or to_solve[-1] > 0:
+                return to_solve
+        return values
+
+    def _carry_out(
+        self, subject: int, belief: Belief, situation: Situation, draws: tuple[float, float]
+    ) -> int:
+        """The next lever of what the subject intends in this attempt; P is the door."""
+        intended = self._intended[subject]
+        done = [slot for slot in intended or () if situation.pushed >> slot & 1]
+        # What was tried last and does not stand pushed has failed.
+        if intended is None or len(done) < self._tried[subject]:
+            policy = self.parameters.policy
+            intended = draw_intention(
+                belief.space.hypotheses[belief.which],
+                belief.weight,
+                situation,
+                draws,
+                by_weight=policy == "thompson",
+            )
+            self._intended[subject] = intended
+            self._tried[subject] = 0
+            done = []
+        if intended is None or (len(done) == len(intended) and not situation.unlocked):
+            self._intended[subject] = None
+            return int(draws[0] * self.brief.positions)
+        if len(done) == len(intended):
+            return self.brief.positions
+        self._tried[subject] = len(done) + 1
+        return intended[len(done)]
+
+    def _plan(self, belief: Belief, situation: Situation, objective: Objective) -> FloatArray:
         coarse = np.rint(belief.weight * ((GRAIN - 1) / belief.weight.max())).astype(np.int64)
         kept = np.flatnonzero(coarse)
         coarse = coarse[kept]
@@ -142,24 +196,34 @@ class Bayes(Believer):
             hit = np.searchsorted(coarse.cumsum(), points / self.parameters.planned, side="right")
             chosen, coarse = np.unique(hit, return_counts=True)
             which = which[chosen]
-        key = (
-            id(belief.space), which.tobytes(), coarse.tobytes(), situation.pushed,
-            situation.unlocked, situation.left, situation.found,
-        )  # fmt: skip
-        if key not in self._plans:
-            space = belief.space
-            planner = Planner(
-                space.hypotheses[which],
-                space.strengths,
-                self._objective(),
-                situation.found,
-            )
-            self._plans[key] = planner.values(coarse.astype(float), situation)
-        return self._plans[key]
-
-    def _objective(self) -> Objective:
-        return Objective(1.0, self.parameters.beta, None)
+        space = belief.space
+        key = (objective, situation, which.tobytes(), coarse.tobytes())
+        plans = _PLANS.setdefault(space, {})
+        if key not in plans:
+            if len(plans) >= MOST_PLANS:
+                plans.clear()
+            planner = Planner(space.hypotheses[which], space.strengths, objective, situation.found)
+            plans[key] = planner.values(coarse.astype(float), situation)
+        return plans[key]
 
     def learn(self, step: Step) -> None:
         """Believe the less in what had predicted something else."""
         self.beliefs.update(step)
+        for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
+            self._intended[subject] = None
+
+    def state_dict(self) -> dict[str, Any]:
+        """Beliefs, intentions and randomness."""
+        return {
+            "beliefs": self.beliefs.state_dict(),
+            "draws": self._draws.state_dict(),
+            "intended": list(self._intended),
+            "tried": list(self._tried),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.beliefs.load_state_dict(state["beliefs"])
+        self._draws.load_state_dict(state["draws"])
+        self._intended = list(state["intended"])
+        self._tried = list(state["tried"])

@@ -14,14 +14,16 @@ from __future__ import annotations
 
 import copy
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
 from causal_openlock.belief.knowledge import Knowledge, rule_prior
+from causal_openlock.belief.sampling import Happened, Sampler, sampled, with_sampled
 from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import strengths
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
@@ -29,6 +31,8 @@ from causal_openlock.learner import Brief, Step, View
 
 enumerated = lru_cache(maxsize=64)(enumerate_space)
 STRENGTH_NODES = 5
+FEW = 40
+"""So few draws are all that there is to draw; drawing again would bring the same."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ class Belief:
         weight: ``[E]`` their probabilities; they add up to 1.
         start: ``[E]`` the same when the trial began, kept by subjects that forget.
         found: What stood pushed when solutions were found, as masks of slots.
+        drawn: How many hypotheses were sampled, because there are too many to list.
+        possible: Whether any hypothesis explains what happened.
         events: How often what happened in this trial.
     """
 
@@ -68,6 +74,8 @@ class Belief:
     weight: FloatArray
     start: FloatArray | None = None
     found: tuple[int, ...] = ()
+    drawn: int = 0
+    possible: bool = True
     events: Counter[tuple[Any, ...]] = field(default_factory=Counter)
 
     @property
@@ -133,6 +141,10 @@ class Beliefs:
             grey = view.observation[who, self.positions : 2 * self.positions] == 1
             order = np.argsort(~grey, axis=1, kind="stable")
             space = self._space(sight, unsure)
+            if sight.grey > FREE_FORM_LEVERS:
+                for row, subject in enumerate(members):
+                    self.of[subject] = self._sampled(subject, space, np.argsort(order[row]))
+                continue
             weights = self._weights(space, who, order)
             for row, subject in enumerate(members):
                 self.of[subject] = self._fresh(space, np.argsort(order[row]), weights[row])
@@ -153,6 +165,37 @@ class Beliefs:
         share = weight[which] / weight[which].sum()
         return Belief(space, slots, which, share, share if self.prior.forgetting else None)
 
+    def _sampled(
+        self, subject: int, space: Space, slots: IntArray, past: Belief | None = None
+    ) -> Belief:
+        """A belief over what is enumerated and over draws from the free form's posterior.
+
+        Args:
+            subject: Whose belief it is.
+            space: What is enumerated.
+            slots: ``[P]`` the slot of each position.
+            past: What happened so far.
+        """
+        happened: Counter[Happened] = Counter()
+        for (*one, _, _), times in (past.events if past else Counter()).items():
+            happened[tuple(one)] += times
+        values = space.strengths.value
+        sampler = Sampler(
+            space.sight.grey,
+            self.prior.simplicity,
+            1.0
+            if len(values) == 1
+            else float(space.strengths.prior[1:] @ values[1:])
+            / float(space.strengths.prior[1:].sum()),
+            happened.items(),
+        )
+        own = sampled(sampler, space.sight, self.prior.particles, self._generators[subject])
+        whole = with_sampled(space, own)
+        weight = self._weights(whole, np.array([subject]), np.argsort(slots)[None])[0]
+        fresh = self._fresh(whole, slots, weight)
+        fresh.drawn = len(own)
+        return fresh
+
     def leave(self, subject: int) -> None:
         """Keep what a room has taught, and forget the room."""
         belief = self.of[subject]
@@ -167,14 +210,15 @@ class Beliefs:
         who, events = self._events(step)
         spaces: dict[int, list[int]] = {}
         for row, subject in enumerate(who):
-            spaces.setdefault(id(self._belief(subject).space), []).append(row)
-        for rows in spaces.values():
-            self._update(who[rows], Event(*(values[rows] for values in events)))
-        for row, subject in enumerate(who):
             belief = self._belief(subject)
-            one = tuple(int(value[row]) for value in events[:-1])
-            belief.events[(*one, belief.found)] += 1
+            happened = (*(int(value[row]) for value in events[:-1]), belief.found)
+            belief.events[happened] += 1
+            spaces.setdefault(id(belief.space), []).append(row)
+        for rows in spaces.values():
+            self._update(who[rows], events.take(np.array(rows)))
+        for row, subject in enumerate(who):
             if events.new[row]:
+                belief = self._belief(subject)
                 belief.found = (*belief.found, int(events.pushed[row]))
         if self.prior.forgetting:
             for subject in np.flatnonzero(step.attempt_over & step.view.playing):
@@ -226,14 +270,13 @@ class Beliefs:
         which = np.concatenate([belief.which for belief in beliefs])
         weight = np.concatenate([belief.weight for belief in beliefs])
         space = beliefs[0].space
-        spread = Event(*(values[of] for values in event))
-        weight *= likelihood(space.hypotheses, which, space.strengths, spread)
+        weight *= likelihood(space.hypotheses, which, space.strengths, event.take(of))
         total = np.bincount(of, weight, minlength=len(who))
         ends = np.cumsum([0, *sizes])
         for row, belief in enumerate(beliefs):
             own = slice(ends[row], ends[row + 1])
             if total[row] <= 0:
-                self._reconsider(who[row], Event(*(values[row] for values in event)))
+                self._reconsider(int(who[row]))
                 continue
             share = weight[own] / total[row]
             if belief.start is None:
@@ -241,35 +284,53 @@ class Beliefs:
                 belief.which, belief.weight = which[own][kept], share[kept]
             else:
                 belief.weight = share
+            if belief.drawn > FEW and self._depleted(belief):
+                self.of[who[row]] = self._again(int(who[row]), belief.space.sight)
 
-    # -- when nothing is possible any more ------------------------------------------------------
+    # -- when too little is possible any more ---------------------------------------------------
 
-    def _reconsider(self, subject: int, event: Event) -> None:
-        """Every hypothesis is ruled out: think again, now with levers that may fail to move."""
+    @staticmethod
+    def _depleted(belief: Belief) -> bool:
+        """Whether of the structures that were drawn too few are still possible."""
+        first = belief.space.ends[-2] if len(belief.space.ends) > 1 else 0
+        alive = int((belief.weight[belief.which >= first] > 0).sum())
+        return alive < belief.drawn / 4
+
+    def _reconsider(self, subject: int) -> None:
+        """Every hypothesis is ruled out: draw others, or believe that levers may fail to move."""
         belief = self._belief(subject)
-        self.unsure[subject] = True
-        who = np.array([subject])
-        space = self._space(belief.space.sight, True)
-        weight = self._weights(space, who, belief.positions[None])[0]
-        fresh = self._fresh(space, belief.slots, weight)
-        fresh.events, fresh.found = belief.events, belief.found
-        events = dict(belief.events)
-        last = tuple(int(value) for value in event[:-1])
-        events[(*last, belief.found)] = events.get((*last, belief.found), 0) + 1
-        log = np.log(fresh.weight)
-        for (*one, found), times in events.items():
-            log += times * self._log_likelihood(fresh, one, found)
-        best = log.max()
-        if np.isfinite(best):
+        fresh = self._again(subject, belief.space.sight) if belief.drawn else None
+        if fresh is None or not fresh.possible:
+            self.unsure[subject] = True
+            fresh = self._again(subject, belief.space.sight)
+        self.of[subject] = fresh
+
+    def _again(self, subject: int, sight: RoomSight) -> Belief:
+        """What to believe of the room, had it been seen with other hypotheses from the start."""
+        past = self._belief(subject)
+        space = self._space(sight, bool(self.unsure[subject]))
+        if sight.grey > FREE_FORM_LEVERS:
+            fresh = self._sampled(subject, space, past.slots, past)
+        else:
+            weight = self._weights(space, np.array([subject]), past.positions[None])[0]
+            fresh = self._fresh(space, past.slots, weight)
+        fresh.events, fresh.found = past.events, past.found
+        with np.errstate(divide="ignore"):
+            log = np.log(fresh.weight)
+            for (*one, found), times in past.events.items():
+                log += times * np.log(self._likelihood(fresh, one, found))
+        best = log.max(initial=-np.inf)
+        fresh.possible = bool(np.isfinite(best))
+        if fresh.possible:
             weight = np.exp(log - best)
             kept = weight > 0
             fresh.which, fresh.weight = fresh.which[kept], weight[kept] / weight.sum()
             if fresh.start is not None:
                 fresh.start = fresh.start[kept]
-        self.of[subject] = fresh
+        return fresh
 
     @staticmethod
-    def _log_likelihood(belief: Belief, one: list[int], found: tuple[int, ...]) -> FloatArray:
+    def _likelihood(belief: Belief, one: list[int], found: tuple[int, ...]) -> FloatArray:
         many = len(belief.which)
         slot, pushed, took_effect, unlocked, new = one
         event = Event(
@@ -281,15 +342,44 @@ class Beliefs:
             found=np.tile(np.array(found, dtype=np.uint16), (many, 1)),
         )
         space = belief.space
-        with np.errstate(divide="ignore"):
-            return np.log(likelihood(space.hypotheses, belief.which, space.strengths, event))
+        return likelihood(space.hypotheses, belief.which, space.strengths, event)
 
     # -- checkpoints ----------------------------------------------------------------------------
 
     def state_dict(self) -> dict[str, Any]:
-        """All of it, for a checkpoint."""
+        """All of it, for a checkpoint; enumerated hypotheses are named and not copied."""
         return {
             "knowledge": self.knowledge.state_dict(),
             "unsure": self.unsure.copy(),
-            "of": copy.deepcopy(self.of),
+            "generators": [generator.bit_generator.state for generator in self._generators],
+            "of": [None if belief is None else self._kept(belief) for belief in self.of],
         }
+
+    @staticmethod
+    def _kept(belief: Belief) -> dict[str, Any]:
+        kept = {
+            item.name: copy.copy(getattr(belief, item.name))
+            for item in fields(belief)
+            if item.name != "space"
+        }
+        kept["sight"] = belief.space.sight
+        kept["unsure"] = len(belief.space.strengths) > 1
+        kept["sampled"] = belief.space.blocks[-1].catalogue if belief.drawn else None
+        return kept
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.knowledge.load_state_dict(state["knowledge"])
+        self.unsure = state["unsure"].copy()
+        for generator, saved in zip(self._generators, state["generators"], strict=True):
+            generator.bit_generator.state = saved
+        for subject, kept in enumerate(state["of"]):
+            self.of[subject] = None if kept is None else self._restored(dict(kept))
+
+    def _restored(self, kept: dict[str, Any]) -> Belief:
+        space = self._space(kept.pop("sight"), kept.pop("unsure"))
+        own = kept.pop("sampled")
+        return Belief(
+            space=space if own is None else with_sampled(space, own),
+            **{name: copy.copy(value) for name, value in kept.items()},
+        )

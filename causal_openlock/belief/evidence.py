@@ -40,6 +40,17 @@ class Event(NamedTuple):
     new: BoolArray
     found: Masks
 
+    def take(self, rows: IntArray | slice) -> Event:
+        """Some of many events, in any order, as often as they are asked for."""
+        return Event(
+            self.slot[rows],
+            self.pushed[rows],
+            self.took_effect[rows],
+            self.unlocked[rows],
+            self.new[rows],
+            self.found[rows],
+        )
+
 
 def likelihood(
     hypotheses: Hypotheses, which: IntArray, strengths: Strengths, event: Event

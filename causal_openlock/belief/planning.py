@@ -39,7 +39,7 @@ class Objective:
     horizon: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Situation:
     """Where an attempt stands.
 
@@ -88,6 +88,7 @@ class Planner:
             weight: ``[h]`` the belief.
             situation: Where the attempt stands.
         """
+        self._seen: dict[tuple[bytes, int, int], float] = {}
         who = np.flatnonzero(weight > 0)
         share = weight[who] / weight[who].sum()
         left = min(situation.left, self._objective.horizon or situation.left)
@@ -105,6 +106,8 @@ class Planner:
         values: FloatArray | None = None,
     ) -> float:
         """The value of the best plan, in units of the weights' sum."""
+        if len(who) == 1 and not self._uncertain and values is None:
+            return self._known(int(who[0]), float(weight[0]), pushed, left)
         own = self._hypotheses
         slots = np.array([slot for slot in range(self._door) if not pushed >> slot & 1])
         best = 0.0
@@ -155,7 +158,26 @@ class Planner:
         self, who: IntArray, weight: FloatArray, pushed: int, unlocked: bool, left: int
     ) -> float:
         kept = weight > 0
-        return self._look(who[kept], weight[kept], pushed, unlocked, left)
+        alive, share = who[kept], weight[kept]
+        if self._uncertain:
+            return self._look(alive, share, pushed, unlocked, left)
+        # Without chance the weights follow from who is left, whatever the order of the pushes.
+        key = (alive.tobytes(), pushed, left)
+        if key not in self._seen:
+            self._seen[key] = self._look(alive, share, pushed, unlocked, left)
+        return self._seen[key]
+
+    def _known(self, which: int, weight: float, pushed: int, left: int) -> float:
+        """The value if nothing is left to learn: whether a new solution still fits."""
+        own = self._hypotheses
+        relevant = int(~own.inert[which])
+        found = {int(mask) & relevant for mask in self._found}
+        for solution in own.solutions[which].tolist():
+            missing = solution & ~pushed
+            begun = pushed & relevant & ~solution == 0
+            if begun and solution not in found and missing.bit_count() < left:
+                return self._objective.beta * weight
+        return 0.0
 
     def _open(self, who: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """The value of pushing the unlocked door."""
@@ -183,5 +205,4 @@ class Planner:
 
 def _bits(weight: FloatArray) -> FloatArray:
     """``w log2 w``, 0 at 0."""
-    safe = np.maximum(weight, 1e-300)
-    return np.where(weight > 0, weight * np.log2(safe), 0.0)
+    return weight * np.log2(np.maximum(weight, 1e-300))

@@ -181,12 +181,12 @@ class Space:
         known: dict[int, FloatArray] = {}
         parts = []
         for index, block in enumerate(self.blocks):
-            levers = block.catalogue.members.levers
-            if levers not in known:
-                possible = classes * feasible(levers)
+            own = block.catalogue
+            if id(own) not in known:
+                possible = classes * feasible(own.members.levers)
                 possible /= possible.sum(axis=1, keepdims=True)
-                known[levers] = block.catalogue.prior(possible)
-            of_block = known[levers] * marked[:, [index]]
+                known[id(own)] = own.prior(possible)
+            of_block = known[id(own)] * marked[:, [index]]
             parts.append((of_block[:, :, None] * strengths[:, None]).reshape(len(of_block), -1))
         return np.concatenate(parts, axis=1)
 
@@ -226,12 +226,12 @@ def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, l
         if taken + len(own) * len(list(combinations(range(positions), levers))) <= limit:
             for slots in combinations(range(positions), levers):
                 take(sum(1 << slot for slot in slots), always=True)
-    parts = [_placed(block, positions, sight.solutions) for block in blocks]
+    parts = [placed(block, positions, sight.solutions) for block in blocks]
     joined = Hypotheses.joined(parts or [Hypotheses.none(positions, sight.solutions)])
     return Space(sight, strengths, tuple(blocks), joined.repeated(len(strengths)))
 
 
-def _placed(block: Block, positions: int, solutions: int) -> Hypotheses:
+def placed(block: Block, positions: int, solutions: int) -> Hypotheses:
     """The behaviours of a block, each as its first structure, on the room's slots."""
     own = block.catalogue
     slots, levers = block.slots, own.members.levers

@@ -132,8 +132,9 @@ class Structures:
                 acting = before  # states in which there is an action left
         for pushed in range(sets):
             holds = self.holds(pushed)
-            live = np.bitwise_count(self.causes & np.uint16(pushed)) + 16 * self.threshold
-            moves = np.where(holds, live if uncertain else 1, 0).astype(np.uint8)
+            # Above 0 for a free lever too, which no count of causes would tell from a stuck one.
+            how = 1 + np.bitwise_count(self.causes & np.uint16(pushed)) + 16 * self.threshold
+            moves = np.where(holds, how if uncertain else 1, 0).astype(np.uint8)
             moves[:, n] = np.where(acting[:, pushed] | ~holds[:, n], moves[:, n], 1)
             moves[:, :n] *= acting[:, [pushed]]
             moves[:, n] *= reached[:, pushed]

@@ -1,0 +1,85 @@
+"""Acting on a single hypothesis: believe it for an attempt, and carry out a solution of it.
+
+Thompson's rule believes a hypothesis as often as it is probable, and so explores just as much as
+there is doubt. An *intention* is what it comes to: levers to push, one after another, and then the
+door.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from causal_openlock.belief.planning import Situation
+from causal_openlock.belief.space import Hypotheses
+from causal_openlock.fsm import BoolArray, FloatArray
+
+
+def draw_intention(
+    hypotheses: Hypotheses,
+    weight: FloatArray,
+    situation: Situation,
+    draws: tuple[float, float],
+    by_weight: bool,
+) -> tuple[int, ...] | None:
+    """Levers to push for a new solution that some hypothesis allows.
+
+    Args:
+        hypotheses: ``[h]`` what is held possible.
+        weight: ``[h]`` their probabilities.
+        situation: Where the attempt stands.
+        draws: Two numbers in [0, 1), which decide.
+        by_weight: Whether a hypothesis is drawn as probable as it is and then one of its solutions
+            (Thompson), or any solution that some hypothesis allows, all alike.
+
+    Returns:
+        Slots in an order that works; None if no hypothesis has anything left to be found.
+    """
+    fitting = _fitting(hypotheses, situation)
+    if not fitting.any():
+        # Nothing can be finished in this attempt any more; make a start all the same.
+        afresh = Situation(0, False, hypotheses.causes.shape[1] + 1, situation.found)
+        fitting = _fitting(hypotheses, afresh)
+        if not fitting.any():
+            return None
+    if by_weight:
+        which = _pick(weight * fitting.any(axis=1), draws[0])
+        solution = int(hypotheses.solutions[which, _pick(fitting[which] * 1.0, draws[1])])
+    else:
+        choices = np.unique(hypotheses.solutions[fitting])
+        solution = int(choices[int(draws[0] * len(choices))])
+        allows = (fitting & (hypotheses.solutions == solution)).any(axis=1)
+        which = _pick(weight * allows, draws[1])
+    return _in_order(hypotheses, which, solution, situation.pushed)
+
+
+def _fitting(hypotheses: Hypotheses, situation: Situation) -> BoolArray:
+    """``[h, k]`` which solutions are new and can still be completed in this attempt."""
+    relevant = ~hypotheses.inert[:, None]
+    solutions = hypotheses.solutions
+    pushed = np.uint16(situation.pushed)
+    fitting = pushed & relevant & ~solutions == 0
+    fitting &= np.bitwise_count(solutions & ~pushed) < situation.left
+    for found in situation.found:
+        fitting &= np.uint16(found) & relevant != solutions
+    return fitting
+
+
+def _in_order(hypotheses: Hypotheses, which: int, solution: int, pushed: int) -> tuple[int, ...]:
+    """The levers of a solution that are still to be pushed, causes before effects."""
+    causes, threshold = hypotheses.causes[which], hypotheses.threshold[which]
+    order: list[int] = []
+    missing = {slot for slot in range(len(causes) - 1) if (solution & ~pushed) >> slot & 1}
+    while missing:
+        ready = [
+            slot for slot in sorted(missing)
+            if (int(causes[slot]) & pushed).bit_count() >= threshold[slot]
+        ] or sorted(missing)  # fmt: skip
+        order.append(ready[0])
+        missing.discard(ready[0])
+        pushed |= 1 << ready[0]
+    return tuple(order)
+
+
+def _pick(odds: FloatArray, draw: float) -> int:
+    ladder = odds.cumsum()
+    return min(int(np.searchsorted(ladder, draw * ladder[-1], side="right")), len(odds) - 1)
