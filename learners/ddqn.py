@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from causal_openlock.fsm import BoolArray, IntArray
+from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.learner import Brief, Learner, Step, View
 from causal_openlock.randomness import Streams
 from learners.replay import ObservationTable, Replay
@@ -100,12 +100,16 @@ class DDQN(Learner):
         """``[B]`` epsilon-greedy actions."""
         draws = self._exploration.uniform()
         explores = draws[:, 0] < self.epsilon
-        actions: IntArray = (draws[:, 1] * self.brief.actions).astype(np.int64)
+        actions = self._explore(view, explores, draws[:, 1])
         if not explores.all():
             seen = self._torch.from_numpy(view.observation.astype(np.float32))
             greedy: IntArray = self.q.greedy(seen).numpy()
             actions = np.where(explores, actions, greedy)
         return actions
+
+    def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:
+        """``[B]`` an action for those that explore, by a number in [0, 1) each."""
+        return (draw * self.brief.actions).astype(np.int64)
 
     def learn(self, step: Step) -> None:
         """Remember what happened, take one gradient step, and cool down."""

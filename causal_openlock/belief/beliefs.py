@@ -245,7 +245,8 @@ class Beliefs:
         pulls = step.action >= positions
         tells = np.where(door, seen[:, -2] == 0, pulls == is_pushed)
         who = np.flatnonzero(step.view.playing & tells)
-        slots = np.array([self._belief(b).slots for b in who]).reshape(-1, positions)
+        slots = np.array([self._belief(b).slots for b in who], dtype=np.int64)
+        slots = slots.reshape(-1, positions)
         masks = (seen[who, :positions].astype(np.int64) << slots).sum(axis=1)
         found = [self._belief(b).found for b in who]
         padded = np.zeros((len(who), max(map(len, found), default=0)), dtype=np.uint16)

@@ -1,0 +1,78 @@
+"""A DDQN that explores as a scientist would.
+
+The paper's discussion asks for model-free learning guided by a causal model. Here the model is the
+belief of the structure learner (:mod:`learners.bayes`): when the DDQN explores, it draws its action
+in proportion to what the action is expected to tell about the causal structure of the room, in
+place of uniformly. Once there is nothing left to be told, it draws uniformly again. Everything else
+is the DDQN (:mod:`learners.ddqn`): it values and chooses actions as before, and knows nothing of
+what the belief holds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from causal_openlock.belief.beliefs import Beliefs, Prior
+from causal_openlock.belief.believer import Believer
+from causal_openlock.belief.planning import TIE
+from causal_openlock.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.learner import Brief, Step, View
+from learners.ddqn import DDQN, DDQNParameters
+
+
+@dataclass(frozen=True)
+class BayesNetDDQNParameters(DDQNParameters):
+    """Hyper-parameters: those of the DDQN, and what the structure learner believes at first."""
+
+    concentration: Annotated[
+        float, Field(gt=0), "how many rooms the prior over schema classes is worth (Dirichlet)"
+    ] = 1.0
+    simplicity: Annotated[
+        float, Field(ge=0), "cost of each part of a schema's description, in nats"
+    ] = math.log(2.0)
+    noise: Annotated[float, Field(ge=0, lt=1), "prior probability that levers may fail to move"] = (
+        0.0
+    )
+
+
+class BayesNetDDQN(DDQN, Believer):
+    """A DDQN whose exploratory actions are drawn by expected information gain."""
+
+    Parameters = BayesNetDDQNParameters
+    parameters: BayesNetDDQNParameters
+
+    def begin(self, brief: Brief) -> None:
+        """Make the DDQN and the structure learner."""
+        super().begin(brief)
+        own = self.parameters
+        samples = tuple(generator.spawn(1)[0] for generator in brief.generators)
+        prior = Prior(concentration=own.concentration, simplicity=own.simplicity, noise=own.noise)
+        self.beliefs = Beliefs(brief, prior, samples)
+
+    def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:
+        self.beliefs.enter(view)
+        actions = super()._explore(view, explores, draw)
+        for subject in np.flatnonzero(explores & view.playing).tolist():
+            ladder = self.gains(subject, view).cumsum()
+            if ladder[-1] > TIE:
+                actions[subject] = np.searchsorted(ladder, draw[subject] * ladder[-1], "right")
+        return actions
+
+    def learn(self, step: Step) -> None:
+        """Learn as the DDQN does, and revise the belief."""
+        super().learn(step)
+        self.beliefs.update(step)
+
+    def state_dict(self) -> dict[str, Any]:
+        """What the DDQN learned, and what the structure learner believes."""
+        return super().state_dict() | {"beliefs": self.beliefs.state_dict()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        super().load_state_dict(state)
+        self.beliefs.load_state_dict(state["beliefs"])
