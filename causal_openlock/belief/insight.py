@@ -7,13 +7,15 @@ is by position and not by slot, as people see the room.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from causal_openlock.belief.beliefs import Belief
 from causal_openlock.belief.catalogue import feasible
-from causal_openlock.belief.space import Block
+from causal_openlock.belief.strength import Strengths
+from causal_openlock.belief.structures import Structures
 from causal_openlock.fsm import FloatArray, IntArray
 from causal_openlock.room import position_names
 from causal_openlock.schema import DOOR, Gate, Schema
@@ -37,13 +39,12 @@ def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
     """
     positions = belief.space.sight.positions
     edges = np.zeros((positions, positions + 1))
-    for block, members, _ in _members(belief, classes):
-        own = block.catalogue.members
-        at = belief.positions[block.slots]
-        to = np.append(at, positions)
-        for lever, position in enumerate(at):
-            causes = (own.causes >> np.uint16(lever) & 1).astype(float)
-            edges[position, to] += members @ causes
+    for part in held(belief, classes):
+        probability = part.probability.sum(axis=1)
+        to = np.append(part.positions, positions)
+        for lever, position in enumerate(part.positions):
+            causes = (part.structures.causes >> np.uint16(lever) & 1).astype(float)
+            edges[position, to] += probability @ causes
     return edges
 
 
@@ -54,7 +55,7 @@ def strength_probabilities(belief: Belief) -> FloatArray:
 
 
 def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
-    """The most probable structure as a schema, and its probability.
+    """The most probable structure as a schema, and its probability, whatever the strength.
 
     Its levers are called by their positions. Levers that do nothing for the door are inert.
 
@@ -62,51 +63,100 @@ def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
         belief: A subject's belief.
         classes: ``[C + 1]`` how probable the subject holds each schema class.
     """
-    best, found = -1.0, None
-    for block, members, strength in _members(belief, classes):
-        index = int(members.argmax())
-        if members[index] > best:
-            best, found = float(members[index]), (block, index, strength)
-    assert found is not None, "a belief holds something possible"
-    block, index, strength = found
-    return _schema(block, index, belief, strength), best
+    parts = held(belief, classes)
+    best = max(parts, key=lambda part: float(part.probability.sum(axis=1).max()))
+    index = int(best.probability.sum(axis=1).argmax())
+    strength = float(best.strengths.value[best.probability[index].argmax()])
+    schema = _schema(best.structures[np.array([index])], best.names, strength)
+    return schema, float(best.probability[index].sum())
 
 
-def _members(belief: Belief, classes: FloatArray) -> Iterator[tuple[Block, FloatArray, float]]:
-    """Each block that is held possible, with the probability of each of its structures.
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Structures on the same levers, and how probable a subject holds them.
 
-    The third is the strength that is most probable if the block is right.
+    Attributes:
+        positions: ``[n]`` where the levers stand.
+        names: What these positions are called.
+        structures: M structures on them.
+        strengths: How surely levers may move.
+        probability: ``[M, G]`` of each structure together with each strength.
+    """
+
+    positions: IntArray
+    names: tuple[str, ...]
+    structures: Structures
+    strengths: Strengths
+    probability: FloatArray
+
+    def unlocked(self, pushed: set[str], pulled: set[str], push_probability: float) -> float:
+        """The part of P(unlocked | do) that is due to these structures.
+
+        Levers that are not among these do nothing here, wherever they are set.
+        """
+        n = len(self.names)
+        set_to = {**dict.fromkeys(pushed, (1,)), **dict.fromkeys(pulled, (0,))}
+        unset = [lever for lever, name in enumerate(self.names) if name not in set_to]
+        other = (0, 1) if push_probability > 0 else (0,)
+        total = 0.0
+        for states in product(*(set_to.get(name, other) for name in self.names)):
+            mask = np.uint16(sum(state << lever for lever, state in enumerate(states)))
+            live = np.bitwise_count(self.structures.causes & mask)
+            threshold = self.structures.threshold
+            likely = np.where(live[:, n] >= threshold[:, n], 1.0, 0.0)[:, None]
+            for lever in unset:
+                moves = self.strengths.chance[:, live[:, lever], threshold[:, lever]].T
+                moves = push_probability * moves
+                likely = likely * (moves if states[lever] else 1.0 - moves)
+            total += float((self.probability * likely).sum())
+        return total
+
+
+def held(belief: Belief, classes: FloatArray) -> tuple[Held, ...]:
+    """Everything that is held possible, structure by structure, for each set of active levers.
+
+    Args:
+        belief: A subject's belief.
+        classes: ``[C + 1]`` how probable the subject holds each schema class.
     """
     space = belief.space
     many = len(space.strengths)
-    starts = np.concatenate([[0], space.ends[:-1]])
-    in_block = np.searchsorted(space.ends, belief.which, side="right")
-    for number in np.unique(in_block):
-        block = space.blocks[number]
+    names = position_names(space.sight.positions)
+    weight = np.zeros(len(space))
+    weight[belief.which] = belief.weight
+    parts = []
+    for block, part in zip(space.blocks, np.split(weight, space.ends[:-1]), strict=True):
+        if not part.any():
+            continue
         own = block.catalogue
-        mine = in_block == number
-        place = belief.which[mine] - starts[number]
-        weight = belief.weight[mine]
-        held = np.bincount(place // many, weight, minlength=len(own))
         pairs = own.pairs_given_behaviour(classes * feasible(own.members.levers))
-        members = np.bincount(own.member, pairs, minlength=len(own.members)) * held[own.behaviour]
-        strength = space.strengths.value[np.bincount(place % many, weight).argmax()]
-        yield block, members, float(strength)
+        share = np.bincount(own.member, pairs, minlength=len(own.members))
+        joint = share[:, None] * part.reshape(-1, many)[own.behaviour]
+        possible = np.flatnonzero(joint.any(axis=1))
+        at = belief.positions[block.slots]
+        parts.append(
+            Held(
+                at,
+                tuple(names[position] for position in at),
+                own.members[possible],
+                space.strengths,
+                joint[possible],
+            )
+        )
+    return tuple(parts)
 
 
-def _schema(block: Block, index: int, belief: Belief, strength: float) -> Schema:
-    own = block.catalogue.members[np.array([index])]
-    positions: IntArray = belief.positions[block.slots]
-    names = [position_names(belief.space.sight.positions)[position] for position in positions]
+def _schema(structure: Structures, names: tuple[str, ...], strength: float) -> Schema:
+    """One structure as a schema."""
     edges: dict[str, dict[str, float]] = {}
     gates: dict[str, Gate] = {}
     for node, effect in enumerate([*names, DOOR]):
-        causes = [name for i, name in enumerate(names) if own.causes[0, node] >> i & 1]
+        causes = [name for i, name in enumerate(names) if structure.causes[0, node] >> i & 1]
         for cause in causes:
             edges.setdefault(cause, {})[effect] = strength
-        enough = int(own.threshold[0, node])
+        enough = int(structure.threshold[0, node])
         if enough > 1:
             gate = Gate("all") if enough == len(causes) else Gate("at_least", enough)
             gates[effect] = gate
-    inert = [name for i, name in enumerate(names) if own.inert()[0] >> i & 1]
+    inert = [name for i, name in enumerate(names) if structure.inert()[0] >> i & 1]
     return Schema("belief", names, edges, gates=gates, inert=inert, title="Most probable")

@@ -34,10 +34,7 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.belief.beliefs import Belief
-from causal_openlock.belief.catalogue import feasible
-from causal_openlock.belief.insight import edge_probabilities, most_probable
-from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import Structures
+from causal_openlock.belief.insight import Held, edge_probabilities, held, most_probable
 from causal_openlock.errors import OpenLockError, nearest
 from causal_openlock.fsm import FloatArray
 from causal_openlock.room import position_names
@@ -47,45 +44,6 @@ from causal_openlock.schema_formats import to_bayesian_network
 if TYPE_CHECKING:
     import pandas as pd
     from pgmpy.models import DiscreteBayesianNetwork
-
-
-@dataclass(frozen=True, eq=False)
-class Held:
-    """Structures on the same levers, and how probable a subject holds them.
-
-    Attributes:
-        names: The positions of the n levers.
-        structures: M structures on them.
-        strengths: How surely levers may move.
-        probability: ``[M, G]`` of each structure together with each strength.
-    """
-
-    names: tuple[str, ...]
-    structures: Structures
-    strengths: Strengths
-    probability: FloatArray
-
-    def unlocked(self, pushed: set[str], pulled: set[str], push_probability: float) -> float:
-        """The part of P(unlocked | do) that is due to these structures.
-
-        Levers that are not among these do nothing here, wherever they are set.
-        """
-        n = len(self.names)
-        set_to = {**dict.fromkeys(pushed, (1,)), **dict.fromkeys(pulled, (0,))}
-        unset = [lever for lever, name in enumerate(self.names) if name not in set_to]
-        other = (0, 1) if push_probability > 0 else (0,)
-        total = 0.0
-        for states in product(*(set_to.get(name, other) for name in self.names)):
-            mask = np.uint16(sum(state << lever for lever, state in enumerate(states)))
-            live = np.bitwise_count(self.structures.causes & mask)
-            threshold = self.structures.threshold
-            likely = np.where(live[:, n] >= threshold[:, n], 1.0, 0.0)[:, None]
-            for lever in unset:
-                moves = self.strengths.chance[:, live[:, lever], threshold[:, lever]].T
-                moves = push_probability * moves
-                likely = likely * (moves if states[lever] else 1.0 - moves)
-            total += float((self.probability * likely).sum())
-        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,36 +142,7 @@ def model_of(belief: Belief, classes: FloatArray) -> Model:
         index=pd.Index(names, name="cause"),
         columns=pd.Index([*names, DOOR], name="effect"),
     )
-    return Model(schema, probability, to_bayesian_network(schema), edges, _held(belief, classes))
-
-
-def _held(belief: Belief, classes: FloatArray) -> tuple[Held, ...]:
-    """Everything that is held possible, structure by structure."""
-    space = belief.space
-    many = len(space.strengths)
-    names = position_names(space.sight.positions)
-    weight = np.zeros(len(space))
-    weight[belief.which] = belief.weight
-    parts = np.split(weight, space.ends[:-1])
-    held = []
-    for block, part in zip(space.blocks, parts, strict=True):
-        if not part.any():
-            continue
-        own = block.catalogue
-        pairs = own.pairs_given_behaviour(classes * feasible(own.members.levers))
-        share = np.bincount(own.member, pairs, minlength=len(own.members))
-        joint = share[:, None] * part.reshape(-1, many)[own.behaviour]
-        possible = np.flatnonzero(joint.any(axis=1))
-        at = belief.positions[block.slots]
-        held.append(
-            Held(
-                tuple(names[position] for position in at),
-                own.members[possible],
-                space.strengths,
-                joint[possible],
-            )
-        )
-    return tuple(held)
+    return Model(schema, probability, to_bayesian_network(schema), edges, held(belief, classes))
 
 
 def lock_network(schema: Schema, push_probability: float = 0.0) -> DiscreteBayesianNetwork:
@@ -262,9 +191,10 @@ def probability_unlocked(
 ) -> float:
     """P(door unlocked | do) under a schema, by pgmpy.
 
-    The network is cut above the levers that are set, and these are made certain, so that what they
-    are set to need not have been possible before. ``CausalInference.query`` of pgmpy would be
-    shorter and is wrong where levers that cause one another are set together.
+    The network is cut above the levers that are set, and these are made certain; to condition on
+    what they are set to would not do, as it may have had no probability before.
+    ``CausalInference.query`` of pgmpy would be shorter and is wrong where levers that cause one
+    another are set together.
 
     Args:
         schema: The levers and the door.
@@ -288,7 +218,7 @@ def probability_unlocked(
         network.add_cpds(
             TabularCPD(lever, 2, [[1.0 - state], [state]], state_names={lever: [0, 1]})
         )
-    answer = VariableElimination(network).query([DOOR], evidence=states, show_progress=False)
+    answer = VariableElimination(network).query([DOOR], show_progress=False)
     return float(answer.get_value(**{DOOR: 1}))
 
 

@@ -247,7 +247,7 @@ def placed(block: Block, positions: int, solutions: int) -> Hypotheses:
     return Hypotheses(
         causes,
         threshold,
-        renamed[own.inert],
+        renamed[own.inert] | np.uint16(((1 << positions) - 1) ^ block.active),
         renamed[own.solutions].reshape(-1, solutions),
         np.zeros(len(own), dtype=np.uint8),
     )
