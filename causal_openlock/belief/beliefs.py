@@ -221,12 +221,12 @@ class Beliefs:
                 belief = self._belief(subject)
                 belief.found = (*belief.found, int(events.pushed[row]))
         if self.prior.forgetting:
-            for subject in np.flatnonzero(step.attempt_over & step.view.playing):
+            for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
                 belief = self._belief(subject)
                 if belief.start is not None:
                     lost = self.prior.forgetting
                     belief.weight = (1.0 - lost) * belief.weight + lost * belief.start
-        for subject in np.flatnonzero(step.trial_over & step.view.playing):
+        for subject in np.flatnonzero(step.trial_over & step.view.playing).tolist():
             self.leave(subject)
 
     def _belief(self, subject: int) -> Belief:
@@ -245,10 +245,10 @@ class Beliefs:
         pulls = step.action >= positions
         tells = np.where(door, seen[:, -2] == 0, pulls == is_pushed)
         who = np.flatnonzero(step.view.playing & tells)
-        slots = np.array([self._belief(b).slots for b in who], dtype=np.int64)
+        slots = np.array([self._belief(b).slots for b in who.tolist()], dtype=np.int64)
         slots = slots.reshape(-1, positions)
         masks = (seen[who, :positions].astype(np.int64) << slots).sum(axis=1)
-        found = [self._belief(b).found for b in who]
+        found = [self._belief(b).found for b in who.tolist()]
         padded = np.zeros((len(who), max(map(len, found), default=0)), dtype=np.uint16)
         for row, sets in enumerate(found):
             padded[row, : len(sets)] = sets

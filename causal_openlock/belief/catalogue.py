@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from causal_openlock.belief.grammar import Generated, assigned, outlines, schema_classes
 from causal_openlock.belief.structures import (
@@ -138,9 +139,12 @@ def _ways(split: tuple[int, ...]) -> int:
     return math.factorial(sum(split)) // math.prod(map(math.factorial, split))
 
 
-def gate_weight(causes: IntArray, threshold: IntArray, simplicity: float) -> FloatArray:
+def gate_weight(
+    causes: NDArray[np.integer], threshold: NDArray[np.integer], simplicity: float
+) -> FloatArray:
     """Factor of one node in the free form: what its gate costs to describe."""
-    return np.exp(-simplicity * (causes + (threshold > 1.0)))
+    weight: FloatArray = np.exp(-simplicity * (causes + (threshold > 1.0)))
+    return weight
 
 
 @cache

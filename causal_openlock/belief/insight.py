@@ -26,7 +26,8 @@ def active_probabilities(belief: Belief) -> FloatArray:
     space = belief.space
     blocks = np.searchsorted(space.ends, belief.which, side="right")
     held = np.bincount(blocks, belief.weight, minlength=len(space.blocks))
-    probabilities: FloatArray = held @ (space.active[:, None] >> belief.slots & 1)
+    active = (space.active[:, None] >> belief.slots & 1).astype(float)
+    probabilities: FloatArray = held @ active
     return probabilities
 
 
@@ -51,7 +52,8 @@ def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
 def strength_probabilities(belief: Belief) -> FloatArray:
     """``[G]`` probability of each strength of the space."""
     many = len(belief.space.strengths)
-    return np.bincount(belief.which % many, belief.weight, minlength=many)
+    probabilities: FloatArray = np.bincount(belief.which % many, belief.weight, minlength=many)
+    return probabilities
 
 
 def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:

@@ -25,7 +25,7 @@ from causal_openlock.belief.evidence import DOOR
 from causal_openlock.belief.grammar import schema_classes
 from causal_openlock.belief.space import Block, Hypotheses, RoomSight, Space, placed
 from causal_openlock.belief.strength import at_least
-from causal_openlock.belief.structures import Structures, merge
+from causal_openlock.belief.structures import Counts, Masks, Structures, merge
 from causal_openlock.fsm import FloatArray, IntArray
 
 Happened = tuple[int, int, bool, bool]
@@ -59,7 +59,7 @@ class Gates:
             if mask or node < levers
         ]
         causes, threshold = np.array(options, dtype=np.int64).T
-        weight = gate_weight(np.bitwise_count(causes).astype(np.int64), threshold, simplicity)
+        weight = gate_weight(np.bitwise_count(causes), threshold, simplicity)
         return cls(causes, threshold, weight)
 
     def holding(self, pushed: int, chance: FloatArray) -> FloatArray:
@@ -175,8 +175,8 @@ class Sampler:
         who: IntArray,
         before: IntArray,
         generator: np.random.Generator,
-        causes: IntArray,
-        threshold: IntArray,
+        causes: Masks,
+        threshold: Counts,
     ) -> None:
         """A gate of a node for some of the draws, its causes among the levers before it."""
         gates = self._gates[node]

@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,7 +122,7 @@ class Structures:
         inert, solutions = self.inert(), self.solutions()
         reached = np.zeros((len(self), sets), dtype=bool)
         reached[:, 0] = True
-        parts = []
+        parts: list[NDArray[Any]] = []
         for action in range(action_limit + 1):
             before = reached.copy()
             for pushed in range(sets if action < action_limit else 0):
