@@ -27,10 +27,13 @@ HOMES = {
     "memory": "memory",
     "startup": "startup",
     "ddqn": "learning",
+    "beliefs": "beliefs",
 }
 SCALES = {
     "steps/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),
     "actions/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),
+    "pairs/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),
+    "subjects/s": ((1, "/s"),),
     "s": ((1e-3, "ms"),),
     "bytes/attempt": ((1, "B"),),
 }

@@ -23,11 +23,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
-from causal_openlock.belief.optimal import Optimum, Point, bits
+from causal_openlock.belief.optimal import Optimum, Point
 from causal_openlock.belief.placements import TooLargeError, placements
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.strength import Strengths, at_least, strengths
+from causal_openlock.belief.symmetry import bits
 from causal_openlock.errors import LearnerError
 from causal_openlock.fsm import FloatArray, IntArray
 from causal_openlock.learner import Brief, InformedLearner, Observations, Step, Truth, View

@@ -28,6 +28,10 @@ class TestOracle(LearnerContract):
     learner = "oracle"
 
 
+class TestIdeal(LearnerContract):
+    learner = "ideal"
+
+
 class TestDDQN(LearnerContract):
     learner = "ddqn"
     # It trains from the eighth action on, and copies its target network several times.

@@ -21,6 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from causal_openlock.analysis import style
+from causal_openlock.analysis.bounds import Bound, Bounds, said
 from causal_openlock.analysis.measures import (
     BASELINES,
     TRANSFERS,
@@ -40,7 +41,10 @@ _GREY = "#666666"
 
 
 def attempts_by_trial(
-    trials: pd.DataFrame, protocol: str, learners: Sequence[str] = ()
+    trials: pd.DataFrame,
+    protocol: str,
+    learners: Sequence[str] = (),
+    bounds: Bounds | None = None,
 ) -> Drawing | None:
     """Mean attempts over the course of every condition of a protocol, whichever they are.
 
@@ -48,6 +52,7 @@ def attempts_by_trial(
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         protocol: Name of the protocol.
         learners: The order of the rows.
+        bounds: From :func:`~causal_openlock.analysis.bounds.ideal_bounds`.
 
     Returns:
         The drawing, or None if there are no trials under that protocol.
@@ -64,7 +69,13 @@ def attempts_by_trial(
     unsolved = chosen.loc[~chosen["solved"], "last_attempt"]
     marked = int(means.groupby(["learner", "condition"], observed=True).size().max()) <= _MARKERS
     limit = float(unsolved.max()) if len(unsolved) else None
-    top = 1.06 * max(float((means["mean"] + means["se"]).max()), limit or 0.0)
+    ideal = {
+        (condition, phase): bound
+        for (condition, of, phase), bound in (bounds or {}).items()
+        if of == protocol and condition in set(chosen["condition"])
+    }
+    highest = max((bound.attempts for bound in ideal.values()), default=0.0)
+    top = 1.06 * max(float((means["mean"] + means["se"]).max()), limit or 0.0, highest)
 
     with style.settings():
         names = ordered(means["learner"], learners)
@@ -84,22 +95,27 @@ def attempts_by_trial(
                 )
             _scale(axes, int(visits["visit"].max()), top, limit)
             _mark_test(axes, visits)
+            _mark_ideal(axes, visits, ideal)
             if len(families) == 1 or family is families[0]:
                 style.panel_title(axes, name, style.sizes(means[means["learner"] == name]))
+        if ideal:
+            figure.set_figheight(figure.get_figheight() + 0.25)
+            style.legend(figure, [style.ideal_key()])
     wide = int(width.max())
-    said = [
+    told = [
         "Mean attempts to solve each trial, in the order in which trials were played",
         f" (a point averages up to {wide} trials in a row)" if wide > 1 else "",
         ". Shaded or with bars: ± 1 standard error (population SD / √n).",
         " Dotted: the limit." if limit else "",
-        " Right of the dashed line: the transfer test."
+        " Right of the upright line: the transfer test."
         if set(chosen["phase"]) == {"train", "test"}
         else "",
+        f" Dashed and level: {style.IDEAL}, {said(ideal.values())}." if ideal else "",
     ]
     return Drawing(
         "attempts_by_trial_" + re.sub(r"\W+", "_", protocol.lower(), flags=re.ASCII),
         f"Trial by trial, protocol {protocol}",
-        "".join(said),
+        "".join(told),
         figure,
     )
 
@@ -230,6 +246,22 @@ def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:
             color=_GREY,
             fontsize=7.5,
         )
+
+
+def _mark_ideal(axes: Axes, visits: pd.DataFrame, ideal: dict[tuple[str, str], Bound]) -> None:
+    """What the ideal observer needs, over the visits of each phase; once where it is the same."""
+    spans: dict[float, list[tuple[float, float]]] = {}
+    played = visits.groupby(["condition", "phase"], observed=True)["visit"].agg(["min", "max"])
+    for key, span in zip(played.index, played.itertuples(index=False), strict=True):
+        if key in ideal:
+            start, end = float(span[0]) - 0.5, float(span[1]) + 0.5
+            spans.setdefault(ideal[key].attempts, []).append((start, end))
+    for attempts, stretches in spans.items():
+        end = -math.inf
+        for start, until in sorted(stretches):
+            if until > end:
+                style.ideal_line(axes, attempts, max(start, end), until)
+                end = until
 
 
 __all__ = ["attempts_by_trial"]

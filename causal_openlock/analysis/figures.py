@@ -2,7 +2,8 @@
 
 Figures 3 and 4 put people first and every learner that played the human protocol after them, one
 panel each with a common scale. Error bars are the paper's everywhere, population SD / √n, so that
-bars of people and of learners mean the same.
+bars of people and of learners mean the same. A dashed line shows what the ideal observer needs (see
+:mod:`~causal_openlock.analysis.bounds`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from causal_openlock.analysis import style
+from causal_openlock.analysis.bounds import Bound, Bounds, ideal_bounds, said
 from causal_openlock.analysis.categories import baseline_categories, transfer_categories
 from causal_openlock.analysis.comparable import HUMAN_PROTOCOL, comparable, paper_conditions
 from causal_openlock.analysis.course import attempts_by_trial
@@ -56,6 +58,7 @@ def draw_all(
         :func:`~causal_openlock.analysis.course.attempts_by_trial` that there are data for.
     """
     trials = attempts_to_solve(record)
+    bounds = ideal_bounds(experiment or {})
     beside_people = trials[did_what_people_did(trials, comparable(experiment or {}))]
     rooms = paper_conditions(experiment or {})
     blocks, phases = (
@@ -63,12 +66,12 @@ def draw_all(
         for counts in (category_counts(record, blocks=5), category_counts(record, blocks=1))
     )
     drawings = [
-        baseline_attempts(beside_people, learners),
-        transfer_attempts(beside_people, learners),
+        baseline_attempts(beside_people, learners, bounds),
+        transfer_attempts(beside_people, learners, bounds),
         baseline_categories(blocks, learners),
         transfer_categories(phases, learners),
         *(
-            attempts_by_trial(trials, protocol, learners)
+            attempts_by_trial(trials, protocol, learners, bounds)
             for protocol in trials["protocol"].unique()
         ),
     ]
@@ -82,12 +85,15 @@ def draw_all(
     return list(named.values())
 
 
-def baseline_attempts(trials: pd.DataFrame, learners: Sequence[str] = ()) -> Drawing | None:
+def baseline_attempts(
+    trials: pd.DataFrame, learners: Sequence[str] = (), bounds: Bounds | None = None
+) -> Drawing | None:
     """Figure 3: mean attempts in each baseline trial, CC4 beside CE4.
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         learners: The order of the panels.
+        bounds: From :func:`~causal_openlock.analysis.bounds.ideal_bounds`.
 
     Returns:
         The drawing, or None if no learner played CC4 or CE4 under the human protocol.
@@ -98,6 +104,7 @@ def baseline_attempts(trials: pd.DataFrame, learners: Sequence[str] = ()) -> Dra
     means = mean_by_trial(chosen)
     published = _published("train")
     count = max(int(means["trial"].max()), int(published["trial"].max()))
+    ideal = _ideal(means, bounds, "train")
     with style.settings():
         names = ordered(means["learner"], learners)
         figure, axes = style.panels(1 + len(names), columns=3, height=2.3)
@@ -107,25 +114,31 @@ def baseline_attempts(trials: pd.DataFrame, learners: Sequence[str] = ()) -> Dra
                 _bars(panel, one["trial"] + 0.4 * side - 0.2, one, style.trained_colour(condition))
             panel.set_xticks(range(1, count + 1))
             panel.set_xlim(0.4, count + 0.6)
+            for attempts in {bound.attempts for bound in ideal.values()}:
+                style.ideal_line(panel, attempts, 0.4, count + 0.6)
             panel.set_xlabel("Trial")
             style.panel_title(panel, name, style.sizes(rows))
-        _finish(figure, axes, trials, [(name, style.trained_colour(name)) for name in BASELINES])
+        keys = [(name, style.trained_colour(name)) for name in BASELINES]
+        _finish(figure, axes, trials, keys, bool(ideal))
     return Drawing(
         "baseline_attempts",
         "Baseline trials",
         "Mean attempts to solve each of the baseline trials, common cause (CC4) "
         "beside common effect (CE4); the first panel shows people as published in the paper's "
-        f"Figure 3. {_ERROR_BARS}",
+        f"Figure 3. {_ERROR_BARS}{_ideal_caption(ideal)}",
         figure,
     )
 
 
-def transfer_attempts(trials: pd.DataFrame, learners: Sequence[str] = ()) -> Drawing | None:
+def transfer_attempts(
+    trials: pd.DataFrame, learners: Sequence[str] = (), bounds: Bounds | None = None
+) -> Drawing | None:
     """Figure 4: mean attempts in the transfer test, by what was tested and what was trained.
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         learners: The order of the panels.
+        bounds: From :func:`~causal_openlock.analysis.bounds.ideal_bounds`.
 
     Returns:
         The drawing, or None if no learner played a transfer condition of the paper under the
@@ -135,6 +148,7 @@ def transfer_attempts(trials: pd.DataFrame, learners: Sequence[str] = ()) -> Dra
     if chosen.empty:
         return None
     means = mean_by_trial(chosen, ["phase"])
+    ideal = _ideal(means, bounds, "test")
     with style.settings():
         names = ordered(means["learner"], learners)
         figure, axes = style.panels(1 + len(names), columns=3, height=2.3)
@@ -145,16 +159,20 @@ def transfer_attempts(trials: pd.DataFrame, learners: Sequence[str] = ()) -> Dra
                 _bars(panel, np.full(len(one), x), one, style.trained_colour(condition))
             panel.set_xticks([0, 1], BASELINES)
             panel.set_xlim(-0.6, 1.6)
+            for condition, bound in ideal.items():
+                half = TRANSFERS.index(condition) // 2
+                style.ideal_line(panel, bound.attempts, half - 0.45, half + 0.45)
             panel.set_xlabel("Transfer test")
             style.panel_title(panel, name, style.sizes(rows))
         keys = [(f"{name} training", style.trained_colour(name)) for name in ("CC3", "CE3")]
-        _finish(figure, axes, trials, keys)
+        _finish(figure, axes, trials, keys, bool(ideal))
     return Drawing(
         "transfer_attempts",
         "Transfer test",
         "Mean attempts to solve the trial of the four-lever test, common cause (CC4) left and "
         "common effect (CE4) right, after training with three levers under CC3 or CE3; the first "
-        f"panel shows people as published in the paper's Figure 4. {_ERROR_BARS}",
+        f"panel shows people as published in the paper's Figure 4. {_ERROR_BARS}"
+        f"{_ideal_caption(ideal)}",
         figure,
     )
 
@@ -165,6 +183,16 @@ def _human(trials: pd.DataFrame, conditions: Sequence[str], phase: str) -> pd.Da
         & trials["condition"].isin(conditions)
         & (trials["phase"] == phase)
     ]
+
+
+def _ideal(means: pd.DataFrame, bounds: Bounds | None, phase: str) -> dict[str, Bound]:
+    """What the ideal observer needs in the conditions that were played."""
+    keys = {name: (str(name), HUMAN_PROTOCOL, phase) for name in ordered(means["condition"])}
+    return {name: bounds[key] for name, key in keys.items() if bounds and key in bounds}
+
+
+def _ideal_caption(ideal: Mapping[str, Bound]) -> str:
+    return f" Dashed: {style.IDEAL}, {said(ideal.values())}." if ideal else ""
 
 
 def _published(phase: str) -> pd.DataFrame:
@@ -186,15 +214,20 @@ def _bars(axes: Axes, x: Any, rows: pd.DataFrame, colour: str) -> None:
 
 
 def _finish(
-    figure: Any, axes: Sequence[Axes], trials: pd.DataFrame, keys: Sequence[tuple[str, str]]
+    figure: Any,
+    axes: Sequence[Axes],
+    trials: pd.DataFrame,
+    keys: Sequence[tuple[str, str]],
+    ideal: bool,
 ) -> None:
     limit = float(trials.loc[trials["protocol"] == HUMAN_PROTOCOL, "last_attempt"].max())
     axes[0].set_ylim(0, max(30.0, limit) * 1.03)
     axes[0].yaxis.set_major_locator(_ticks(max(30.0, limit)))
     style.label_rows(axes, "Attempts")
-    style.legend(
-        figure, [Patch(fc=colour, ec="black", lw=0.6, label=label) for label, colour in keys]
-    )
+    handles: list[Any] = [
+        Patch(fc=colour, ec="black", lw=0.6, label=label) for label, colour in keys
+    ]
+    style.legend(figure, [*handles, style.ideal_key()] if ideal else handles)
 
 
 def _ticks(limit: float) -> Any:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from causal_openlock.analysis import style
+from causal_openlock.analysis.bounds import ideal_bounds
 from causal_openlock.analysis.comparable import Pairs, comparable
 from causal_openlock.analysis.description import describe, trials_played
 from causal_openlock.analysis.figures import draw_all
@@ -72,7 +73,8 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
     trials = attempts_to_solve(record)
     learners = ordered(trials["learner"], _labels(experiment.get("learners", ())))
     pairs = comparable(experiment)
-    summary = summarise(trials, pairs)
+    bounds = ideal_bounds(experiment)
+    summary = summarise(trials, pairs, bounds)
     write_table(summary, folder / "summary.csv")
     figures = [
         _inline(drawing, style.save(drawing.figure, folder / "figures" / drawing.name))
@@ -90,7 +92,9 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
         trials=f"{len(trials):,}",
         people_count=people_per_condition(),
         missing=[str(name) for name in experiment.get("missing_cells") or ()],
-        headline=_headline_blocks(headline(trials, pairs), learners, described["protocols"]),
+        headline=_headline_blocks(
+            headline(trials, pairs, bounds), learners, described["protocols"]
+        ),
         figures=figures,
         summary=_summary_blocks(summary, learners),
         described=described if experiment else None,
@@ -215,17 +219,20 @@ def _headline_blocks(
             }
             for condition in conditions
         ]
-        compared = []
+        compared, ideal = [], []
         for condition in conditions:
             of = [cell for (_, name), cell in cells.items() if name == condition]
             same = len({(cell["measured"], cell["human_attempts"]) for cell in of}) == 1
             compared.append(of[0] if same and of[0]["human_attempts"] else None)
+            bounds = {cell["ideal_attempts"] for cell in of}
+            ideal.append(bounds.pop() if len(bounds) == 1 else None)
         blocks.append(
             {
                 "protocol": protocol,
                 "budgets": budgets.get(protocol),
                 "columns": columns,
                 "people": compared if any(compared) else None,
+                "ideal": ideal if any(ideal) else None,
                 "rows": [
                     {
                         "learner": name,
@@ -257,6 +264,7 @@ def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict
                     "protocol": protocol,
                     "size": style.sizes(part),
                     "compared": bool(part["human_attempts"].notna().any()),
+                    "bounded": bool(part["ideal_attempts"].notna().any()),
                     "rows": rows,
                 }
             )

@@ -20,6 +20,7 @@ import matplotlib as mpl
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from causal_openlock.files import write_bytes, write_text
 from causal_openlock.record import CATEGORIES
@@ -32,6 +33,9 @@ CATEGORY_COLOURS = dict(
 CATEGORY_NAMES = dict(
     zip(CATEGORIES, ("else", "unlock", "open 1", "open 2", "open 3"), strict=True)
 )
+
+IDEAL = "ideal observer (schema known)"
+"""What figures call the bound of :mod:`~causal_openlock.analysis.bounds`, a line in them."""
 
 WIDTH = 7.2
 """Width of a full figure in inches: two columns of a printed page."""
@@ -58,6 +62,7 @@ _SETTINGS: Any = {
     "svg.fonttype": "path",  # looks the same wherever it is opened
     "svg.hashsalt": "causal-openlock",  # equal figures are equal files
 }
+_IDEAL_LOOK: Any = {"color": "#333333", "lw": 1.0, "ls": (0, (4, 2)), "dash_capstyle": "butt"}
 _NO_METADATA: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
@@ -144,6 +149,20 @@ def panel_title(axes: Axes, name: str, detail: str = "") -> None:
         )
 
 
+def ideal_line(axes: Axes, attempts: float, start: float, end: float) -> None:
+    """Draw the ideal observer's mean attempts from one place of the x axis to another.
+
+    Thin, dashed and dark grey, so that no one takes it for data; the gaps are white, which keeps it
+    visible on dark bars. It lies over bars and under error bars and points.
+    """
+    axes.add_line(Line2D([start, end], [attempts] * 2, **_IDEAL_LOOK, gapcolor="white", zorder=1.5))
+
+
+def ideal_key() -> Line2D:
+    """The entry of the ideal observer in a legend."""
+    return Line2D([], [], **_IDEAL_LOOK, label=IDEAL)
+
+
 def legend(figure: Figure, handles: Sequence[Any], columns: int | None = None) -> None:
     """A legend above all panels."""
     figure.legend(
@@ -200,8 +219,11 @@ __all__ = [
     "CATEGORY_NAMES",
     "COMMON_CAUSE",
     "COMMON_EFFECT",
+    "IDEAL",
     "OTHER",
     "Drawing",
+    "ideal_key",
+    "ideal_line",
     "label_rows",
     "legend",
     "panel_title",

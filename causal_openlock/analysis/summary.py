@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock import reference
+from causal_openlock.analysis.bounds import Bounds, ideal_bounds
 from causal_openlock.analysis.comparable import HUMAN_PROTOCOL, Pairs, comparable
 from causal_openlock.analysis.measures import (
     CELL,
@@ -46,6 +47,7 @@ SUMMARY_COLUMNS = (
     "human_attempts",
     "human_se",
     "difference",
+    "ideal_attempts",
 )
 
 
@@ -86,10 +88,13 @@ def summary_table(record: pa.Table, experiment: Mapping[str, Any] | None = None)
     Returns:
         See :func:`summarise`.
     """
-    return summarise(attempts_to_solve(record), comparable(experiment or {}))
+    known = experiment or {}
+    return summarise(attempts_to_solve(record), comparable(known), ideal_bounds(known))
 
 
-def summarise(trials: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
+def summarise(
+    trials: pd.DataFrame, pairs: Pairs | None = None, bounds: Bounds | None = None
+) -> pd.DataFrame:
     """The summary of trials that are counted already.
 
     A protocol with loops visits a trial number many times; a subject's visits are averaged first,
@@ -100,6 +105,8 @@ def summarise(trials: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
         pairs: Whom people compare with, from
             :func:`~causal_openlock.analysis.comparable.comparable`; by default whoever played a
             condition of the paper's name under ``human``.
+        bounds: What the ideal observer needs, from
+            :func:`~causal_openlock.analysis.bounds.ideal_bounds`.
 
     Returns:
         One row for each ``learner``, ``condition``, ``protocol``, ``phase`` and ``trial``, with
@@ -112,9 +119,11 @@ def summarise(trials: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
         - ``share_solved``: share of visits in which every solution was found, from 0 to 1.
         - ``human_attempts``, ``human_se``: people's, as published; NaN where there are none.
         - ``difference``: ``attempts`` minus ``human_attempts``.
+        - ``ideal_attempts``: what the ideal observer needs, which knows the schema; NaN if that is
+          not known.
     """
     table = _means(trials, ["phase", "trial"]).rename(columns={"visits": "loops"})
-    return _beside_people(table, pairs)[list(SUMMARY_COLUMNS)]
+    return _beside_ideal(_beside_people(table, pairs), bounds)[list(SUMMARY_COLUMNS)]
 
 
 def write_summary(
@@ -163,10 +172,13 @@ def headline_table(record: pa.Table, experiment: Mapping[str, Any] | None = None
     Returns:
         See :func:`headline`.
     """
-    return headline(attempts_to_solve(record), comparable(experiment or {}))
+    known = experiment or {}
+    return headline(attempts_to_solve(record), comparable(known), ideal_bounds(known))
 
 
-def headline(trials: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
+def headline(
+    trials: pd.DataFrame, pairs: Pairs | None = None, bounds: Bounds | None = None
+) -> pd.DataFrame:
     """The headline of trials that are counted already.
 
     A condition with a test phase is judged by its test (the mean of a subject's test trials, in
@@ -175,12 +187,13 @@ def headline(trials: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         pairs: As in :func:`summarise`.
+        bounds: As there.
 
     Returns:
         One row for each ``learner``, ``protocol`` and ``condition``, with ``measured`` (such as
         ``trial 5`` or ``test``), ``subjects``, ``attempts``, ``ci_low``, ``ci_high``,
-        ``share_solved``, ``human_attempts``, ``human_se`` and ``difference`` as in
-        :func:`summarise`.
+        ``share_solved``, ``human_attempts``, ``human_se``, ``difference`` and ``ideal_attempts``
+        as in :func:`summarise`.
     """
     cell = trials.groupby(CELL, observed=True)
     tested = (trials["phase"] == "test").groupby([trials[c] for c in CELL], observed=True)
@@ -192,6 +205,7 @@ def headline(trials: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
     # People's test is one trial, number 1; a baseline is compared trial by trial.
     chosen = chosen.assign(trial=np.where(chosen["phase"] == "test", 1, chosen["trial"]))
     table = _beside_people(_means(chosen, ["phase", "trial"]), pairs)
+    table = _beside_ideal(table, bounds)
     measured = [
         "test" if phase == "test" else f"trial {trial}"
         for phase, trial in zip(table["phase"], table["trial"], strict=True)
@@ -213,6 +227,7 @@ def headline(trials: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
             "human_attempts",
             "human_se",
             "difference",
+            "ideal_attempts",
         ]
     ]
 
@@ -243,6 +258,14 @@ def _beside_people(table: pd.DataFrame, pairs: Pairs | None) -> pd.DataFrame:
         human_attempts=beside["human_attempts"],
         human_se=beside["human_se"],
         difference=table["attempts"] - beside["human_attempts"],
+    )
+
+
+def _beside_ideal(table: pd.DataFrame, bounds: Bounds | None) -> pd.DataFrame:
+    keys = zip(table["condition"], table["protocol"], table["phase"], strict=True)
+    known = [(bounds or {}).get((str(c), str(p), str(phase))) for c, p, phase in keys]
+    return table.assign(
+        ideal_attempts=np.array([np.nan if one is None else one.attempts for one in known], float)
     )
 
 

@@ -52,8 +52,7 @@ def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
 def strength_probabilities(belief: Belief) -> FloatArray:
     """``[G]`` probability of each strength of the space."""
     many = len(belief.space.strengths)
-    probabilities: FloatArray = np.bincount(belief.which % many, belief.weight, minlength=many)
-    return probabilities
+    return np.bincount(belief.which % many, belief.weight, minlength=many).astype(float)
 
 
 def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:

@@ -20,13 +20,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.placements import TooLargeError, on_slots
+from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.belief.space import Hypotheses
+from causal_openlock.belief.symmetry import Symmetry, bits, swapped
 from causal_openlock.fsm import BoolArray, FloatArray
 
 NODE_LIMIT = 20_000
@@ -95,8 +95,8 @@ class Optimum:
         if len(hypotheses) > HYPOTHESIS_LIMIT:
             raise TooLargeError(f"{len(hypotheses):,} hypotheses are too many")
         self._own, self._limit, self.node_limit = hypotheses, action_limit, node_limit
-        self._slots = hypotheses.causes.shape[1] - 1
-        self._solutions = hypotheses.solutions.shape[1]
+        self._slots: int = hypotheses.causes.shape[1] - 1
+        self._solutions: int = hypotheses.solutions.shape[1]
         longest = int(np.bitwise_count(hypotheses.solutions).max(initial=0))
         self._pulls = action_limit - longest - 1 >= 2 if pulls is None else pulls
         share = weight / weight.sum()
@@ -105,7 +105,7 @@ class Optimum:
             for weight in np.unique(share[share > 0]).tolist()
         ]
         self._everything = bits(share > 0)
-        self._symmetry = _Symmetry(hypotheses, share)
+        self._symmetry = Symmetry(hypotheses, share)
         self._values: dict[tuple[int, tuple[int, ...]], float] = {}
         self._within: dict[tuple[int, tuple[int, ...], int, int, bool], float] = {}
         self._moving: dict[tuple[int, int], int] = {}
@@ -146,6 +146,32 @@ class Optimum:
             if value <= least + tie
             for same in alike.get(action, (action,))
         ) or [2 * self._slots]
+
+    def most(self) -> int:
+        """The most attempts that it may come to, by one plan with the least expected number."""
+        worst: dict[tuple[Outcome, bool], int] = {}
+
+        def after(outcome: Outcome, began: int) -> int:
+            """Attempts to come, the present one not counted."""
+            possible, found, pushed, left = outcome
+            if not left:
+                to_find = self._solutions - len(found)
+                if not to_find or possible & (possible - 1) == 0:
+                    return to_find
+                possible, found = self._symmetry.canonical(possible, found)
+                return 1 + after((possible, found, 0, self._limit), possible)
+            if (outcome, possible == began) not in worst:
+                best, plan = math.inf, [(possible, found, 0, 0)]
+                for option in self._options(possible, found, pushed, left):
+                    value = self._value(option, possible, found, began, best)
+                    if value < best:
+                        best, plan = value, option.outcomes
+                worst[outcome, possible == began] = max(
+                    after(one, began if one[:2] == (possible, found) else 0) for one in plan
+                )
+            return worst[outcome, possible == began]
+
+        return after((self._everything, (), 0, 0), 0)
 
     # -- values, in units of the probability of what is possible ---------------------------------
 
@@ -252,7 +278,7 @@ class Optimum:
                 continue
             for first, group in groups.items():
                 if self._symmetry.swappable(possible, first, slot) and (
-                    tuple(sorted(_swapped(mask, first, slot) for mask in found)) == found
+                    tuple(sorted(swapped(mask, first, slot) for mask in found)) == found
                 ):
                     groups[first] = (*group, slot)
                     break
@@ -306,96 +332,6 @@ class Optimum:
             missing = np.bitwise_count(self._own.solutions ^ stands) + 1 <= left
             if not self._pulls:
                 missing &= self._own.solutions & stands == stands
-            self._reaching[key] = bits((missing & self._to_find(found)).any(axis=1))
+            useful: BoolArray = missing & self._to_find(found)
+            self._reaching[key] = bits(np.logical_or.reduce(useful, axis=1))
         return self._reaching[key]
-
-
-class _Symmetry:
-    """Which levers a set of hypotheses cannot tell apart."""
-
-    def __init__(self, own: Hypotheses, share: FloatArray) -> None:
-        self._slots, self._many = own.causes.shape[1] - 1, len(own)
-        rows = {self._row(own, index): index for index in range(self._many)}
-        self._swap = np.full((self._slots, self._slots, self._many), self._many)
-        for first, second in combinations(range(self._slots), 2):
-            order = np.arange(self._slots)
-            order[[first, second]] = second, first
-            image = on_slots(own, tuple(order.tolist()), self._slots)
-            for index in range(self._many):
-                to = rows.get(self._row(image, index), self._many)
-                if to < self._many and share[to] == share[index]:
-                    self._swap[first, second, index] = self._swap[second, first, index] = to
-        every = np.arange(self._many)
-        whole = (self._swap < self._many).all(axis=2)
-        # Slots that may be renamed: all hypotheses together do not tell them apart.
-        self._class = [min([s, *np.flatnonzero(whole[s]).tolist()]) for s in range(self._slots)]
-        solves = (own.solutions[:, None] >> np.arange(self._slots)[:, None] & 1).sum(axis=2)
-        self._features = np.stack(
-            [
-                own.threshold[every, : self._slots],
-                np.bitwise_count(own.causes[every, : self._slots]),
-                own.causes[every, self._slots, None] >> np.arange(self._slots) & 1,
-                solves,
-            ]
-        ).astype(float)  # [features, H, slots]
-        self._known: dict[int, BoolArray] = {}
-        self._canonical: dict[tuple[int, tuple[int, ...]], tuple[int, tuple[int, ...]]] = {}
-
-    def _row(self, own: Hypotheses, index: int) -> bytes:
-        solutions = np.sort(own.solutions[index])
-        return b"".join(
-            part.tobytes()
-            for part in (own.causes[index], own.threshold[index], own.inert[index], solutions)
-        )
-
-    def swappable(self, possible: int, first: int, second: int) -> bool:
-        """Whether these levers can be swapped in all that is possible."""
-        if possible not in self._known:
-            held = np.append(_flags(possible, self._many), False)
-            self._known[possible] = np.equal(held[self._swap], held[:-1]).all(axis=2)
-        return bool(self._known[possible][first, second])
-
-    def canonical(self, possible: int, found: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
-        """The same state with levers called by what is believed of them, as far as it tells."""
-        key = (possible, found)
-        if key not in self._canonical:
-            held = _flags(possible, self._many)
-            marks = self._features[:, held].sum(axis=1)
-            order = sorted(
-                range(self._slots),
-                key=lambda slot: (
-                    self._class[slot],
-                    sum(mask >> slot & 1 for mask in found),
-                    *marks[:, slot].tolist(),
-                ),
-            )
-            # The levers of a class trade names among themselves, one swap after another.
-            who, at = np.flatnonzero(held), list(range(self._slots))
-            names = sorted(range(self._slots), key=lambda slot: (self._class[slot], slot))
-            for slot, lever in zip(names, order, strict=True):
-                if (now := at.index(lever)) != slot:
-                    who = self._swap[slot, now, who]
-                    found = tuple(sorted(_swapped(mask, slot, now) for mask in found))
-                    at[slot], at[now] = at[now], at[slot]
-            image = np.zeros(self._many, dtype=bool)
-            image[who] = True
-            self._canonical[key] = (bits(image), found)
-        return self._canonical[key]
-
-
-def bits(flags: BoolArray) -> int:
-    """A set of hypotheses, ``[H]`` whether each is in it, as a bit mask."""
-    return int.from_bytes(np.packbits(flags, bitorder="little").tobytes(), "little")
-
-
-def _flags(mask: int, many: int) -> BoolArray:
-    data = np.frombuffer(mask.to_bytes((many + 7) // 8, "little"), dtype=np.uint8)
-    flags: BoolArray = np.unpackbits(data, count=many, bitorder="little").astype(bool)
-    return flags
-
-
-def _swapped(mask: int, first: int, second: int) -> int:
-    """A set of slots with two of them swapped."""
-    if (mask >> first ^ mask >> second) & 1:
-        mask ^= 1 << first | 1 << second
-    return mask

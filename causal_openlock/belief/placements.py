@@ -18,7 +18,7 @@ from causal_openlock.belief.structures import NEVER, Structures, merge
 from causal_openlock.fsm import FloatArray
 from causal_openlock.schema import DOOR, Schema
 
-TABLE_LIMIT = 1 << 22
+TABLE_LIMIT = 1 << 20
 """Placements of a schema that are listed, times the sets of its levers."""
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
-from causal_openlock.belief.trace import Snapshot, Trace, TracedAction, act_alike
+from causal_openlock.belief.likeness import act_alike, same_arrows
+from causal_openlock.belief.trace import Snapshot, Trace, TracedAction
 from causal_openlock.schema import DOOR, Schema
 
 WIDTH = 96
@@ -73,6 +74,11 @@ def story(trace: Trace, most: int = 30) -> Iterator[str]:
             "Where it went on with other hypotheses, drawn anew because few were left or listed "
             "anew because none was, the difference of entropies is no information and is not told."
         )
+    if trace.forgetting:
+        yield from _wrapped(
+            f"It forgets {trace.forgetting:.0%} of the evidence with every attempt, which counts "
+            "against the attempt's last action."
+        )
     yield from _wrapped(
         f"Information in all: {_bits(sum(action.predicted for action in kept))} bits expected, "
         f"{_bits(sum(action.obtained for action in kept))} obtained. The two agree on average over "
@@ -118,16 +124,9 @@ def agreement(trace: Trace) -> str:
     If not, whether it acts ``alike`` in every attempt, or ``different``.
     """
     most = trace.snapshots[-1].structure
-    if _arrows(most) == _arrows(trace.truth):
+    if same_arrows(most, trace.truth):
         return "same"
     return "alike" if act_alike(trace.truth, most, trace.action_limit) else "different"
-
-
-def _arrows(schema: Schema) -> dict[str, tuple[tuple[str, ...], int]]:
-    return {
-        node: (tuple(sorted(schema.causes(node))), schema.threshold(node))
-        for node in [*schema.levers, DOOR]
-    }
 
 
 def belief_in_words(belief: Snapshot) -> str:

@@ -22,12 +22,13 @@ from causal_openlock.belief.beliefs import Belief
 from causal_openlock.belief.believer import Believer, situation_of
 from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
 from causal_openlock.belief.evidence import Event, likelihood
+from causal_openlock.belief.likeness import by_position
 from causal_openlock.errors import LearnerError, ProtocolError
 from causal_openlock.fsm import FloatArray
 from causal_openlock.learner import InformedLearner, Learner, Step, View
 from causal_openlock.protocol import Condition, Protocol
 from causal_openlock.rewards import PAPER_REWARD, RewardFunction
-from causal_openlock.room import Room, position_names
+from causal_openlock.room import position_names
 from causal_openlock.schema import DOOR, Schema
 from causal_openlock.session import Session
 
@@ -105,6 +106,8 @@ class Trace:
         trials: How many trials the condition has.
         truth: What governs the room, its levers called by their positions.
         action_limit: Actions in an attempt.
+        forgetting: Share of the trial's evidence that the subject loses with every attempt. The
+            loss counts against the last action of the attempt.
         actions: What was done.
     """
 
@@ -116,6 +119,7 @@ class Trace:
     trials: int
     truth: Schema
     action_limit: int
+    forgetting: float
     actions: tuple[TracedAction, ...]
 
     @property
@@ -298,6 +302,7 @@ def trace_trial(
         trials=trials,
         truth=by_position(room),
         action_limit=protocol.actions_for(room.schema),
+        forgetting=learner.beliefs.prior.forgetting,
         actions=tuple(actions),
     )
 
@@ -351,63 +356,3 @@ def _chance(belief: Belief, view: View, step: Step) -> float:
     )
     space = belief.space
     return float(belief.weight @ likelihood(space.hypotheses, belief.which, space.strengths, event))
-
-
-# -- structures compared --------------------------------------------------------------------------
-
-
-def by_position(room: Room) -> Schema:
-    """The schema of a room with its levers called by the positions where they stand."""
-    schema = room.schema
-    name = {**room.layout.as_mapping(schema), DOOR: DOOR}
-    order = position_names(room.positions).index
-    edges: dict[str, dict[str, float]] = {}
-    for cause, effect, strength in schema.graph.edges(data="strength"):
-        edges.setdefault(name[cause], {})[name[effect]] = strength
-    return Schema(
-        schema.name,
-        sorted((name[lever] for lever in schema.levers), key=order),
-        edges,
-        gates={name[node]: schema.gate(node) for node in name if schema.causes(node)},
-        inert=[name[lever] for lever in schema.inert],
-        title=schema.title,
-    )
-
-
-def act_alike(one: Schema, other: Schema, actions: int) -> bool:
-    """Whether no attempt of so many actions tells two structures apart, their strengths aside.
-
-    Args:
-        one: A structure.
-        other: Another; levers of equal names stand at the same place, and a lever that it lacks
-            never moves in it.
-        actions: Actions in an attempt.
-    """
-    levers = {*one.levers, *other.levers}
-    reached: set[frozenset[str]] = {frozenset()}
-    seen: set[frozenset[str]] = set()
-    for moment in range(actions + 1):
-        following = set()
-        for pushed in reached:
-            if _shown(one, pushed) != _shown(other, pushed):
-                return False
-            if moment < actions:
-                moving = {lever for lever in levers if _holds(one, lever, pushed)}
-                if moving != {lever for lever in levers if _holds(other, lever, pushed)}:
-                    return False
-                following |= {pushed ^ {lever} for lever in moving}
-        seen |= reached
-        reached = following - seen
-    return True
-
-
-def _holds(schema: Schema, node: str, pushed: frozenset[str]) -> bool:
-    known = node == DOOR or node in schema.levers
-    return known and len(pushed & {*schema.causes(node)}) >= schema.threshold(node)
-
-
-def _shown(schema: Schema, pushed: frozenset[str]) -> tuple[bool, frozenset[str] | None]:
-    """Whether the door is unlocked, and the solution that opening it would complete."""
-    relevant = pushed - {*schema.inert}
-    completes = any(relevant == {*levers} for levers in schema.solutions)
-    return _holds(schema, DOOR, pushed), relevant if completes else None

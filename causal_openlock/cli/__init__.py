@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli import comparison, learners, schemas
+from causal_openlock.cli import comparison, learners, schemas, trace
 
 app = typer.Typer(
     name="causal-openlock",
@@ -25,6 +25,7 @@ app.add_typer(schemas.app, name="schema")
 app.command("learners")(learners.show)
 app.command("compare")(comparison.compare)
 app.command("report")(comparison.report)
+app.command("trace")(trace.trace)
 
 
 def _version(wanted: bool) -> None:
