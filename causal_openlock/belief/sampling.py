@@ -91,9 +91,11 @@ class Sampler:
         happened = tuple(happened)
         weights = [gates.weight.copy() for gates in self._gates]
         for (slot, pushed, took_effect, unlocked), times in happened:
-            node = levers if slot == DOOR else slot
             after = pushed ^ (took_effect << slot) if slot != DOOR else pushed
-            if node <= levers:  # white levers have no gate
+            node = self._node(slot)
+            if node is None:  # white levers have no gate, and never move
+                weights[levers] *= not took_effect
+            else:
                 works = self._gates[node].holding(pushed, chance)
                 weights[node] *= (works if took_effect else 1.0 - works) ** times
             weights[levers] *= (self._gates[levers].holding(after, surely) > 0) == unlocked
@@ -104,6 +106,12 @@ class Sampler:
         self._ways = self._recursion(self._sums)
         self.evidence = self._total(self._ways, weights) / prior
         """Probability of what happened to single gates, in the free form."""
+
+    def _node(self, slot: int) -> int | None:
+        """Whose gate a push of a slot is up to; grey levers come first."""
+        if slot == DOOR:
+            return self.levers
+        return slot if slot < self.levers else None
 
     def _orders(self, weights: list[FloatArray]) -> float:
         return self._total(self._recursion(self._subset_sums(weights)), weights)
@@ -162,8 +170,8 @@ class Sampler:
         """``[M]`` probability of what happened to single gates, but for the lock: it is certain."""
         result = np.ones(len(structures))
         for (slot, pushed, took_effect, _), times in self._happened:
-            node = self.levers if slot == DOOR else slot
-            if node <= self.levers:
+            node = self._node(slot)
+            if node is not None:
                 live = np.bitwise_count(structures.causes[:, node] & np.uint16(pushed))
                 works = self._chance[live, structures.threshold[:, node]]
                 result *= (works if took_effect else 1.0 - works) ** times
@@ -253,6 +261,7 @@ def sampled(
 def with_sampled(space: Space, own: Catalogue) -> Space:
     """The space with sampled structures of the grey levers as one more block, the last."""
     block = Block((1 << space.sight.grey) - 1, own)
-    more = placed(block, space.sight.positions, space.sight.solutions)
+    size = space.sight.positions, space.sight.solutions
+    more = placed(block, *size) if len(own) else Hypotheses.none(*size)
     joined = Hypotheses.joined([space.hypotheses, more.repeated(len(space.strengths))])
     return Space(space.sight, space.strengths, (*space.blocks, block), joined)
