@@ -85,7 +85,7 @@ class BayesParameters:
     particles: Annotated[
         Count, "hypotheses sampled where a room has too many levers to enumerate every structure"
     ] = 500
-    planned: Annotated[Count, "most hypotheses that a plan takes into account"] = 600
+    planned: Annotated[Count, "most hypotheses that a plan takes into account"] = 4000
     temperature: Annotated[
         float, Field(ge=0), "softmax noise of decisions, in bits; 0 takes the best"
     ] = 0.0
@@ -163,9 +163,9 @@ class Bayes(Believer):
     ) -> int:
         """The next lever of what the subject intends in this attempt; P is the door."""
         intended = self._intended[subject]
-        done = [slot for slot in intended or () if situation.pushed >> slot & 1]
+        missing = [slot for slot in intended or () if not situation.pushed >> slot & 1]
         # What was tried last and does not stand pushed has failed.
-        if intended is None or len(done) < self._tried[subject]:
+        if intended is None or len(intended) - len(missing) < self._tried[subject]:
             policy = self.parameters.policy
             intended = draw_intention(
                 belief.space.hypotheses[belief.which],
@@ -176,17 +176,18 @@ class Bayes(Believer):
             )
             self._intended[subject] = intended
             self._tried[subject] = 0
-            done = []
-        if intended is None or (len(done) == len(intended) and not situation.unlocked):
+            missing = list(intended or ())
+        if intended is None or not (missing or situation.unlocked):
             self._intended[subject] = None
             return int(draws[0] * self.brief.positions)
-        if len(done) == len(intended):
+        if not missing:
             return self.brief.positions
-        self._tried[subject] = len(done) + 1
-        return intended[len(done)]
+        self._tried[subject] = len(intended) - len(missing) + 1
+        return missing[0]
 
     def _plan(self, belief: Belief, situation: Situation, objective: Objective) -> FloatArray:
-        coarse = np.rint(belief.weight * ((GRAIN - 1) / belief.weight.max())).astype(np.int64)
+        most = belief.weight.max(initial=0.0)  # of nothing, if nothing is possible
+        coarse = np.rint(belief.weight / most * (GRAIN - 1)).astype(np.int64)
         kept = np.flatnonzero(coarse)
         coarse = coarse[kept]
         which = belief.which[kept]

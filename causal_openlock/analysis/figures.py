@@ -114,7 +114,7 @@ def baseline_attempts(
                 _bars(panel, one["trial"] + 0.4 * side - 0.2, one, style.trained_colour(condition))
             panel.set_xticks(range(1, count + 1))
             panel.set_xlim(0.4, count + 0.6)
-            for attempts in {bound.attempts for bound in ideal.values()}:
+            for attempts in sorted({bound.attempts for bound in ideal.values()}):
                 style.ideal_line(panel, attempts, 0.4, count + 0.6)
             panel.set_xlabel("Trial")
             style.panel_title(panel, name, style.sizes(rows))
@@ -159,9 +159,9 @@ def transfer_attempts(
                 _bars(panel, np.full(len(one), x), one, style.trained_colour(condition))
             panel.set_xticks([0, 1], BASELINES)
             panel.set_xlim(-0.6, 1.6)
-            for condition, bound in ideal.items():
-                half = TRANSFERS.index(condition) // 2
-                style.ideal_line(panel, bound.attempts, half - 0.45, half + 0.45)
+            halves = {(TRANSFERS.index(name) // 2, bound.attempts) for name, bound in ideal.items()}
+            for half, attempts in sorted(halves):
+                style.ideal_line(panel, attempts, half - 0.45, half + 0.45)
             panel.set_xlabel("Transfer test")
             style.panel_title(panel, name, style.sizes(rows))
         keys = [(f"{name} training", style.trained_colour(name)) for name in ("CC3", "CE3")]

@@ -307,7 +307,10 @@ class Beliefs:
         self.of[subject] = fresh
 
     def _again(self, subject: int, sight: RoomSight) -> Belief:
-        """What to believe of the room, had it been seen with other hypotheses from the start."""
+        """What to believe of the room, had it been seen with other hypotheses from the start.
+
+        Nothing that happened in the trial is forgotten in this.
+        """
         past = self._belief(subject)
         space = self._space(sight, bool(self.unsure[subject]))
         if sight.grey > FREE_FORM_LEVERS:
@@ -324,10 +327,8 @@ class Beliefs:
         fresh.possible = bool(np.isfinite(best))
         if fresh.possible:
             weight = np.exp(log - best)
-            kept = weight > 0
+            kept = weight > 0 if fresh.start is None else np.ones(len(weight), dtype=bool)
             fresh.which, fresh.weight = fresh.which[kept], weight[kept] / weight.sum()
-            if fresh.start is not None:
-                fresh.start = fresh.start[kept]
         return fresh
 
     @staticmethod

@@ -2,11 +2,11 @@
 
 What a subject carries from a room with three levers into one with four can be no structure on three
 levers. It is a *class* of structures: "one lever enables many, any of which unlocks the door". The
-grammar generates such classes. A class is a list of up to three *roles*; a role is played by one
+grammar generates such classes. A class is a list of up to four *roles*; a role is played by one
 lever or by many, is enabled by earlier roles through a gate (any of their levers, all of them, at
 least two of them), and the door is enabled by roles in the same way. A role that enables nothing is
 a decoy. The prior prefers short descriptions: each role, each "role enables role", and each gate
-other than ``any`` costs a factor.
+other than ``any`` is a part, costs a factor, and there are at most eight.
 
 On n levers, a class *generates* structures: first how many levers play each role, then which.
 Classes and what they generate are enumerated here; which of them are probable is for experience to
@@ -25,7 +25,8 @@ import numpy as np
 from causal_openlock.belief.structures import Structures
 from causal_openlock.fsm import FloatArray, IntArray
 
-MAX_ROLES = 3
+MAX_ROLES = 4
+MAX_LENGTH = 8
 GATES = ("any", "all", "two")
 
 
@@ -89,26 +90,34 @@ class SchemaClass:
 
 
 @cache
-def schema_classes(roles: int = MAX_ROLES) -> tuple[SchemaClass, ...]:
-    """Every class of at most so many roles, each once, the shortest first."""
-    found: set[SchemaClass] = set()
-    for count in range(1, roles + 1):
-        options = [
-            [
-                Role(many, causes, gate)
-                for many in (False, True)
-                for causes in range(1 << index)
-                for gate in (GATES if causes else GATES[:1])
-            ]
-            for index in range(count)
-        ]
-        doors = [Role(False, causes, gate) for causes in range(1, 1 << count) for gate in GATES]
-        for chosen in product(*options):
-            for door in doors:
-                whole = (*chosen, door)
-                if all(_chooses(role, chosen) for role in whole):
-                    found.add(_canonical(SchemaClass(chosen, door)))
+def schema_classes(roles: int = MAX_ROLES, length: int = MAX_LENGTH) -> tuple[SchemaClass, ...]:
+    """Every class of at most so many roles and such a length, each once, the shortest first."""
+
+    def extend(chosen: tuple[Role, ...], left: int) -> Iterator[SchemaClass]:
+        """Classes that begin with these roles, within what is left of the length."""
+        if chosen:
+            for door in _options(len(chosen), door=True):
+                if door.length - 1 <= left and _chooses(door, chosen):
+                    yield SchemaClass(chosen, door)
+        if len(chosen) < roles:
+            for role in _options(len(chosen)):
+                # The door takes one part more.
+                if role.length < left and _chooses(role, chosen):
+                    yield from extend((*chosen, role), left - role.length)
+
+    found = {_canonical(kind) for kind in extend((), length)}
     return tuple(sorted(found, key=lambda kind: (kind.length, kind)))
+
+
+@cache
+def _options(earlier: int, door: bool = False) -> list[Role]:
+    """Roles that can come after so many others, or what can enable the door."""
+    return [
+        Role(many, causes, gate)
+        for many in ((False,) if door else (False, True))
+        for causes in range(1 if door else 0, 1 << earlier)
+        for gate in (GATES if causes else GATES[:1])
+    ]
 
 
 def _chooses(role: Role, roles: tuple[Role, ...]) -> bool:
@@ -121,18 +130,35 @@ def _chooses(role: Role, roles: tuple[Role, ...]) -> bool:
 
 def _canonical(kind: SchemaClass) -> SchemaClass:
     """The same class with its roles in an order that does not depend on how it was written."""
-    best = kind
-    for order in permutations(range(len(kind.roles))):
-        place = {old: new for new, old in enumerate(order)}
+    best = None
+    for order, moved in _renamings(len(kind.roles)):
+        causes = [moved[kind.roles[old].causes] for old in order]
+        if any(mask >> index for index, mask in enumerate(causes)):
+            continue  # an effect would come before its cause
+        told = [
+            (kind.roles[old].many, mask, kind.roles[old].gate)
+            for old, mask in zip(order, causes, strict=True)
+        ]
+        told.append((False, moved[kind.door.causes], kind.door.gate))
+        best = told if best is None else min(best, told)
+    assert best is not None, "the order in which it was written is possible"
+    *roles, door = (Role(*role) for role in best)
+    return SchemaClass(tuple(roles), door)
 
-        def moved(role: Role, place: dict[int, int] = place) -> Role:
-            causes = sum(1 << new for old, new in place.items() if role.causes >> old & 1)
-            return Role(role.many, causes, role.gate)
 
-        roles = tuple(moved(kind.roles[old]) for old in order)
-        if all(role.causes < 1 << index for index, role in enumerate(roles)):
-            best = min(best, SchemaClass(roles, moved(kind.door)))
-    return best
+@cache
+def _renamings(roles: int) -> list[tuple[tuple[int, ...], list[int]]]:
+    """Every order of so many roles, and what each set of roles is called in it."""
+    return [
+        (
+            order,
+            [
+                sum(1 << new for new, old in enumerate(order) if mask >> old & 1)
+                for mask in range(1 << roles)
+            ],
+        )
+        for order in permutations(range(roles))
+    ]
 
 
 def class_prior(simplicity: float, free_form: float) -> FloatArray:

@@ -34,11 +34,12 @@ def draw_intention(
     Returns:
         Slots in an order that works; None if no hypothesis has anything left to be found.
     """
-    fitting = _fitting(hypotheses, situation)
+    possible = (weight > 0)[:, None]
+    fitting = _fitting(hypotheses, situation) & possible
     if not fitting.any():
         # Nothing can be finished in this attempt any more; make a start all the same.
         afresh = Situation(0, False, hypotheses.causes.shape[1] + 1, situation.found)
-        fitting = _fitting(hypotheses, afresh)
+        fitting = _fitting(hypotheses, afresh) & possible
         if not fitting.any():
             return None
     if by_weight:

@@ -100,7 +100,8 @@ class Knowledge:
         bits = space.active[:, None] >> slots & 1
         self.active[subject] += blocks @ bits
         self.visits[subject] += 1
-        self.strengths[subject] = np.bincount(which % many, weight, minlength=many)
+        if many > 1:
+            self.strengths[subject] = np.bincount(which % many, weight, minlength=many)
 
         classes = self.classes(who)[0]
         starts = np.concatenate([[0], space.ends[:-1]])

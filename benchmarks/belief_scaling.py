@@ -1,0 +1,267 @@
+"""What beliefs cost as hypotheses grow: ``python benchmarks/belief_scaling.py --out FILE.svg``.
+
+One subject stands in a room of seven active levers and holds structures that fit what it sees, all
+equally probable: nothing is as costly to plan with as not to know anything. The structures are
+drawn from the free form, and each is taken with its levers renamed in several ways, which keeps
+what they have to fit. Beside the figure, with the same name and suffix, is the CSV of its numbers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import os
+import tracemalloc
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+from measure import stopwatch
+from run import ONE_THREAD, machine
+
+ROOM = "seven"
+PER_DECADE, LEAST, MOST = 2, 2, 6  # from 10^2 to 10^6
+PATIENCE = 20.0  # seconds; what took longer is not measured with more hypotheses
+ENOUGH = 0.5  # seconds of one measurement
+RENAMED = 50  # ways in which the levers of a drawn structure are called
+BATCH = 5000
+
+
+class Cost(NamedTuple):
+    """One measurement; a row of the CSV."""
+
+    measured: str
+    hypotheses: int
+    value: float
+    unit: str
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the figure")
+    parser.add_argument("--redraw", action="store_true", help="draw the CSV that is there")
+    chosen = parser.parse_args()
+    table = chosen.out.with_suffix(".csv")
+    if not chosen.redraw:
+        os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before NumPy is loaded
+        costs = list(measure())
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([Cost._fields, *costs])
+        chosen.out.parent.mkdir(parents=True, exist_ok=True)
+        table.write_text(text.getvalue(), encoding="utf-8")
+        print(", ".join(f"{key} {value}" for key, value in machine().items()))
+    with table.open(encoding="utf-8") as lines:
+        read = [Cost(m, int(h), float(v), u) for m, h, v, u in islice(csv.reader(lines), 1, None)]
+    draw(read, chosen.out)
+
+
+# -- measuring ------------------------------------------------------------------------------------
+
+
+def measure() -> Iterator[Cost]:
+    """Time and memory for more and more hypotheses, and how many real rooms have."""
+    import numpy as np
+
+    from causal_openlock import Condition, Session, find_schema
+    from causal_openlock.belief.beliefs import Belief
+    from causal_openlock.protocol import PROTOCOLS
+    from learners.bayes import Bayes, BayesParameters
+
+    for name, noise in (("CC3", 0.0), ("CC4", 0.0), ("seven", 0.0), ("noisy_CC3", 0.5)):
+        session = Session(Condition.named(name, find_schema), PROTOCOLS["human"], 1)
+        learner = Bayes(BayesParameters(noise=noise))
+        learner.begin(session.brief)
+        learner.beliefs.enter(session.view)
+        many = len(learner.belief(0).which)
+        yield Cost(f"room {name}", many, float(many), "hypotheses")
+
+    sizes = [
+        round(10 ** (e / PER_DECADE)) for e in range(LEAST * PER_DECADE, MOST * PER_DECADE + 1)
+    ]
+    session = Session(Condition.named(ROOM, find_schema), PROTOCOLS["human"], 1)
+    view = session.view
+    learners = {}
+    for name, planned in (("capped", BayesParameters().planned), ("uncapped", 10**9)):
+        learners[name] = Bayes(BayesParameters(planned=planned))
+        learners[name].begin(session.brief)
+    capped = learners["capped"]
+    step = session.step(np.array([0]))
+    whole = _space(sizes[-1])
+    slow: set[str] = set()
+    for many in sizes:
+        space = _part(whole, many)
+        share = np.full(many, 1.0 / many)
+
+        def believe(learner: Any, space: Any = space, share: Any = share) -> None:
+            # A space of its own each time, for plans are kept by space.
+            which, slots = np.arange(len(share)), np.arange(7)
+            learner.beliefs.of[0] = Belief(replace(space), slots, which, share.copy())
+
+        cases: dict[str, tuple[Any, Callable[[], Any]]] = {
+            "update": (capped, lambda: capped.beliefs.update(step)),
+            "information": (capped, lambda: capped.gains(0, view)),
+            "decision, capped": (capped, lambda: capped.act(view)),
+            "decision": (learners["uncapped"], lambda: learners["uncapped"].act(view)),
+        }
+        for name, (learner, work) in cases.items():
+            if name not in slow:
+                took = _seconds(lambda learner=learner: believe(learner), work)
+                yield Cost(name, many, took, "s")
+                if took > PATIENCE:
+                    slow.add(name)
+        believe(capped)
+        belief = capped.belief(0)
+        yield Cost("belief", many, belief.which.nbytes + belief.weight.nbytes, "bytes")
+        own = space.hypotheses
+        shared = sum(getattr(own, field).nbytes for field in own.__dataclass_fields__)
+        yield Cost("shared", many, shared, "bytes")
+        for name in ("update", "information", "decision, capped"):
+            learner, work = cases[name]
+            believe(learner)
+            yield Cost(f"{name}, peak", many, _peak(work), "bytes")
+
+
+def _space(many: int) -> Any:
+    """So many structures of seven levers as hypotheses about the room."""
+    import numpy as np
+
+    from causal_openlock.belief.beliefs import Prior
+    from causal_openlock.belief.catalogue import Catalogue, fits
+    from causal_openlock.belief.sampling import Sampler
+    from causal_openlock.belief.space import Block, RoomSight, Space, placed
+    from causal_openlock.belief.strength import strengths
+    from causal_openlock.belief.structures import Structures
+
+    sight = RoomSight(positions=7, grey=7, solutions=3, action_limit=4)
+    generator = np.random.default_rng(0)
+    sampler = Sampler(7, Prior().simplicity, 1.0)
+    parts: list[Structures] = []
+    while sum(map(len, parts)) < many:
+        drawn = sampler.draw(BATCH, generator)
+        drawn = drawn[fits(drawn, sight.solutions, sight.action_limit)]
+        parts += [drawn.relabelled(generator.permutation(7)) for _ in range(RENAMED)]
+    order = generator.permutation(sum(map(len, parts)))[:many]
+    members = Structures(
+        np.concatenate([part.causes for part in parts])[order],
+        np.concatenate([part.threshold for part in parts])[order],
+    )
+    index = np.arange(many)
+    own = Catalogue(members, index, index, np.zeros_like(index), np.full(many, 1 / many), True)
+    block = Block((1 << 7) - 1, own)
+    hypotheses = placed(block, sight.positions, sight.solutions)
+    return Space(sight, strengths(0.0, 1.0, 1.0, 1), (block,), hypotheses)
+
+
+def _part(space: Any, many: int) -> Any:
+    import numpy as np
+
+    return replace(space, hypotheses=space.hypotheses[np.arange(many)])
+
+
+def _seconds(prepare: Callable[[], None], work: Callable[[], Any]) -> float:
+    """The median time of some work."""
+    times: list[float] = []
+    while not times or (sum(times) < ENOUGH and len(times) < 25):
+        prepare()
+        with stopwatch() as seconds:
+            work()
+            times.append(seconds())
+    return median(times[1:] or times)  # the first is colder than the others
+
+
+def _peak(work: Callable[[], Any]) -> float:
+    """The most bytes that some work holds in addition."""
+    tracemalloc.start()
+    work()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return float(peak)
+
+
+# -- drawing --------------------------------------------------------------------------------------
+
+LOOKS: dict[str, tuple[str, str, str]] = {  # name, colour, marker
+    "decision": ("decision, every hypothesis planned for", "#D55E00", "^"),
+    "decision, capped": ("decision of the learner (at most 600)", "#E69F00", "D"),
+    "information": ("expected information, all next actions", "#56B4E9", "s"),
+    "update": ("update by one action", "#00427A", "o"),
+    "information, peak": ("while the information is computed", "#56B4E9", "s"),
+    "decision, capped, peak": ("while it decides", "#E69F00", "D"),
+    "update, peak": ("while it updates", "#00427A", "o"),
+    "shared": ("the hypotheses, shared by all subjects", "#009E73", "v"),
+    "belief": ("the belief of a subject", "#000000", "P"),
+}
+TIMES = {1e-4: "0.1 ms", 1e-3: "1 ms", 1e-2: "10 ms", 0.1: "0.1 s", 1.0: "1 s", 10.0: "10 s"}
+BYTES = {
+    1e3: "1 kB",
+    1e4: "10 kB",
+    1e5: "100 kB",
+    1e6: "1 MB",
+    1e7: "10 MB",
+    1e8: "100 MB",
+    1e9: "1 GB",
+}
+
+
+def draw(costs: list[Cost], path: Path) -> None:
+    """Draw time and memory against the number of hypotheses."""
+    from matplotlib.figure import Figure
+
+    from causal_openlock.analysis import style
+
+    rooms = {cost.measured[5:]: cost.hypotheses for cost in costs if cost.unit == "hypotheses"}
+    with style.settings():
+        figure = Figure(figsize=(style.WIDTH, 3.9), layout="constrained")
+        for axes, unit, ticks, title in zip(
+            figure.subplots(1, 2),
+            ("s", "bytes"),
+            (TIMES, BYTES),
+            ("Time on one core", "Memory"),
+            strict=True,
+        ):
+            _panel(axes, [cost for cost in costs if cost.unit == unit], ticks)
+            axes.set_title(title, loc="left", pad=44)
+            _mark_rooms(axes, rooms)
+        style.save(figure, path.with_suffix(""))
+
+
+def _panel(axes: Any, costs: list[Cost], ticks: dict[float, str]) -> None:
+    for name, (label, colour, marker) in LOOKS.items():
+        line = [(cost.hypotheses, cost.value) for cost in costs if cost.measured == name]
+        if line:
+            axes.plot(
+                *zip(*line, strict=True),
+                color=colour, marker=marker, ms=4, lw=1.3, label=label, mec="white", mew=0.4,
+            )  # fmt: skip
+    axes.set(xscale="log", yscale="log", xlabel="Hypotheses")
+    low, high = min(cost.value for cost in costs), max(cost.value for cost in costs)
+    axes.set_ylim(low / 2, high * 300)
+    axes.set_yticks(list(ticks), list(ticks.values()))
+    axes.minorticks_off()
+    axes.set_ylim(low / 2, high * 300)
+    axes.legend(loc="upper left", borderaxespad=0.2, handlelength=1.8, fontsize=7.5)
+
+
+def _mark_rooms(axes: Any, rooms: dict[str, int]) -> None:
+    """Say on top how many hypotheses a subject begins with in real rooms."""
+    for many in rooms.values():
+        axes.axvline(many, color="#BDBDBD", lw=0.7, ls=(0, (1, 2)), zorder=0)
+    top = axes.secondary_xaxis("top")
+    top.set_xticks(
+        list(rooms.values()),
+        [name.replace("_", " ") for name in rooms],
+        rotation=45,
+        ha="left",
+        fontsize=7,
+    )
+    top.minorticks_off()
+    top.tick_params(length=2, pad=1)
+    top.spines["top"].set_visible(False)
+
+
+if __name__ == "__main__":
+    main()
