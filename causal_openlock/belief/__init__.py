@@ -19,7 +19,7 @@ Looking inside: :mod:`~causal_openlock.belief.believer` (learners that let other
 :mod:`~causal_openlock.belief.trace`, :mod:`~causal_openlock.belief.story` and
 :mod:`~causal_openlock.belief.likeness` (a trial as a table, in words, and beside the truth).
 
-The best that can be done: :mod:`~causal_openlock.belief.placements` (a known schema, levers anywhere),
+The best that can be done: :mod:`~causal_openlock.belief.placements` (a known schema anywhere),
 :mod:`~causal_openlock.belief.symmetry` (levers that are alike) and
 :mod:`~causal_openlock.belief.optimal` (the least expected attempts).
 """
