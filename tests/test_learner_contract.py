@@ -45,6 +45,43 @@ class TestDDQN(LearnerContract):
     independent_of_batch = False
 
 
+class TestBayes(LearnerContract):
+    learner = "bayes"
+    parameters = {"particles": 60, "planned": 60}  # noqa: RUF012
+    schemas = ("CC3", "CE4", "chain3")
+
+
+class TestBayesOfBoundedRationality(LearnerContract):
+    learner = "bayes"
+    parameters = {  # noqa: RUF012
+        "temperature": 0.5,
+        "lapse": 0.1,
+        "forgetting": 0.2,
+        "noise": 0.3,
+        "hypothesis_limit": 600,
+        "particles": 20,
+        "planned": 20,
+    }
+    schemas = ("CC3", "noisy_CC3")
+    subjects = 2
+
+
+class TestBayesOfManyLevers(LearnerContract):
+    """Beyond four levers structures are sampled, which takes luck of its own."""
+
+    learner = "bayes"
+    parameters = {"policy": "thompson", "particles": 40, "lapse": 0.1}  # noqa: RUF012
+    schemas = ("seven",)
+    subjects = 2
+
+
+class TestBayesNetDDQN(LearnerContract):
+    learner = "bayes_net_ddqn"
+    parameters = TestDDQN.parameters
+    schemas = ("CC3", "CE4", "noisy_CC3")
+    independent_of_batch = False
+
+
 def test_every_learner_of_this_package_is_tested() -> None:
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
     ours = set(project["project"]["entry-points"]["causal_openlock.learners"])
