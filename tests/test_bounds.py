@@ -205,12 +205,12 @@ def test_tables_have_the_number_of_each_phase(tmp_path: Path) -> None:
     assert summary_table(record)["ideal_attempts"].isna().all()
 
 
-def test_the_report_states_it_below_people(tmp_path: Path) -> None:
+def test_the_report_states_it_below_what_is_published(tmp_path: Path) -> None:
     experiment = described(tmp_path, "CC4, noisy_CC3")
     page = Page(write_report(played("CC4, noisy_CC3"), tmp_path, experiment).read_text("utf-8"))
-    head, people, ideal, *learners = page.tables[0]
-    assert [row[0].split(" | ")[0] for row in (people, ideal, *learners)] == [
-        "People", "Ideal observer", "random",
+    head, _, _, ideal, *_ = page.tables[0]
+    assert [row[0].split(" | ")[0] for row in page.tables[0][1:]] == [
+        "People", "Published model", "Ideal observer", "random",
     ]  # fmt: skip
     assert dict(zip((cell.split(" | ")[0] for cell in head), ideal, strict=True)) == {
         "Learner": "Ideal observer | schema known",
@@ -218,6 +218,7 @@ def test_the_report_states_it_below_people(tmp_path: Path) -> None:
         "noisy_CC3": "–",
     }
     every = next(rows for rows in page.tables if rows[0][0] == "Condition")
+    assert every[0][-3:] == ["Model", "SE", "Ideal"]
     column = every[0].index("Ideal")
     assert {row[0]: row[column] for row in every[1:]} == {"CC4": "3.75", "noisy_CC3": "–"}
 

@@ -1,4 +1,4 @@
-"""People stand beside those who did what people did, and beside nobody else."""
+"""What is published stands beside those who did what people did, and beside nobody else."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from html_page import Page
 
 from causal_openlock.analysis.comparable import comparable, paper_conditions
 from causal_openlock.analysis.figures import draw_all
+from causal_openlock.analysis.published import PUBLISHED_COLUMNS
 from causal_openlock.analysis.report import write_report
 from causal_openlock.analysis.summary import headline_table, summary_table
 from causal_openlock.experiment_file import read_experiment
@@ -109,15 +110,15 @@ def test_names_decide_where_the_description_does_not_tell(held: dict[str, Any]) 
     assert headline_table(played())["human_attempts"].tolist() == [6.45, 5.525]
 
 
-def test_tables_and_figures_leave_people_out_where_they_do_not_compare(tmp_path: Path) -> None:
+def test_tables_and_figures_leave_out_what_does_not_compare(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(ONE_LEVER)
     own = described(tmp_path, "{name: CC4, train: [{schema: mine.yaml}]}, CC3-CE4")
     own["conditions"].append(described(tmp_path, "CC3-CC4")["conditions"][0])
     headline = headline_table(played(), own).set_index("condition")
-    assert headline["human_attempts"].isna().to_dict() == {"CC4": True, "CC3-CC4": False}
     summary = summary_table(played(), own)
-    assert set(summary.loc[summary["human_attempts"].notna(), "condition"]) == {"CC3-CC4"}
-    assert summary.loc[summary["condition"] == "CC4", "difference"].isna().all()
+    for column in PUBLISHED_COLUMNS:
+        assert headline[column].isna().to_dict() == {"CC4": True, "CC3-CC4": False}
+        assert set(summary.loc[summary[column].notna(), "condition"]) == {"CC3-CC4"}
     assert [drawing.name for drawing in draw_all(played(), experiment=own)] == [
         "transfer_attempts",
         "attempts_by_trial_human",
@@ -129,24 +130,30 @@ def test_tables_and_figures_leave_people_out_where_they_do_not_compare(tmp_path:
     ]
 
 
-def test_the_report_shows_people_or_says_why_not(tmp_path: Path) -> None:
+def test_the_report_shows_what_is_published_or_says_why_not(tmp_path: Path) -> None:
     held = described(tmp_path, "CC4, CC3-CC4")
     same = Page(write_report(played(), tmp_path, held).read_text("utf-8"))
     assert same.tables[0][1] == ["People | published, n = 40", "6.45 | ± 1.00", "5.53 | ± 0.49"]
-    assert "people are not shown" not in same.text
+    model = "Published model | theory-based, n = 40"
+    assert same.tables[0][2] == [model, "6.82 | ± 0.39", "7.06 | ± 0.33"]
+    assert "not shown" not in same.text
     short = described(tmp_path, "CC4, CC3-CC4", attempt_limit=3)
     other = Page(write_report(played(), tmp_path, short).read_text("utf-8"))
-    assert not any("People" in cell for rows in other.tables for row in rows for cell in row)
-    assert "6.45" not in other.text + (tmp_path / "summary.csv").read_text()
-    assert "people are not shown beside them (a, CC4 (human); a, CC3-CC4 (human))" in other.text
+    cells = [cell for rows in other.tables for row in rows for cell in row]
+    assert not [cell for cell in cells if "People" in cell or "model" in cell.lower()]
+    written = other.text + (tmp_path / "summary.csv").read_text()
+    assert "6.45" not in written
+    assert "6.82" not in written
+    assert "results are not shown beside them (a, CC4 (human); a, CC3-CC4 (human))" in other.text
 
 
-def test_a_learner_that_compares_lends_no_people_to_one_that_does_not(tmp_path: Path) -> None:
+def test_a_learner_that_compares_lends_nothing_to_one_that_does_not(tmp_path: Path) -> None:
     held = described(tmp_path, "CC4")
     held["learners"].append({**held["learners"][0], "name": "b"})
     held["learners"][1]["protocol"] = {**held["learners"][0]["protocol"], "attempt_limit": 3}
     rows = [row for name in "ab" for row in trial_rows([1, 2, 3], learner=name)]
     page = Page(write_report(table(rows), tmp_path, held).read_text("utf-8"))
     assert [row[0] for row in page.tables[0]] == ["Learner", "a | n = 1", "b | n = 1"]
-    people = [rows[0] for rows in page.tables if rows[0][0] == "Condition"]
-    assert ["People" in header for header in people[:2]] == [True, False]
+    headers = [rows[0] for rows in page.tables if rows[0][0] == "Condition"][:2]
+    for column in ("People", "Model"):
+        assert [column in header for header in headers] == [True, False]

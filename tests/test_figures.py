@@ -37,31 +37,44 @@ def test_protocols_of_similar_names_have_files_of_their_own() -> None:
     assert names[-2:] == ["attempts_by_trial_a_b", "attempts_by_trial_a_b_2"]
 
 
-def test_first_panel_of_figure_3_is_people(record: pa.Table) -> None:
+PUBLISHED = (
+    reference.results()["cogsci2018"]["human"],
+    reference.results()["aaai2020"]["model"],
+)
+
+
+def test_the_first_panels_of_figure_3_are_people_and_the_published_model(record: pa.Table) -> None:
     drawing = baseline_attempts(attempts_to_solve(record), ["b"])
     assert drawing is not None
-    titles = [axes.get_title(loc="left") for axes in drawing.figure.axes]
-    assert titles == ["People", "b", "a", "c <u> & d", "five"]
-    human = reference.results()["cogsci2018"]["human"]["baseline"]
-    heights = [bar.get_height() for bar in drawing.figure.axes[0].patches]
-    assert heights == [*human["CC4"]["mean"], *human["CE4"]["mean"]]
-    colours = {to_hex(bar.get_facecolor()).upper() for bar in drawing.figure.axes[0].patches[:5]}
-    assert colours == {style.COMMON_CAUSE}
-    (segments,) = [line.get_segments() for line in drawing.figure.axes[0].collections[:1]]
-    spans = [(end[1] - start[1]) / 2 for start, end in segments]
-    assert spans == pytest.approx(human["CC4"]["se"])
+    panels = drawing.figure.axes
+    titles = [axes.get_title(loc="left") for axes in panels]
+    assert titles == ["People", "Published model", "b", "a", "c <u> & d", "five"]
+    details = [axes.texts[0].get_text() for axes in panels]
+    assert details == ["n = 40", "theory-based, n = 40", *["n = 3"] * 3, "n = 1"]
+    for axes, source in zip(panels, PUBLISHED, strict=False):
+        means = source["baseline"]
+        heights = [bar.get_height() for bar in axes.patches]
+        assert heights == [*means["CC4"]["mean"], *means["CE4"]["mean"]]
+        colours = [to_hex(bar.get_facecolor()).upper() for bar in axes.patches]
+        assert colours == [style.COMMON_CAUSE] * 5 + [style.COMMON_EFFECT] * 5
+        for bars, condition in zip(axes.collections, ("CC4", "CE4"), strict=True):
+            spans = [(end[1] - start[1]) / 2 for start, end in bars.get_segments()]
+            assert spans == pytest.approx(means[condition]["se"])
+    assert "Edmonds et al. (AAAI 2020) as published in their Figure 5" in drawing.caption
 
 
 def test_figure_4_shows_the_test_by_what_was_trained(record: pa.Table) -> None:
     drawing = transfer_attempts(attempts_to_solve(record))
     assert drawing is not None
-    people = drawing.figure.axes[0].patches
-    assert [bar.get_height() for bar in people] == [5.525, 8.175, 13.75, 7.725]
-    assert [to_hex(bar.get_facecolor()).upper() for bar in people] == [
-        style.COMMON_CAUSE,
-        style.COMMON_EFFECT,
-    ] * 2
-    assert len(drawing.figure.axes[1].patches) == 2  # conditions that were not run are left out
+    people, model, first, *_ = drawing.figure.axes
+    assert [bar.get_height() for bar in people.patches] == [5.525, 8.175, 13.75, 7.725]
+    assert [bar.get_height() for bar in model.patches] == [7.06, 6.7, 11.44, 9.16]
+    for published in (people, model):
+        assert [to_hex(bar.get_facecolor()).upper() for bar in published.patches] == [
+            style.COMMON_CAUSE,
+            style.COMMON_EFFECT,
+        ] * 2
+    assert len(first.patches) == 2  # conditions that were not run are left out
 
 
 def test_figure_6_segments_are_logarithms_of_counts(record: pa.Table) -> None:
@@ -198,9 +211,29 @@ def test_blocks_are_named_like_the_papers() -> None:
     assert names(300, 10) == ["0–0.6k", "0.6–1.2k", "1.2–1.8k", "1.8–2.4k", "2.4–3k"]
 
 
-def test_many_learners_wrap() -> None:
-    rows = [row for i in range(11) for row in trial_rows([1, 2, 3], learner=f"learner {i:02}")]
-    drawing = baseline_attempts(attempts_to_solve(table(rows)))
-    assert drawing is not None
-    assert len(drawing.figure.axes) == 12
-    assert drawing.figure.get_figwidth() == style.WIDTH
+@pytest.mark.parametrize(("learners", "columns"), [(1, 3), (2, 2), (12, 3)])
+def test_panels_are_wide_enough_for_their_titles(learners: int, columns: int) -> None:
+    names = [f"{LONG if i % 3 == 2 else 'learner'} {i:02}" for i in range(learners)]
+    rows = [row for name in names for row in trial_rows([1, 2, 3], learner=name)]
+    rows += [
+        row
+        for name in names
+        for row in trial_rows([1, 2, 3], learner=name, condition="CC3-CC4", phase="test")
+    ]
+    trials = attempts_to_solve(table(rows))
+    for drawing in (baseline_attempts(trials), transfer_attempts(trials)):
+        assert drawing is not None
+        figure = drawing.figure
+        assert len(figure.axes) == 2 + learners
+        assert figure.get_figwidth() == style.WIDTH
+        with style.settings():
+            figure.draw_without_rendering()
+        for place, axes in enumerate(figure.axes):
+            box = axes.get_window_extent()
+            last = place % columns == columns - 1 or place == len(figure.axes) - 1
+            edge = figure.bbox.x1 if last else figure.axes[place + 1].get_window_extent().x0
+            assert box.height / figure.dpi > 1.2
+            title, detail = axes._left_title, axes.texts[0]  # type: ignore[attr-defined]
+            assert title.get_window_extent().x1 < edge
+            assert detail.get_window_extent().x1 < edge
+            assert title.get_window_extent().y0 >= detail.get_window_extent().y1

@@ -24,9 +24,9 @@ from session_play import SCHEMAS
 
 from causal_openlock.belief.catalogue import catalogue, feasible, free_form_weight
 from causal_openlock.belief.grammar import (
+    GATES,
     MAX_LENGTH,
     MAX_ROLES,
-    GATES,
     Role,
     SchemaClass,
     assigned,

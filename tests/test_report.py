@@ -80,7 +80,7 @@ def test_what_users_wrote_is_escaped(report: Path, page: Page) -> None:
         assert text in page.text
 
 
-def test_headline_puts_people_first(page: Page) -> None:
+def test_headline_puts_people_first_and_the_published_model_next(page: Page) -> None:
     human, loops = page.tables[0], page.tables[1]
     assert human[0] == [
         "Learner",
@@ -98,12 +98,20 @@ def test_headline_puts_people_first(page: Page) -> None:
         "7.72 | ± 0.77",
         "–",
     ]
+    assert human[2] == [
+        "Published model | theory-based, n = 40",
+        "–",
+        "11.38 | ± 0.61",
+        "7.06 | ± 0.33",
+        "9.16 | ± 0.48",
+        "–",
+    ]
     # The experiment's order, then the alphabet.
     names = ["b | n = 3", "a | n = 3", "c <u> & d | n = 3"]
-    assert [row[0] for row in human[2:]] == [*names, "five | n = 1"]
-    assert human[5][1] == "3.00"  # one subject has no interval
+    assert [row[0] for row in human[3:]] == [*names, "five | n = 1"]
+    assert human[6][1] == "3.00"  # one subject has no interval
     assert [row[0] for row in loops] == ["Learner", *names]
-    assert "people" not in str(loops).lower()
+    assert not re.search("people|model", str(loops).lower())
 
 
 def test_headline_shows_intervals_and_shares_where_there_is_something_to_show(
@@ -118,7 +126,7 @@ def test_headline_shows_intervals_and_shares_where_there_is_something_to_show(
         *trial_rows([0, 0, 0, 0], learner="mixed", subject=1),
     ]
     shown = Page(write_report(table(rows), tmp_path, {}).read_text("utf-8")).tables[0]
-    cells = {row[0].split(" | ")[0]: row[1] for row in shown[2:]}
+    cells = {row[0].split(" | ")[0]: row[1] for row in shown[3:]}
     assert cells == {
         "alike": "3.00",
         "never": "4.00 | none solved",
@@ -137,14 +145,18 @@ def test_full_tables_have_the_published_numbers_in_place(page: Page) -> None:
             key = (learner, cells["Condition"], protocol, cells["Trial"], cells["Phase"])
             assert key not in by_trial
             by_trial[key] = cells
-    means = reference.results()["cogsci2018"]["human"]["baseline"]["CC4"]["mean"]
-    people = [by_trial["five", "CC4", "human", str(t), "train"]["People"] for t in range(1, 6)]
-    assert people == [f"{mean:.2f}" for mean in means]
-    assert people[0] == "19.38"
+    results = reference.results()
+    sources = {"People": results["cogsci2018"]["human"], "Model": results["aaai2020"]["model"]}
+    for column, source in sources.items():
+        shown = [by_trial["five", "CC4", "human", str(t), "train"][column] for t in range(1, 6)]
+        assert shown == [f"{mean:.2f}" for mean in source["baseline"]["CC4"]["mean"]]
+    first = by_trial["five", "CC4", "human", "1", "train"]
+    assert (first["People"], first["Model"], first["SE"]) == ("19.38", "11.44", "0.34")
     assert by_trial["five", "CC4", "human", "1", "train"]["Difference"] == "−16.38"
-    assert "People" not in by_trial["a", "CC4", "loops", "1", "train"]
-    assert by_trial["a", "CC3-CC4", "human", "1", "train"]["People"] == "–"
-    assert by_trial["a", "CC3-CC4", "human", "1", "test"]["People"] == "5.53"
+    for column, test in (("People", "5.53"), ("Model", "7.06")):
+        assert column not in by_trial["a", "CC4", "loops", "1", "train"]
+        assert by_trial["a", "CC3-CC4", "human", "1", "train"][column] == "–"
+        assert by_trial["a", "CC3-CC4", "human", "1", "test"][column] == test
 
 
 def test_full_tables_are_closed_on_the_screen_and_open_in_print(report: Path, page: Page) -> None:

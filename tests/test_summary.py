@@ -12,10 +12,10 @@ import pyarrow as pa
 import pytest
 from fabricated_records import random_cells, table, trial_rows
 
+from causal_openlock.analysis.published import PUBLISHED_COLUMNS, model, people
 from causal_openlock.analysis.summary import (
     SUMMARY_COLUMNS,
     headline_table,
-    people,
     summary_table,
     write_summary,
 )
@@ -26,15 +26,19 @@ def random_record() -> pa.Table:
     return pa.concat_tables(random_cells(7))
 
 
-def test_people_are_the_published_means() -> None:
-    table = people().set_index(["condition", "phase", "trial"])
-    assert len(table) == 14
-    assert table.loc[("CC4", "train", 1)].tolist() == [19.375, 1.509]
-    assert table.loc[("CE4", "train", 5)].tolist() == [9.425, 1.074]
-    assert table.loc[("CC3-CE4", "test", 1)].tolist() == [13.75, 1.162]
+def test_people_and_the_model_are_the_published_means() -> None:
+    known = [table.set_index(["condition", "phase", "trial"]) for table in (people(), model())]
+    assert known[0].index.equals(known[1].index)
+    assert len(known[0]) == 14
+    for place, *expected in (
+        (("CC4", "train", 1), [40, 19.375, 1.509], [40, 11.44, 0.34]),
+        (("CE4", "train", 5), [40, 9.425, 1.074], [40, 9.82, 0.66]),
+        (("CC3-CE4", "test", 1), [40, 13.75, 1.162], [40, 11.44, 0.58]),
+    ):
+        assert [table.loc[place].tolist() for table in known] == expected
 
 
-def test_summary_beside_people_worked_by_hand() -> None:
+def test_summary_beside_what_is_published_worked_by_hand() -> None:
     rows = []
     for subject, length in enumerate([4, 6]):
         rows += trial_rows([0] * (length - 3) + [1, 2, 3], subject=subject)
@@ -50,15 +54,18 @@ def test_summary_beside_people_worked_by_hand() -> None:
     assert (first["ci_low"], first["ci_high"], first["share_solved"]) == (4.0, 6.0, 1.0)
     assert (first["human_attempts"], first["human_se"]) == (19.375, 1.509)
     assert first["difference"] == -14.375
+    assert (first["model_attempts"], first["model_se"]) == (11.44, 0.34)
     second = summary.loc[("CC4", "human", "train", 2)]
     assert (second["attempts"], second["share_solved"]) == (30.0, 0.0)
-    assert summary.loc[("CE3-CC4", "human", "test", 1), "human_attempts"] == 8.175
+    assert second[["human_attempts", "model_attempts"]].tolist() == [12.825, 7.72]
+    test = summary.loc[("CE3-CC4", "human", "test", 1)]
+    assert test[["human_attempts", "model_attempts"]].tolist() == [8.175, 6.7]
     for incomparable in (
         ("CE3-CC4", "human", "train", 1),
         ("CC4", "rl", "train", 1),
         ("mine", "human", "train", 1),
     ):
-        assert summary.loc[[incomparable], ["human_attempts", "difference"]].isna().all(axis=None)
+        assert summary.loc[[incomparable], list(PUBLISHED_COLUMNS)].isna().all(axis=None)
 
 
 def test_summary_agrees_with_plain_loops(random_record: pa.Table) -> None:
@@ -100,8 +107,8 @@ def test_headline_takes_the_last_trial_or_the_test() -> None:
         ["rl", "CE4", "trial 2", 9.0],
         ["rl", "CC3-CC4", "test", 3.5],
     ]
-    assert headline["human_attempts"].iloc[0] == 14.875
-    assert headline["human_attempts"].iloc[1:].isna().all()
+    assert headline[["human_attempts", "model_attempts"]].iloc[0].tolist() == [14.875, 12.64]
+    assert headline[list(PUBLISHED_COLUMNS)].iloc[1:].isna().all(axis=None)
 
 
 def test_summary_files_of_equal_data_are_equal(tmp_path: Any) -> None:

@@ -368,9 +368,18 @@ def test_no_information_is_drawn_where_hypotheses_were_replaced(uncertain: Trace
 
 
 def test_a_long_trial_is_cut_at_an_attempt_and_the_picture_says_so(cc4: Trace) -> None:
-    drawing = draw_trace(cc4, actions=7, arrows=8)
-    texts = [text.get_text() for text in drawing.figure.texts]
-    assert any(text.startswith("Shown are the first 6 of 12 actions and 8 of") for text in texts)
+    first = len(cc4.attempts[0])
+    actions = first + len(cc4.attempts[1])
+    assert actions < len(cc4.actions)
+    # One action short of the second attempt's end, the first alone is shown; then both.
+    for most, shown in ((actions - 1, first), (actions, actions)):
+        drawing = draw_trace(cc4, actions=most, arrows=8)
+        texts = [text.get_text() for text in drawing.figure.texts]
+        said = f"Shown are the first {shown} of {len(cc4.actions)} actions and 8 of"
+        assert any(text.startswith(said) for text in texts)
+        panels = {axes.get_label(): axes for axes in drawing.figure.axes}
+        assert len(panels["timeline"].get_xticklabels()) == 1 + shown
+        assert len(panels["arrows"].get_yticklabels()) == 8
 
 
 def test_equal_traces_give_equal_files(cc4: Trace, tmp_path: Path) -> None:

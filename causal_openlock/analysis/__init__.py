@@ -8,7 +8,8 @@ description of the experiment for what its names stand for:
 ``statistics``   How certain a mean over subjects is.
 ``comparable``   What in an experiment is the paper's own, so that people can stand beside it.
 ``bounds``       The ideal observer's attempts, exactly, for the schemas that were played.
-``summary``      The tables of results, with people's published results beside them.
+``published``    What people and a published model of them did, and whom it stands beside.
+``summary``      The tables of results, with published results beside them.
 ``style``        What the figures have in common: colours, panels, how they are saved.
 ``figures``      Attempts in the form of the paper's Figures 3 and 4; all figures of a record.
 ``course``       Attempts by trial, over the course of every condition.

@@ -1,9 +1,10 @@
 """Attempts to solve a trial, in the form of the paper's Figures 3 and 4.
 
-Figures 3 and 4 put people first and every learner that played the human protocol after them, one
-panel each with a common scale. Error bars are the paper's everywhere, population SD / √n, so that
-bars of people and of learners mean the same. A dashed line shows what the ideal observer needs (see
-:mod:`~causal_openlock.analysis.bounds`).
+Both figures put people first, the published model of them next (see
+:mod:`~causal_openlock.analysis.published`) and every learner that played the human protocol after
+them, one panel each with a common scale. Error bars are the paper's, population SD / √n, so that
+those of people and of learners mean the same. A dashed line shows what the ideal observer needs
+(see :mod:`~causal_openlock.analysis.bounds`).
 """
 
 from __future__ import annotations
@@ -31,13 +32,20 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
     ordered,
 )
+from causal_openlock.analysis.published import did_what_people_did, model, people
 from causal_openlock.analysis.style import Drawing
-from causal_openlock.analysis.summary import did_what_people_did, people, people_per_condition
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_ERROR_BARS = "Error bars: ± 1 standard error (population SD / √n)."
+_ERROR_BARS = (
+    "Error bars: ± 1 standard error (population SD / √n); those of the published model as drawn "
+    "there."
+)
+_SOURCES = (
+    "the first panel shows people as published in the paper's Figure {}, the second the "
+    "theory-based model of Edmonds et al. (AAAI 2020) as published in their Figure 5"
+)
 
 
 def draw_all(
@@ -102,13 +110,13 @@ def baseline_attempts(
     if chosen.empty:
         return None
     means = mean_by_trial(chosen)
-    published = _published("train")
-    count = max(int(means["trial"].max()), int(published["trial"].max()))
+    count = max(int(means["trial"].max()), int(people()["trial"].max()))
     ideal = _ideal(means, bounds, "train")
     with style.settings():
         names = ordered(means["learner"], learners)
-        figure, axes = style.panels(1 + len(names), columns=3, height=2.3)
-        for panel, name, rows in _with_people(axes, names, means, published):
+        shown = _with_published(names, means, "train")
+        figure, axes = style.panels(len(shown), columns=3, height=2.3)
+        for panel, (name, kind, rows) in zip(axes, shown, strict=True):
             for side, condition in enumerate(BASELINES):
                 one = rows[rows["condition"] == condition]
                 _bars(panel, one["trial"] + 0.4 * side - 0.2, one, style.trained_colour(condition))
@@ -117,15 +125,14 @@ def baseline_attempts(
             for attempts in sorted({bound.attempts for bound in ideal.values()}):
                 style.ideal_line(panel, attempts, 0.4, count + 0.6)
             panel.set_xlabel("Trial")
-            style.panel_title(panel, name, style.sizes(rows))
+            style.panel_title(panel, name, kind + style.sizes(rows))
         keys = [(name, style.trained_colour(name)) for name in BASELINES]
         _finish(figure, axes, trials, keys, bool(ideal))
     return Drawing(
         "baseline_attempts",
         "Baseline trials",
         "Mean attempts to solve each of the baseline trials, common cause (CC4) "
-        "beside common effect (CE4); the first panel shows people as published in the paper's "
-        f"Figure 3. {_ERROR_BARS}{_ideal_caption(ideal)}",
+        f"beside common effect (CE4); {_SOURCES.format(3)}. {_ERROR_BARS}{_ideal_caption(ideal)}",
         figure,
     )
 
@@ -151,8 +158,9 @@ def transfer_attempts(
     ideal = _ideal(means, bounds, "test")
     with style.settings():
         names = ordered(means["learner"], learners)
-        figure, axes = style.panels(1 + len(names), columns=3, height=2.3)
-        for panel, name, rows in _with_people(axes, names, means, _published("test")):
+        shown = _with_published(names, means, "test")
+        figure, axes = style.panels(len(shown), columns=3, height=2.3)
+        for panel, (name, kind, rows) in zip(axes, shown, strict=True):
             for place, condition in enumerate(TRANSFERS):
                 one = rows[rows["condition"] == condition]
                 x = place // 2 + 0.4 * (place % 2) - 0.2
@@ -163,16 +171,15 @@ def transfer_attempts(
             for half, attempts in sorted(halves):
                 style.ideal_line(panel, attempts, half - 0.45, half + 0.45)
             panel.set_xlabel("Transfer test")
-            style.panel_title(panel, name, style.sizes(rows))
+            style.panel_title(panel, name, kind + style.sizes(rows))
         keys = [(f"{name} training", style.trained_colour(name)) for name in ("CC3", "CE3")]
         _finish(figure, axes, trials, keys, bool(ideal))
     return Drawing(
         "transfer_attempts",
         "Transfer test",
         "Mean attempts to solve the trial of the four-lever test, common cause (CC4) left and "
-        "common effect (CE4) right, after training with three levers under CC3 or CE3; the first "
-        f"panel shows people as published in the paper's Figure 4. {_ERROR_BARS}"
-        f"{_ideal_caption(ideal)}",
+        "common effect (CE4) right, after training with three levers under CC3 or CE3; "
+        f"{_SOURCES.format(4)}. {_ERROR_BARS}{_ideal_caption(ideal)}",
         figure,
     )
 
@@ -195,16 +202,15 @@ def _ideal_caption(ideal: Mapping[str, Bound]) -> str:
     return f" Dashed: {style.IDEAL}, {said(ideal.values())}." if ideal else ""
 
 
-def _published(phase: str) -> pd.DataFrame:
-    table = people().rename(columns={"human_attempts": "mean", "human_se": "se"})
-    return table[table["phase"] == phase].assign(subjects=people_per_condition())
-
-
-def _with_people(
-    axes: Sequence[Axes], names: Sequence[str], means: pd.DataFrame, published: pd.DataFrame
-) -> list[tuple[Axes, str, pd.DataFrame]]:
-    tables = [published, *(means[means["learner"] == name] for name in names)]
-    return list(zip(axes, ["People", *names], tables, strict=True))
+def _with_published(
+    names: Sequence[str], means: pd.DataFrame, phase: str
+) -> list[tuple[str, str, pd.DataFrame]]:
+    """Each panel's title, what it says before the number of subjects, and its means."""
+    published = [("People", "", people()), ("Published model", "theory-based, ", model())]
+    return [
+        *((name, kind, table[table["phase"] == phase]) for name, kind, table in published),
+        *((name, "", means[means["learner"] == name]) for name in names),
+    ]
 
 
 def _bars(axes: Axes, x: Any, rows: pd.DataFrame, colour: str) -> None:

@@ -21,14 +21,9 @@ from causal_openlock.analysis.comparable import Pairs, comparable
 from causal_openlock.analysis.description import describe, trials_played
 from causal_openlock.analysis.figures import draw_all
 from causal_openlock.analysis.measures import CELL, attempts_to_solve, ordered
+from causal_openlock.analysis.published import did_what_people_did, model, people
 from causal_openlock.analysis.style import Drawing
-from causal_openlock.analysis.summary import (
-    did_what_people_did,
-    headline,
-    people_per_condition,
-    summarise,
-    write_table,
-)
+from causal_openlock.analysis.summary import headline, summarise, write_table
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files import write_text
 from causal_openlock.protocol import PAPER_CONDITIONS
@@ -59,8 +54,8 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
             label, or a list of labels or of mappings with a ``label`` or ``name``) gives the order
             in which learners appear; ``versions`` maps packages to a version, or to a list of them
             if cells were run with several, which is warned about; ``missing_cells`` names what
-            an unfinished folder lacks, and the page opens with that. People are shown beside
-            whoever did what people did; see :mod:`~causal_openlock.analysis.comparable`.
+            an unfinished folder lacks, and the page opens with that. Published results are shown
+            beside whoever did what people did; see :mod:`~causal_openlock.analysis.comparable`.
 
     Returns:
         The path of ``report.html``.
@@ -90,7 +85,8 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
         command=experiment.get("command"),
         attempts=f"{record.num_rows:,}",
         trials=f"{len(trials):,}",
-        people_count=people_per_condition(),
+        people_size=style.sizes(people()),
+        model_size=style.sizes(model()),
         missing=[str(name) for name in experiment.get("missing_cells") or ()],
         headline=_headline_blocks(
             headline(trials, pairs, bounds), learners, described["protocols"]
@@ -141,7 +137,7 @@ def warnings_of(
         names = [_group(key) for key in others.itertuples(index=False)]
         found.append(
             "Some conditions are called like the paper's and have other rooms, trials or budgets, "
-            f"so people are not shown beside them ({_some(names)})."
+            f"so published results are not shown beside them ({_some(names)})."
         )
     grouped = summary.groupby(CELL, observed=True)["subjects"]
     who = ["learner", "protocol"]
@@ -231,7 +227,7 @@ def _headline_blocks(
                 "protocol": protocol,
                 "budgets": budgets.get(protocol),
                 "columns": columns,
-                "people": compared if any(compared) else None,
+                "published": compared if any(compared) else None,
                 "ideal": ideal if any(ideal) else None,
                 "rows": [
                     {

@@ -1,9 +1,8 @@
-"""The tables of results, with people's published results beside them.
+"""The tables of results, with published results beside them.
 
-People are known only as published means and error bars (the paper's Figures 3 and 4: baseline
-trials and transfer tests, 40 people for each condition). They are shown as such, beside learners
-that played under the same protocol, ``human``, in the same rooms, and no others; see
-:mod:`~causal_openlock.analysis.comparable`.
+What people did, and what a published model of them did, stands beside whoever did the same (see
+:mod:`~causal_openlock.analysis.published`), and what the ideal observer needs wherever it is known
+(see :mod:`~causal_openlock.analysis.bounds`).
 """
 
 from __future__ import annotations
@@ -17,18 +16,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock import reference
 from causal_openlock.analysis.bounds import Bounds, ideal_bounds
-from causal_openlock.analysis.comparable import HUMAN_PROTOCOL, Pairs, comparable
+from causal_openlock.analysis.comparable import Pairs, comparable
 from causal_openlock.analysis.measures import (
     CELL,
     attempts_to_solve,
     by_subject,
     mean_by_trial,
 )
+from causal_openlock.analysis.published import PUBLISHED_COLUMNS, beside_published
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.files import write_text
-from causal_openlock.fsm import BoolArray
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -44,37 +42,9 @@ SUMMARY_COLUMNS = (
     "ci_low",
     "ci_high",
     "share_solved",
-    "human_attempts",
-    "human_se",
-    "difference",
+    *PUBLISHED_COLUMNS,
     "ideal_attempts",
 )
-
-
-def people() -> pd.DataFrame:
-    """What people did, as published.
-
-    Returns:
-        One row for each ``condition``, ``phase`` and ``trial`` that the paper reports, with
-        ``human_attempts`` (mean) and ``human_se`` (the error bar: population SD / √40).
-    """
-    human = reference.results()["cogsci2018"]["human"]
-    rows = [
-        (condition, "train", trial, mean, se)
-        for condition, values in human["baseline"].items()
-        for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
-    ]
-    rows += [
-        (condition, "test", 1, values["mean"], values["se"])
-        for condition, values in human["transfer"].items()
-    ]
-    columns = ["condition", "phase", "trial", "human_attempts", "human_se"]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def people_per_condition() -> int:
-    """How many people each published mean is of."""
-    return int(reference.results()["cogsci2018"]["human"]["n_per_condition"])
 
 
 def summary_table(record: pa.Table, experiment: Mapping[str, Any] | None = None) -> pd.DataFrame:
@@ -119,11 +89,12 @@ def summarise(
         - ``share_solved``: share of visits in which every solution was found, from 0 to 1.
         - ``human_attempts``, ``human_se``: people's, as published; NaN where there are none.
         - ``difference``: ``attempts`` minus ``human_attempts``.
+        - ``model_attempts``, ``model_se``: the published model's, where people's are.
         - ``ideal_attempts``: what the ideal observer needs, which knows the schema; NaN if that is
           not known.
     """
     table = _means(trials, ["phase", "trial"]).rename(columns={"visits": "loops"})
-    return _beside_ideal(_beside_people(table, pairs), bounds)[list(SUMMARY_COLUMNS)]
+    return _beside_ideal(beside_published(table, pairs), bounds)[list(SUMMARY_COLUMNS)]
 
 
 def write_summary(
@@ -192,8 +163,8 @@ def headline(
     Returns:
         One row for each ``learner``, ``protocol`` and ``condition``, with ``measured`` (such as
         ``trial 5`` or ``test``), ``subjects``, ``attempts``, ``ci_low``, ``ci_high``,
-        ``share_solved``, ``human_attempts``, ``human_se``, ``difference`` and ``ideal_attempts``
-        as in :func:`summarise`.
+        ``share_solved``, :data:`~causal_openlock.analysis.published.PUBLISHED_COLUMNS` and
+        ``ideal_attempts`` as in :func:`summarise`.
     """
     cell = trials.groupby(CELL, observed=True)
     tested = (trials["phase"] == "test").groupby([trials[c] for c in CELL], observed=True)
@@ -204,7 +175,7 @@ def headline(
     chosen = chosen[last | (chosen["phase"] == "test")]
     # People's test is one trial, number 1; a baseline is compared trial by trial.
     chosen = chosen.assign(trial=np.where(chosen["phase"] == "test", 1, chosen["trial"]))
-    table = _beside_people(_means(chosen, ["phase", "trial"]), pairs)
+    table = beside_published(_means(chosen, ["phase", "trial"]), pairs)
     table = _beside_ideal(table, bounds)
     measured = [
         "test" if phase == "test" else f"trial {trial}"
@@ -224,9 +195,7 @@ def headline(
             "ci_low",
             "ci_high",
             "share_solved",
-            "human_attempts",
-            "human_se",
-            "difference",
+            *PUBLISHED_COLUMNS,
             "ideal_attempts",
         ]
     ]
@@ -236,29 +205,6 @@ def _means(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     means = mean_by_trial(trials, by).rename(columns={"mean": "attempts"})
     intervals = mean_intervals(by_subject(trials, by), [*CELL, *by], "attempts")
     return means.assign(ci_low=intervals["ci_low"], ci_high=intervals["ci_high"])
-
-
-def did_what_people_did(table: pd.DataFrame, pairs: Pairs | None = None) -> BoolArray:
-    """``[N]`` whether people compare with each row, by its learner, condition and protocol."""
-    human = (table["protocol"] == HUMAN_PROTOCOL).to_numpy(dtype=bool)
-    if pairs is None:
-        return human
-    known = [pair in pairs for pair in zip(table["learner"], table["condition"], strict=True)]
-    return human & np.array(known, dtype=bool)
-
-
-def _beside_people(table: pd.DataFrame, pairs: Pairs | None) -> pd.DataFrame:
-    published = people().set_index(["condition", "phase", "trial"])
-    keys = pd.MultiIndex.from_arrays(
-        [table[c].astype(object) for c in ("condition", "phase", "trial")]
-    )
-    beside = published.reindex(keys).reset_index(drop=True)
-    beside[~did_what_people_did(table, pairs)] = np.nan
-    return table.assign(
-        human_attempts=beside["human_attempts"],
-        human_se=beside["human_se"],
-        difference=table["attempts"] - beside["human_attempts"],
-    )
 
 
 def _beside_ideal(table: pd.DataFrame, bounds: Bounds | None) -> pd.DataFrame:
@@ -271,11 +217,8 @@ def _beside_ideal(table: pd.DataFrame, bounds: Bounds | None) -> pd.DataFrame:
 
 __all__ = [
     "SUMMARY_COLUMNS",
-    "did_what_people_did",
     "headline",
     "headline_table",
-    "people",
-    "people_per_condition",
     "summarise",
     "summary_table",
     "write_summary",

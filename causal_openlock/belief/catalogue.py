@@ -97,8 +97,9 @@ def _sums(values: FloatArray, groups: IntArray, count: int) -> FloatArray:
 
 def solution_masks(structures: Structures) -> Masks:
     """``[M, k]`` the solutions of structures that all have k."""
-    found = structures.solutions()
-    which = np.nonzero(found)[1]
+    if not len(structures):
+        return np.zeros((0, 0), dtype=np.uint16)
+    which = np.nonzero(structures.solutions())[1]
     return which.reshape(len(structures), -1).astype(np.uint16)
 
 

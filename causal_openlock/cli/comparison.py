@@ -148,16 +148,18 @@ def _print_headline(
         played = set(rows["condition"])
         console.print(f"\n[bold]Attempts to find every solution, protocol {protocol}[/bold]")
         shown = Table(box=None, padding=(0, 2, 0, 0))
-        shown.add_column("", min_width=max(map(len, [*learners, "ideal observer"])))
+        shown.add_column("", min_width=max(map(len, [*learners, "published model"])))
         for condition in (order := [name for name in conditions if name in played]):
             at = rows.loc[rows["condition"] == condition, "measured"].iloc[0]
             shown.add_column(f"{condition}\n{at}", justify="right", no_wrap=True)
-        people = [_first(rows, condition, "human_attempts") for condition in order]
-        if any(people):
-            shown.add_row("people", *people, style="bold")
-        ideal = [_first(rows, condition, "ideal_attempts") for condition in order]
-        if any(ideal):
-            shown.add_row("ideal observer", *ideal)
+        for name, column, look in (
+            ("people", "human_attempts", "bold"),
+            ("published model", "model_attempts", ""),
+            ("ideal observer", "ideal_attempts", ""),
+        ):
+            known = [_first(rows, condition, column) for condition in order]
+            if any(known):
+                shown.add_row(name, *known, style=look)
         for learner in learners:
             own = rows[rows["learner"] == learner]
             if len(own):
