@@ -9,30 +9,30 @@ what they have to fit. Beside the figure, with the same name and suffix, is the 
 from __future__ import annotations
 
 import argparse
-import csv
-import io
+import gc
+import json
 import os
+import time
 import tracemalloc
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-from measure import stopwatch
 from run import ONE_THREAD, machine
 
 ROOM = "seven"
 PER_DECADE, LEAST, MOST = 2, 2, 6  # from 10^2 to 10^6
 PATIENCE = 20.0  # seconds; what took longer is not measured with more hypotheses
-ENOUGH = 0.5  # seconds of one measurement
+ENOUGH = 0.1  # seconds of a measurement at least
+SLOW = 2.0  # seconds; what takes longer is done once
 RENAMED = 50  # ways in which the levers of a drawn structure are called
 BATCH = 5000
 
 
 class Cost(NamedTuple):
-    """One measurement; a row of the CSV."""
+    """One measurement."""
 
     measured: str
     hypotheses: int
@@ -43,20 +43,16 @@ class Cost(NamedTuple):
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the figure")
-    parser.add_argument("--redraw", action="store_true", help="draw the CSV that is there")
+    parser.add_argument("--redraw", action="store_true", help="draw the numbers that are there")
     chosen = parser.parse_args()
-    table = chosen.out.with_suffix(".csv")
+    numbers = chosen.out.with_suffix(".json")
     if not chosen.redraw:
         os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before NumPy is loaded
-        costs = list(measure())
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([Cost._fields, *costs])
+        said = {"machine": machine(), "costs": [cost._asdict() for cost in measure()]}
         chosen.out.parent.mkdir(parents=True, exist_ok=True)
-        table.write_text(text.getvalue(), encoding="utf-8")
-        print(", ".join(f"{key} {value}" for key, value in machine().items()))
-    with table.open(encoding="utf-8") as lines:
-        read = [Cost(m, int(h), float(v), u) for m, h, v, u in islice(csv.reader(lines), 1, None)]
-    draw(read, chosen.out)
+        numbers.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+    costs = json.loads(numbers.read_text(encoding="utf-8"))["costs"]
+    draw([Cost(**cost) for cost in costs], chosen.out)
 
 
 # -- measuring ------------------------------------------------------------------------------------
@@ -71,7 +67,7 @@ def measure() -> Iterator[Cost]:
     from causal_openlock.protocol import PROTOCOLS
     from learners.bayes import Bayes, BayesParameters
 
-    for name, noise in (("CC3", 0.0), ("CC4", 0.0), ("seven", 0.0), ("noisy_CC3", 0.5)):
+    for name, noise in (("CC3", 0.0), ("CC4", 0.0), ("noisy_CC3", 0.5)):
         session = Session(Condition.named(name, find_schema), PROTOCOLS["human"], 1)
         learner = Bayes(BayesParameters(noise=noise))
         learner.begin(session.brief)
@@ -129,8 +125,8 @@ def _space(many: int) -> Any:
     """So many structures of seven levers as hypotheses about the room."""
     import numpy as np
 
-    from causal_openlock.belief.beliefs import Prior
     from causal_openlock.belief.catalogue import Catalogue, fits
+    from causal_openlock.belief.prior import Prior
     from causal_openlock.belief.sampling import Sampler
     from causal_openlock.belief.space import Block, RoomSight, Space, placed
     from causal_openlock.belief.strength import strengths
@@ -163,13 +159,14 @@ def _part(space: Any, many: int) -> Any:
 
 
 def _seconds(prepare: Callable[[], None], work: Callable[[], Any]) -> float:
-    """The median time of some work."""
+    """The median time of the processor for some work, which a busy machine changes little."""
     times: list[float] = []
-    while not times or (sum(times) < ENOUGH and len(times) < 25):
+    while not times or (times[0] < SLOW and len(times) < 6) or sum(times) < ENOUGH:
         prepare()
-        with stopwatch() as seconds:
-            work()
-            times.append(seconds())
+        gc.collect()
+        began = time.process_time()
+        work()
+        times.append(time.process_time() - began)
     return median(times[1:] or times)  # the first is colder than the others
 
 
@@ -193,7 +190,7 @@ LOOKS: dict[str, tuple[str, str, str]] = {  # name, colour, marker
     "decision, capped, peak": ("while it decides", "#E69F00", "D"),
     "update, peak": ("while it updates", "#00427A", "o"),
     "shared": ("the hypotheses, shared by all subjects", "#009E73", "v"),
-    "belief": ("the belief of a subject", "#000000", "P"),
+    "belief": ("the belief of a subject", "#000000", "p"),
 }
 TIMES = {1e-4: "0.1 ms", 1e-3: "1 ms", 1e-2: "10 ms", 0.1: "0.1 s", 1.0: "1 s", 10.0: "10 s"}
 BYTES = {
@@ -215,16 +212,13 @@ def draw(costs: list[Cost], path: Path) -> None:
 
     rooms = {cost.measured[5:]: cost.hypotheses for cost in costs if cost.unit == "hypotheses"}
     with style.settings():
-        figure = Figure(figsize=(style.WIDTH, 3.9), layout="constrained")
-        for axes, unit, ticks, title in zip(
-            figure.subplots(1, 2),
-            ("s", "bytes"),
-            (TIMES, BYTES),
-            ("Time on one core", "Memory"),
-            strict=True,
-        ):
-            _panel(axes, [cost for cost in costs if cost.unit == unit], ticks)
-            axes.set_title(title, loc="left", pad=44)
+        figure = Figure(figsize=(style.WIDTH, 3.8), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        _panel(left, [cost for cost in costs if cost.unit == "s"], TIMES)
+        _panel(right, [cost for cost in costs if cost.unit == "bytes"], BYTES)
+        style.panel_title(left, "Time on one core", "seven active levers, four actions an attempt")
+        style.panel_title(right, "Memory", "of one subject, but for what is shared")
+        for axes in (left, right):
             _mark_rooms(axes, rooms)
         style.save(figure, path.with_suffix(""))
 
@@ -235,32 +229,25 @@ def _panel(axes: Any, costs: list[Cost], ticks: dict[float, str]) -> None:
         if line:
             axes.plot(
                 *zip(*line, strict=True),
-                color=colour, marker=marker, ms=4, lw=1.3, label=label, mec="white", mew=0.4,
+                color=colour, marker=marker, ms=4.5, lw=1.3, label=label, mec="white", mew=0.4,
             )  # fmt: skip
-    axes.set(xscale="log", yscale="log", xlabel="Hypotheses")
+    axes.set(xscale="log", yscale="log", xlabel="Hypotheses (marked: before the first action)")
     low, high = min(cost.value for cost in costs), max(cost.value for cost in costs)
-    axes.set_ylim(low / 2, high * 300)
     axes.set_yticks(list(ticks), list(ticks.values()))
     axes.minorticks_off()
-    axes.set_ylim(low / 2, high * 300)
+    axes.set_ylim(low / 25, high * (high / low) ** 0.5)  # a third of the panel is for the legend
     axes.legend(loc="upper left", borderaxespad=0.2, handlelength=1.8, fontsize=7.5)
 
 
 def _mark_rooms(axes: Any, rooms: dict[str, int]) -> None:
-    """Say on top how many hypotheses a subject begins with in real rooms."""
-    for many in rooms.values():
-        axes.axvline(many, color="#BDBDBD", lw=0.7, ls=(0, (1, 2)), zorder=0)
-    top = axes.secondary_xaxis("top")
-    top.set_xticks(
-        list(rooms.values()),
-        [name.replace("_", " ") for name in rooms],
-        rotation=45,
-        ha="left",
-        fontsize=7,
-    )
-    top.minorticks_off()
-    top.tick_params(length=2, pad=1)
-    top.spines["top"].set_visible(False)
+    """Say how many hypotheses a subject begins with in real rooms."""
+    floor = axes.get_xaxis_transform()
+    for name, many in rooms.items():
+        axes.plot([many, many], [0, 0.03], color="#444444", lw=1.0, transform=floor)
+        axes.text(
+            many, 0.04, name.replace("_", " "),
+            rotation=90, ha="center", va="bottom", fontsize=6.5, color="#444444", transform=floor,
+        )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ forgetting, and how readily a prior gives way.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 from weakref import WeakKeyDictionary
@@ -30,18 +29,16 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from pydantic import Field
 
-from causal_openlock.belief.beliefs import Belief, Beliefs, Prior
+from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.believer import Believer, situation_of
 from causal_openlock.belief.intention import draw_intention
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation
+from causal_openlock.belief.prior import Count, Prior, Share
 from causal_openlock.belief.space import Space
 from causal_openlock.fsm import FloatArray, IntArray
 from causal_openlock.learner import Brief, Step, View
 from causal_openlock.randomness import Streams
 
-Share = Annotated[float, Field(ge=0, le=1)]
-Positive = Annotated[float, Field(gt=0)]
-Count = Annotated[int, Field(ge=1)]
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
 ]
@@ -54,43 +51,16 @@ GRAIN = 1024
 
 
 @dataclass(frozen=True)
-class BayesParameters:
+class BayesParameters(Prior):
     """What the learner believes at first, how it decides, and where its rationality is bounded."""
 
     policy: Annotated[Policy, "how it picks actions"] = "solve_and_learn"
     beta: Annotated[float, Field(ge=0), "worth of a new solution, in bits of information"] = 3.0
-    concentration: Annotated[
-        Positive, "how many rooms the prior over schema classes is worth (Dirichlet)"
-    ] = 1.0
-    simplicity: Annotated[
-        float, Field(ge=0), "cost of each part of a schema's description, in nats"
-    ] = math.log(2.0)
-    free_form: Annotated[
-        float, Field(gt=0, lt=1), "prior probability that a schema is of no class of the grammar"
-    ] = 0.1
-    by_colour: Annotated[
-        float, Field(gt=0, lt=1), "prior probability that colour marks the active levers"
-    ] = 0.5
-    by_white: Annotated[Share, "if colour does, probability that it is the white ones"] = 0.1
-    noise: Annotated[
-        float,
-        Field(ge=0, lt=1),
-        "prior probability that levers may fail to move; at 0, only if nothing else is possible",
-    ] = 0.0
-    strength_alpha: Annotated[Positive, "first parameter of the strength's Beta prior"] = 4.0
-    strength_beta: Annotated[Positive, "second parameter of it"] = 1.0
-    hypothesis_limit: Annotated[Count, "about how many hypotheses are enumerated for a room"] = (
-        20_000
-    )
-    particles: Annotated[
-        Count, "hypotheses sampled where a room has too many levers to enumerate every structure"
-    ] = 500
     planned: Annotated[Count, "most hypotheses that a plan takes into account"] = 4000
     temperature: Annotated[
         float, Field(ge=0), "softmax noise of decisions, in bits; 0 takes the best"
     ] = 0.0
     lapse: Annotated[Share, "share of actions that are random"] = 0.0
-    forgetting: Annotated[Share, "share of a trial's evidence lost with every attempt"] = 0.0
 
 
 class Bayes(Believer):
@@ -101,12 +71,10 @@ class Bayes(Believer):
 
     def begin(self, brief: Brief) -> None:
         """Believe what there is to believe before the first room."""
-        own = self.parameters
         self.brief = brief
         choices, samples = zip(*(g.spawn(2) for g in brief.generators), strict=True)
         self._draws = Streams(choices, width=3)
-        prior = Prior(**{name: getattr(own, name) for name in Prior.__dataclass_fields__})
-        self.beliefs = Beliefs(brief, prior, samples)
+        self.beliefs = Beliefs(brief, self.parameters, samples)
         self._intended: list[tuple[int, ...] | None] = [None] * brief.subjects
         self._tried = [0] * brief.subjects
 

@@ -10,34 +10,23 @@ what the belief holds.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
-from causal_openlock.belief.beliefs import Beliefs, Prior
+from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.believer import Believer
 from causal_openlock.belief.planning import TIE
+from causal_openlock.belief.prior import Prior
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.learner import Brief, Step, View
 from learners.ddqn import DDQN, DDQNParameters
 
 
 @dataclass(frozen=True)
-class BayesNetDDQNParameters(DDQNParameters):
+class BayesNetDDQNParameters(Prior, DDQNParameters):
     """Hyper-parameters: those of the DDQN, and what the structure learner believes at first."""
-
-    concentration: Annotated[
-        float, Field(gt=0), "how many rooms the prior over schema classes is worth (Dirichlet)"
-    ] = 1.0
-    simplicity: Annotated[
-        float, Field(ge=0), "cost of each part of a schema's description, in nats"
-    ] = math.log(2.0)
-    noise: Annotated[float, Field(ge=0, lt=1), "prior probability that levers may fail to move"] = (
-        0.0
-    )
 
 
 class BayesNetDDQN(DDQN, Believer):
@@ -49,10 +38,8 @@ class BayesNetDDQN(DDQN, Believer):
     def begin(self, brief: Brief) -> None:
         """Make the DDQN and the structure learner."""
         super().begin(brief)
-        own = self.parameters
         samples = tuple(generator.spawn(1)[0] for generator in brief.generators)
-        prior = Prior(concentration=own.concentration, simplicity=own.simplicity, noise=own.noise)
-        self.beliefs = Beliefs(brief, prior, samples)
+        self.beliefs = Beliefs(brief, self.parameters, samples)
 
     def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:
         self.beliefs.enter(view)

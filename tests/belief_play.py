@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from belief_by_hand import Happening, World, plain_of, transcript
 
-from causal_openlock.belief.beliefs import Belief, Beliefs, Prior
+from causal_openlock.belief.beliefs import Belief, Beliefs
+from causal_openlock.belief.prior import Prior
 from causal_openlock.learner import Step, View
 from causal_openlock.protocol import Condition, Protocol
 from causal_openlock.session import Session

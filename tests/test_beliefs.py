@@ -25,8 +25,8 @@ from hypothesis import strategies as st
 from session_play import HUMAN, SCHEMAS, named
 from strategies import schemas
 
-from causal_openlock.belief.beliefs import Prior
 from causal_openlock.belief.grammar import class_prior, schema_classes
+from causal_openlock.belief.prior import Prior
 from causal_openlock.belief.space import Space
 from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.learner_registry import create

@@ -21,9 +21,9 @@ from belief_by_hand import (
 from belief_play import Played
 from session_play import SCHEMAS, named
 
-from causal_openlock.belief.beliefs import Prior
 from causal_openlock.belief.grammar import class_prior, schema_classes
 from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, rule_prior
+from causal_openlock.belief.prior import Prior
 from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import strengths
 from causal_openlock.protocol import Protocol

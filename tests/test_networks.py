@@ -19,13 +19,14 @@ from hypothesis import strategies as st
 from session_play import HUMAN, SCHEMAS, named, one_room
 from strategies import schemas
 
-from causal_openlock.belief.beliefs import Beliefs, Prior
+from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
 from causal_openlock.belief.evidence import Event, likelihood
 from causal_openlock.belief.grammar import schema_classes
 from causal_openlock.belief.insight import edge_probabilities
 from causal_openlock.belief.networks import lock_network, model_of, probability_unlocked
 from causal_openlock.belief.planning import Objective, Planner, Situation
+from causal_openlock.belief.prior import Prior
 from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import Strengths, at_least, strengths
 from causal_openlock.belief.structures import gate_dags

@@ -28,10 +28,11 @@ from session_play import HUMAN, SCHEMAS
 from causal_openlock.belief import beliefs as beliefs_module
 from causal_openlock.belief import catalogue as catalogue_module
 from causal_openlock.belief import space as space_module
-from causal_openlock.belief.beliefs import Belief, Beliefs, Prior
+from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.catalogue import fits, free_form_weight
 from causal_openlock.belief.evidence import DOOR
 from causal_openlock.belief.insight import edge_probabilities
+from causal_openlock.belief.prior import Prior
 from causal_openlock.belief.sampling import Happened, Sampler, sampled, with_sampled
 from causal_openlock.belief.space import RoomSight, enumerate_space
 from causal_openlock.belief.strength import at_least, strengths

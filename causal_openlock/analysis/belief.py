@@ -148,7 +148,7 @@ def _caption(shown: Shown) -> str:
     text = (
         "What one subject did, attempt by attempt; the bits missing to certainty about the room; "
         "the information expected of each action by itself and the information that it gave, "
-        "which agree on average over many trials, not action by action; and the marginal "
+        "which agree on average over rooms as probable as the subject believes; and the marginal "
         f"probability of each arrow that was ever more probable than {THRESHOLD:.0%}, true arrows "
         "above the line. Below, the structure that is most probable in the end beside the true "
         "one, levers called by their positions."

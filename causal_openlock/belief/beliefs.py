@@ -23,6 +23,7 @@ import numpy as np
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
 from causal_openlock.belief.knowledge import Knowledge, rule_prior
+from causal_openlock.belief.prior import Prior
 from causal_openlock.belief.sampling import Happened, Sampler, sampled, with_sampled
 from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import strengths
@@ -33,23 +34,6 @@ enumerated = lru_cache(maxsize=64)(enumerate_space)
 STRENGTH_NODES = 5
 FEW = 40
 """So few draws are all that there is to draw; drawing again would bring the same."""
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What subjects believe before they see a room; the fields of the learner's parameters."""
-
-    concentration: float = 1.0
-    simplicity: float = float(np.log(2.0))
-    free_form: float = 0.1
-    by_colour: float = 0.5
-    by_white: float = 0.1
-    noise: float = 0.0
-    strength_alpha: float = 4.0
-    strength_beta: float = 1.0
-    hypothesis_limit: int = 20_000
-    particles: int = 500
-    forgetting: float = 0.0
 
 
 @dataclass(eq=False)
@@ -179,14 +163,10 @@ class Beliefs:
         happened: Counter[Happened] = Counter()
         for (*one, _, _), times in (past.events if past else Counter()).items():
             happened[tuple(one)] += times
-        values = space.strengths.value
         sampler = Sampler(
             space.sight.grey,
             self.prior.simplicity,
-            1.0
-            if len(values) == 1
-            else float(space.strengths.prior[1:] @ values[1:])
-            / float(space.strengths.prior[1:].sum()),
+            space.strengths.typical,
             happened.items(),
         )
         own = sampled(sampler, space.sight, self.prior.particles, self._generators[subject])

@@ -82,7 +82,7 @@ def story(trace: Trace, most: int = 30) -> Iterator[str]:
     yield from _wrapped(
         f"Information in all: {_bits(sum(action.predicted for action in kept))} bits expected, "
         f"{_bits(sum(action.obtained for action in kept))} obtained. The two agree on average over "
-        "many trials, not action by action."
+        "rooms that are as probable as the subject believes, not in every room or action."
     )
 
 

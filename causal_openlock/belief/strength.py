@@ -37,6 +37,13 @@ class Strengths:
     prior: FloatArray
     chance: FloatArray
 
+    @property
+    def typical(self) -> float:
+        """The strength to expect if levers may fail to move; 1 if they may not."""
+        if len(self) == 1:
+            return 1.0
+        return float(np.average(self.value[1:], weights=self.prior[1:]))
+
     def __len__(self) -> int:
         return len(self.value)
 
