@@ -165,7 +165,8 @@ def _print_headline(
             if len(own):
                 cells = [_cell(own[own["condition"] == condition]) for condition in order]
                 shown.add_row(learner, *cells)
-        console.print(shown)
+        # A column that is cut off would be lost; a line that wraps is only ugly.
+        console.print(shown, width=max(console.width, console.measure(shown).maximum), crop=False)
     console.print(
         "\nMeans over subjects, the solving attempt included, with 95% bootstrap intervals; a "
         "trial not solved counts as its limit.",
