@@ -41,6 +41,21 @@ class TestDDQN(LearnerContract):
     independent_of_batch = False
 
 
+class TestRecurrent(LearnerContract):
+    learner = "recurrent"
+    # It trains with every second action from the fifth on.
+    parameters = {  # noqa: RUF012
+        "hidden_units": 8,
+        "burn_in": 2,
+        "unroll": 4,
+        "batch_size": 2,
+        "train_period": 2,
+        "replay_size": 16,
+        "target_period": 3,
+    }
+    independent_of_batch = False
+
+
 def test_every_learner_of_this_package_is_tested() -> None:
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
     ours = set(project["project"]["entry-points"]["causal_openlock.learners"])
