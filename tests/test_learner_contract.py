@@ -56,6 +56,12 @@ class TestRecurrent(LearnerContract):
     independent_of_batch = False
 
 
+class TestSemiMarkovDDQN(LearnerContract):
+    learner = "semi_markov_ddqn"
+    parameters = TestDDQN.parameters | {"prioritised": True}
+    independent_of_batch = False
+
+
 def test_every_learner_of_this_package_is_tested() -> None:
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
     ours = set(project["project"]["entry-points"]["causal_openlock.learners"])
