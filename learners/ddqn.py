@@ -24,6 +24,8 @@ from causal_openlock.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.randomness import Streams
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from learners.replay import PrioritisedReplay, Replay
     from learners.stacked import StackedDoubleQ
 
@@ -133,6 +135,7 @@ class DDQN(Learner):
         self._replay: Replay = self._prioritised or Replay(*ring, self._device)
         self.epsilon = np.full(brief.subjects, settings.epsilon_start)
         self._actions = np.zeros(brief.subjects, dtype=np.int64)
+        self._errors: Tensor | None = None
 
     @property
     def _inputs(self) -> int:
@@ -192,7 +195,7 @@ class DDQN(Learner):
         else:
             batch = self._replay.sample(luck)
         mask = None if trains.all() else self._torch.from_numpy(trains).to(self._device)
-        errors = self.q.update(batch, mask)
+        errors = self._errors = self.q.update(batch, mask)
         if self._prioritised:
             self._prioritised.reprioritise(batch.slot, errors, trains)
 
@@ -219,6 +222,18 @@ class DDQN(Learner):
 
     def _observe(self) -> None:
         self.q.observe(self._torch.from_numpy(self._table.rows))
+
+    def metrics(self) -> dict[str, float]:
+        """Epsilon, the loss of the last minibatch, and what the observations met are worth."""
+        told = {"epsilon": float(self.epsilon.mean())}
+        if self._errors is not None:
+            size = self._errors.abs()
+            square = size.square() / 2
+            huber = self._torch.where(size < 1, square, size - 0.5)
+            told["loss"] = float((huber if self.parameters.loss == "huber" else square).mean())
+            values = self.q.online(self._torch.from_numpy(self._table.rows).to(self._errors))
+            told["max_q"] = float(values.amax(dim=2).mean())
+        return told
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, memories, randomness and epsilon."""

@@ -27,6 +27,8 @@ from learners.perception import Perception
 from learners.sequence_replay import SequenceReplay
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from learners.stacked_recurrent import RecurrentDoubleQ
 
 
@@ -111,13 +113,15 @@ class Recurrent(Learner):
         self._exploration = Streams(exploration, width=2)
         self._batches = Streams(batches, width=2 * settings.batch_size, block=64)
         self.epsilon = np.full(brief.subjects, settings.epsilon_start)
+        self._values: Tensor | None = None
+        self._losses: Tensor | None = None
 
     def act(self, view: View) -> IntArray:
         """``[B]`` epsilon-greedy actions; what is perceived is remembered once it is acted on."""
         from_numpy = self._torch.from_numpy
         self._inputs = self._perception.inputs(view)
         values, state = self.q.values(from_numpy(self._inputs), from_numpy(self._memory))
-        self._memory_after = state.numpy()
+        self._values, self._memory_after = values, state.numpy()
         draws = self._exploration.uniform()
         random = (draws[:, 1] * self.brief.actions).astype(np.int64)
         return np.where(draws[:, 0] < self.epsilon, random, values.argmax(dim=1).numpy())
@@ -151,7 +155,16 @@ class Recurrent(Learner):
     def _train(self, trains: BoolArray) -> None:
         if trains.any():
             batch = self._replay.sample(self._batches.uniform())
-            self.q.update(batch, self._torch.from_numpy(trains))
+            self._losses = self.q.update(batch, self._torch.from_numpy(trains))
+
+    def metrics(self) -> dict[str, float]:
+        """Epsilon, the loss of the last minibatch, and what the last views are worth."""
+        told = {"epsilon": float(self.epsilon.mean())}
+        if self._losses is not None:
+            told["loss"] = float(self._losses.mean())
+        if self._values is not None:
+            told["max_q"] = float(self._values.amax(dim=1).mean())
+        return told
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, memories of both kinds, randomness and epsilon."""

@@ -62,6 +62,38 @@ class TestSemiMarkovDDQN(LearnerContract):
     independent_of_batch = False
 
 
+class TestRL2(LearnerContract):
+    learner = "rl2"
+    independent_of_batch = False
+
+
+class TestRL2Learning(LearnerContract):
+    learner = "rl2"
+    parameters = {"learns": True, "unroll": 5, "reset": "trial"}  # noqa: RUF012
+    independent_of_batch = False
+
+
+class TestStableBaselines(LearnerContract):
+    learner = "sb3"
+    # It learns after every fifth action.
+    parameters = {"algorithm": "A2C", "settings": {"n_steps": 5}}  # noqa: RUF012
+    schemas = ("CC3", "CE4")
+    subjects = 3
+
+    @pytest.fixture(autouse=True)
+    def _installed(self) -> None:
+        pytest.importorskip("stable_baselines3")
+
+
+class TestStableBaselinesOffPolicy(TestStableBaselines):
+    # It trains from the eleventh action on.
+    parameters = {  # noqa: RUF012
+        "algorithm": "DQN",
+        "settings": {"learning_starts": 10, "batch_size": 8, "buffer_size": 100, "train_freq": 1},
+        "episode": "trial",
+    }
+
+
 def test_every_learner_of_this_package_is_tested() -> None:
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
     ours = set(project["project"]["entry-points"]["causal_openlock.learners"])
