@@ -15,7 +15,8 @@ from functools import cached_property
 from typing import Any
 
 from causal_openlock import __version__
-from causal_openlock.learner_registry import learner_class, origin
+from causal_openlock.learner import Learner
+from causal_openlock.learner_registry import learner_class, origin, parse_parameters
 from causal_openlock.protocol import Condition, Protocol
 from causal_openlock.rewards import RewardFunction
 
@@ -43,11 +44,15 @@ class Entry:
     def as_dict(self) -> dict[str, Any]:
         """The entry as plain data, with the class and package that the name stands for."""
         kind = learner_class(self.learner)
+        material = ""
+        if issubclass(kind, Learner):
+            material = kind.material(parse_parameters(self.learner, self.parameters))
         return {
             "name": self.name,
             "learner": self.learner,
             "class": f"{kind.__module__}:{kind.__qualname__}",
             "package": origin(self.learner),
+            **({"material": material} if material else {}),
             "parameters": self.parameters,
             "protocol": self.protocol.as_dict(),
             "reward": asdict(self.reward),

@@ -152,6 +152,15 @@ class Learner(ABC):
     def __init__(self, parameters: Any = None) -> None:
         self.parameters = self.Parameters() if parameters is None else parameters
 
+    @classmethod
+    def material(cls, parameters: Any) -> str:
+        """What it plays by besides code and parameters, as a hash; empty if there is nothing.
+
+        A learner that reads a file of weights names the file's content here, so that results of
+        other weights are told apart.
+        """
+        return ""
+
     @abstractmethod
     def begin(self, brief: Brief) -> None:
         """Get ready to play; called once, before anything else."""
@@ -167,7 +176,9 @@ class Learner(ABC):
         """All that was learned, for a checkpoint; a learner without memory has nothing.
 
         A copy: it must not change while the learner goes on. It holds the state of the learner's
-        generators too, so that one that is interrupted goes on as if it had not been.
+        generators too, so that one that is interrupted goes on as if it had not been. To be kept
+        in a file, it must be plain data: numbers, texts, NumPy arrays and tensors, in dicts, lists
+        and tuples.
         """
         return {}
 
@@ -175,6 +186,14 @@ class Learner(ABC):
         """Go on from a checkpoint; called after :meth:`begin`. The checkpoint stays as it is."""
         if state:
             raise LearnerError(f"{type(self).__name__} keeps no state and cannot load any")
+
+    def metrics(self) -> dict[str, float]:
+        """What is worth watching while it learns, by name; a mean over the subjects.
+
+        Asked for now and then if somebody watches (``compare --tensorboard``), and otherwise
+        never: it must not change what the learner does.
+        """
+        return {}
 
 
 class InformedLearner(Learner):

@@ -125,6 +125,24 @@ class AttemptLog:
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self._columns[name][: self.rows]
 
+    @property
+    def row_type(self) -> np.dtype[np.void]:
+        """An attempt as one piece of bytes: what :meth:`since` gives and :meth:`extend` takes."""
+        return np.dtype(
+            [(name, column.dtype, column.shape[1:]) for name, column in self._columns.items()]
+        )
+
+    def since(self, row: int) -> NDArray[np.void]:
+        """The attempts from a row on, as a structured array; a copy."""
+        rows = np.empty(self.rows - row, self.row_type)
+        for name in self._columns:
+            rows[name] = self[name][row:]
+        return rows
+
+    def extend(self, rows: NDArray[np.void]) -> None:
+        """Add attempts that another log's :meth:`since` has given."""
+        self.append(**{name: rows[name] for name in self._columns})
+
 
 def assemble(
     log: AttemptLog, visits: dict[str, NDArray[Any]], constants: dict[str, Any]

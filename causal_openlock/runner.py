@@ -11,56 +11,28 @@ import multiprocessing
 import os
 import signal
 import threading
-import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    as_completed,
+)
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
-from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.errors import LearnerError
 from causal_openlock.experiment import Cell, Experiment
-from causal_openlock.files import write_text
-from causal_openlock.learner_registry import create
-from causal_openlock.session import Session
 from causal_openlock.store import Store
+from causal_openlock.worker import Played, Watching, play_cell
 
 # One thread for each worker: the cores are shared out by cells, and the matrices are small.
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-
-def play_cell(cell: Cell, folder: str) -> int:
-    """Play one cell and keep its record; this is what a worker does.
-
-    Returns:
-        Number of attempts.
-
-    Raises:
-        LearnerError: If the learner fails; its traceback is kept in the folder ``errors``.
-        StoreError: If the record cannot be written.
-    """
-    session = Session(
-        cell.condition,
-        cell.entry.protocol,
-        range(cell.first_subject, cell.first_subject + cell.subjects),
-        seed=cell.seed,
-        reward=cell.entry.reward,
-        learner=cell.entry.name,
-        experiment=cell.experiment,
-    )
-    try:
-        record = session.play(create(cell.entry.learner, cell.entry.parameters))
-    except OpenLockError as error:
-        raise LearnerError(f"{cell.entry.name} in {cell.condition.name}: {error}") from None
-    except (Exception, SystemExit) as error:
-        kept = Path(folder) / "errors" / f"{cell.name}.txt"
-        write_text(kept, traceback.format_exc())
-        said = " ".join(str(error).split())[:200]
-        raise LearnerError(
-            f"the learner {cell.entry.name} failed in {cell.condition.name} "
-            f"({type(error).__name__}: {said}); its traceback is in {kept}"
-        ) from None
-    Store(folder).write(cell, record)
-    return int(record.num_rows)
+LOOK_EVERY = 1.0
+"""Seconds after which the runner looks again how far the cells are."""
 
 
 def run(
@@ -71,6 +43,8 @@ def run(
     workers: int | None = None,
     done: Callable[[Cell, bool], None] | None = None,
     warn: Callable[[str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+    watching: Watching | None = None,
 ) -> Store:
     """Run what is not yet done of an experiment.
 
@@ -80,19 +54,32 @@ def run(
         executor: Where cells are played; by default processes of this machine.
         workers: How many of these; by default one for each core.
         done: Called with each cell that is done, and whether it was done before.
-        warn: Called with a sentence for each damaged file, whose cell is run again.
+        warn: Called with a sentence for each damaged file, whose cell is run again, and for what
+            went wrong in a cell without stopping it.
+        progress: Called every second, in a thread of its own, with how many cells' worth is done
+            of those being played.
+        watching: How often checkpoints are taken inside a cell, and what is logged.
 
     Raises:
+        OpenLockError: If TensorBoard's logs are asked for and it is not installed.
         StoreError: If the folder holds something else or cannot be written to.
         LearnerError: If a learner fails. Cells that were done stay done.
     """
+    watching = watching or Watching()
+    if watching.tensorboard is not None:
+        from causal_openlock.tensorboard import require_tensorboard
+
+        require_tensorboard()
+        # A worker may be in another directory.
+        watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
     store = Store(folder)
     store.open(experiment)
     try:
-        pending = []
+        pending: list[Cell] = []
         for cell in experiment.cells():
             fault = store.check(cell)
             if fault is None:
+                store.clear(cell)
                 if done:
                     done(cell, True)
                 continue
@@ -100,20 +87,30 @@ def run(
                 warn(f"{fault}; its cell is run again")
             pending.append(cell)
         if pending:
-            with _executor(executor, min(workers or _cores(), len(pending))) as pool:
-                _play(pool, pending, store.folder.resolve(), done)
+            workers = min(workers or _cores(), len(pending))
+            with _executor(executor, workers) as pool, _telling(store, progress):
+                futures = {
+                    pool.submit(play_cell, cell, str(store.folder.resolve()), watching): cell
+                    for cell in pending
+                }
+                _wait(futures, done, warn)
     finally:
         store.close()
     return store
 
 
-def _play(
-    pool: Executor, cells: list[Cell], folder: Path, done: Callable[[Cell, bool], None] | None
+def _wait(
+    futures: dict[Future[Played], Cell],
+    done: Callable[[Cell, bool], None] | None,
+    warn: Callable[[str], None] | None,
 ) -> None:
-    futures = {pool.submit(play_cell, cell, str(folder)): cell for cell in cells}
+    told: set[str] = set()
     try:
         for future in as_completed(futures):
-            future.result()
+            for warning in future.result().warnings:
+                if warn and warning not in told:
+                    warn(warning)
+                told.add(warning)
             if done:
                 done(futures[future], False)
     except BrokenExecutor:
@@ -125,6 +122,24 @@ def _play(
     finally:
         for future in futures:
             future.cancel()
+
+
+@contextmanager
+def _telling(store: Store, progress: Callable[[float], None] | None) -> Iterator[None]:
+    """Tell every now and then how far the cells are that are being played."""
+    over = threading.Event()
+
+    def look() -> None:
+        while progress and not over.wait(LOOK_EVERY):
+            progress(store.progress())
+
+    looking = threading.Thread(target=look, daemon=True)
+    looking.start()
+    try:
+        yield
+    finally:
+        over.set()
+        looking.join()
 
 
 @contextmanager

@@ -11,7 +11,7 @@ the same loop by hand, for a notebook or a person.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +31,12 @@ from causal_openlock.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+KEPT = (
+    *("visit", "room", "attempt", "row", "found", "found_count", "playing"),
+    *("actions", "moved", "previous", "was_unlocked", "earned"),
+)
+"""What changes while a session is played, apart from the log and the luck."""
 
 
 class Session:
@@ -189,15 +195,37 @@ class Session:
         Raises:
             LearnerError: If the learner answers with anything but B action indices.
         """
+        self.begin(learner)
+        return self.go_on(learner)
+
+    def begin(self, learner: Learner, state: dict[str, Any] | None = None) -> None:
+        """Tell a learner what it has to know before it plays; the first half of :meth:`play`.
+
+        Args:
+            learner: The learner.
+            state: A learner's state to go on with.
+        """
         learner.begin(self.brief)
+        if state is not None:
+            learner.load_state_dict(state)
+        if isinstance(learner, InformedLearner):
+            learner.inform(self.truth)
+
+    def go_on(self, learner: Learner, after: Callable[[], None] | None = None) -> pa.Table:
+        """Let a learner that has begun play to the end; the second half of :meth:`play`.
+
+        Args:
+            learner: The learner.
+            after: Called after every step, once the learner has learned from it.
+        """
         informed = learner if isinstance(learner, InformedLearner) else None
-        if informed:
-            informed.inform(self.truth)
         while not self.over:
             step = self.step(learner.act(self._view))
             learner.learn(step)
             if informed and step.trial_over.any():
                 informed.inform(self.truth)
+            if after:
+                after()
         return self.record()
 
     def step(self, action: Any) -> Step:
@@ -312,6 +340,58 @@ class Session:
         self._playing[finished] = self._visit[finished] < self._rooms.shape[1]
         going_on = finished[self._playing[finished]]
         self._room[going_on] = self._rooms[going_on, self._visit[going_on]]
+
+    @property
+    def log(self) -> AttemptLog:
+        """The attempts so far, in the order in which they ended."""
+        return self._log
+
+    @property
+    def solutions(self) -> IntArray:
+        """``[B, T]`` how many solutions the room of each trial has; for who looks on."""
+        return self._visits["solutions"]
+
+    @property
+    def progress(self) -> float:
+        """The share of all trials that is over."""
+        return float(self._visit.mean()) / self.brief.trials
+
+    def state_dict(self, since: int = 0) -> dict[str, Any]:
+        """Where the session stands, for a checkpoint; the rooms follow from its arguments.
+
+        Args:
+            since: How many attempts are known already; ``log`` holds the others.
+        """
+        return {
+            **{name: getattr(self, f"_{name}").copy() for name in KEPT},
+            "luck": self._luck.state_dict() if self._luck else None,
+            "attempts": self._log.rows,
+            "seconds": time.perf_counter() - self._clock,
+            "log": self._log.since(since),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint of a session with the same arguments, whose log is whole.
+
+        Raises:
+            ProtocolError: If it is the state of another session.
+        """
+        held = [(state[name], getattr(self, f"_{name}")) for name in KEPT]
+        if (
+            any(one.shape != own.shape or one.dtype != own.dtype for one, own in held)
+            or state["log"].dtype != self._log.row_type
+            or len(state["log"]) != state["attempts"]
+            or (state["luck"] is None) != (self._luck is None)
+        ):
+            raise ProtocolError("this is the state of another session, or not all of it")
+        for name in KEPT:
+            setattr(self, f"_{name}", state[name].copy())
+        if self._luck:
+            self._luck.load_state_dict(state["luck"])
+        self._log = AttemptLog(self.brief.action_limit)
+        self._log.extend(state["log"])
+        self._clock = time.perf_counter() - state["seconds"]
+        self._view = self._perceive()
 
     def record(self) -> pa.Table:
         """The attempts so far as a record, sorted by subject and time."""

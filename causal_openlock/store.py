@@ -4,7 +4,8 @@
 
     DIR/
       experiment.json       everything that determines the results, and the files they are in
-      cells/                one file a cell; its name ends with the cell's identity
+      cells/                one file a cell; its name ends with the cell's identity. Beside it, as
+                            long as the cell is played: its checkpoint, and how far it is
       report.html  summary.csv  figures/
       errors/               tracebacks of learners that failed
 
@@ -18,6 +19,7 @@ from __future__ import annotations
 
 import json
 import platform
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
 IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
 LOCK = ".lock"
+CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
+"""What stands beside a cell's file while it is played; see :mod:`causal_openlock.checkpoint`."""
 
 
 class Store:
@@ -88,6 +92,11 @@ class Store:
         self.cells.mkdir(exist_ok=True)
         sweep(self.folder)
         sweep(self.cells)
+        known = {self.path(cell).with_suffix("") for cell in experiment.cells()}
+        for path in self.cells.iterdir():
+            foreign = path.suffix in (CHECKPOINT, ATTEMPTS) and path.with_suffix("") not in known
+            if foreign or path.suffix == PROGRESS:
+                path.unlink(missing_ok=True)
 
     def close(self) -> None:
         """Let others work in the folder."""
@@ -157,6 +166,19 @@ class Store:
         """Where a cell's record belongs."""
         return self.cells / cell.file_name
 
+    def clear(self, cell: Cell) -> None:
+        """Remove what stood beside a cell's record while it was played."""
+        for suffix in (CHECKPOINT, ATTEMPTS, PROGRESS):
+            self.path(cell).with_suffix(suffix).unlink(missing_ok=True)
+
+    def progress(self) -> float:
+        """How many cells' worth is done of the cells that are being played."""
+        done = 0.0
+        for path in self.cells.glob(f"*{PROGRESS}"):
+            with suppress(OSError, ValueError):  # just written, or just removed
+                done += float(path.read_text(encoding="utf-8"))
+        return done
+
     def check(self, cell: Cell) -> str | None:
         """Whether a cell's record is there and whole.
 
@@ -209,7 +231,7 @@ class Store:
 
         metadata = {
             IDENTITY: cell.identity.encode(),
-            VERSIONS: json.dumps(_versions()).encode(),
+            VERSIONS: json.dumps(versions()).encode(),
         }
         path = self.path(cell)
         try:
@@ -251,15 +273,15 @@ class Store:
         return record, description
 
 
-def _versions() -> dict[str, str]:
-    """What a cell is made with."""
-    versions = {"Python": platform.python_version()}
+def versions() -> dict[str, str]:
+    """What a cell is made with: versions by the name of the package."""
+    found = {"Python": platform.python_version()}
     for package in ("causal-openlock", "numpy", "torch", "networkx"):
         try:
-            versions[package] = version(package)
+            found[package] = version(package)
         except PackageNotFoundError:
-            versions[package] = "not installed"
-    return versions
+            found[package] = "not installed"
+    return found
 
 
 def _merged(metadata: list[dict[bytes, bytes]]) -> dict[str, str | list[str]]:

@@ -1,4 +1,4 @@
-"""Double deep Q-learning, as in the paper.
+"""Double deep Q-learning, as in the paper, with and without a memory of what was found.
 
 A network of four hidden layers of 128 units maps the 16 bits of the room to the values of its 15
 actions (paper, Figure 5). Actions are chosen epsilon-greedily; epsilon starts at 1, shrinks by
@@ -6,25 +6,27 @@ actions (paper, Figure 5). Actions are chosen epsilon-greedily; epsilon starts a
 not cling to the room it leaves. What the paper leaves open (optimiser, loss, batch, replay,
 target network, whether values reach over the end of an attempt) is a parameter here.
 
-The learner sees the room and nothing of what came before in the trial: it cannot know which
-solutions it has found. All subjects of a cell are trained at once, each with a network, a replay
-memory and randomness of its own.
+:class:`DDQN` sees the room and nothing of what came before in the trial: it cannot know which
+solutions it has found. :class:`SemiMarkovDDQN` is told in a few more bits how many. All subjects of
+a cell are trained at once, each with a network, a replay memory and randomness of its own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.learner import Brief, Learner, Step, View
+from causal_openlock.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.randomness import Streams
-from learners.replay import ObservationTable, Replay
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
+    from learners.replay import PrioritisedReplay, Replay
     from learners.stacked import StackedDoubleQ
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -36,22 +38,50 @@ class DDQNParameters:
     """Hyper-parameters; the defaults are the paper's, or documented choices where it is silent."""
 
     gamma: Annotated[Share, "discount factor (paper: .8)"] = 0.8
-    learning_rate: Annotated[float, Field(gt=0), "of Adam (paper: .001)"] = 0.001
+    learning_rate: Annotated[float, Field(gt=0), "of the optimiser (paper: .001)"] = 0.001
+    optimiser: Annotated[
+        Literal["adam", "rmsprop", "sgd"], "with torch's defaults (paper: not given)"
+    ] = "adam"
+    loss: Annotated[
+        Literal["huber", "squared"], "of the TD error (paper: not given; authors' program: huber)"
+    ] = "huber"
     epsilon_start: Annotated[Share, "share of random actions at first (paper: 1)"] = 1.0
     epsilon_min: Annotated[Share, "and at least (paper: .01)"] = 0.01
-    epsilon_decay: Annotated[Share, "factor with every action (paper: .995)"] = 0.995
-    epsilon_after_trial: Annotated[Share | None, "set at each trial's end (paper: .5)"] = 0.5
+    epsilon_decay: Annotated[Share, "factor by which it shrinks (paper: .995)"] = 0.995
+    epsilon_decays_with: Annotated[
+        Literal["action", "attempt", "trial"], "what it shrinks with every (paper: not given)"
+    ] = "action"
+    epsilon_after_trial: Annotated[
+        Share | None, "set at each trial's end (paper: .5); null goes on decaying"
+    ] = 0.5
     hidden_layers: Annotated[Count, "layers between input and output (paper: 4)"] = 4
     hidden_units: Annotated[Count, "units in each of them (paper: 128)"] = 128
     batch_size: Annotated[Count, "transitions in a gradient step (paper: not given)"] = 64
+    gradient_steps: Annotated[Count, "with every action (paper: not given)"] = 1
     replay_size: Annotated[Count, "transitions remembered (authors' program: 2,000)"] = 2000
+    prioritised: Annotated[
+        bool, "whether transitions are replayed by their TD error (Schaul et al. 2016)"
+    ] = False
+    priority_exponent: Annotated[
+        Share, "alpha: 0 replays uniformly, 1 in proportion to the error"
+    ] = 0.6
+    importance_start: Annotated[
+        Share, "beta at first: how much of the bias of priorities is undone"
+    ] = 0.4
+    importance_actions: Annotated[
+        Count | None,
+        "actions until beta has grown to 1; null takes the most that the protocol allows",
+    ] = None
     target_period: Annotated[
         Count | None, "gradient steps between updates of the target network; null never updates it"
     ] = 100
     bootstrap_over_attempts: Annotated[
         bool, "whether a value reaches over the end of an attempt into the room put back"
     ] = False
-    threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
+    device: Annotated[
+        Literal["auto", "cpu", "cuda"], "where networks are trained; auto: on a GPU if there is one"
+    ] = "auto"
+    threads: Annotated[Count, "of torch on a CPU; more than one gains nothing at this size"] = 1
 
     def __post_init__(self) -> None:
         if self.batch_size > self.replay_size:
@@ -71,30 +101,49 @@ class DDQN(Learner):
         """Make a network, a replay memory and streams of randomness for each subject."""
         import torch
 
-        from learners.stacked import StackedDoubleQ
+        from learners.replay import ObservationTable, PrioritisedReplay, Replay
+        from learners.stacked import StackedDoubleQ, find_device
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
         # Sparse rewards let Adam's moments decay into denormal numbers, which are slow.
         torch.set_flush_denormal(True)
         self._torch = torch
+        self._device = find_device(settings.device)
         self.brief = brief
         weights, exploration, batches = zip(
             *(generator.spawn(3) for generator in brief.generators), strict=True
         )
+        self._exploration = Streams(exploration, width=2)
+        self._batches = Streams(batches, width=settings.batch_size, block=64)
         hidden = [settings.hidden_units] * settings.hidden_layers
         self.q: StackedDoubleQ = StackedDoubleQ(
-            [brief.observation_size, *hidden, brief.actions],
+            [self._inputs, *hidden, brief.actions],
             weights,
             settings.learning_rate,
             settings.gamma,
             settings.target_period,
+            settings.loss,
+            settings.optimiser,
+            self._device,
         )
-        self._exploration = Streams(exploration, width=2)
-        self._batches = Streams(batches, width=settings.batch_size, block=64)
-        self._table = ObservationTable(brief.observation_size)
-        self._replay = Replay(brief.subjects, settings.replay_size)
+        self._table = ObservationTable(self._inputs)
+        ring = (brief.subjects, settings.replay_size)
+        self._prioritised: PrioritisedReplay | None = None
+        if settings.prioritised:
+            self._prioritised = PrioritisedReplay(*ring, settings.priority_exponent, self._device)
+        self._replay: Replay = self._prioritised or Replay(*ring, self._device)
         self.epsilon = np.full(brief.subjects, settings.epsilon_start)
+        self._actions = np.zeros(brief.subjects, dtype=np.int64)
+        self._errors: Tensor | None = None
+
+    @property
+    def _inputs(self) -> int:
+        return self.brief.observation_size
+
+    def _seen(self, observation: Observations, found: IntArray) -> Observations:
+        """``[B, in]`` the networks' inputs, from what is seen and ``[B]`` solutions found."""
+        return observation
 
     def act(self, view: View) -> IntArray:
         """``[B]`` epsilon-greedy actions."""
@@ -102,9 +151,9 @@ class DDQN(Learner):
         explores = draws[:, 0] < self.epsilon
         actions = self._explore(view, explores, draws[:, 1])
         if not explores.all():
-            seen = self._torch.from_numpy(view.observation.astype(np.float32))
-            greedy: IntArray = self.q.greedy(seen).numpy()
-            actions = np.where(explores, actions, greedy)
+            seen = self._seen(view.observation, view.console.solutions_found)
+            inputs = self._torch.from_numpy(seen.astype(np.float32))
+            actions = np.where(explores, actions, self.q.greedy(inputs).cpu().numpy())
         return actions
 
     def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:
@@ -112,41 +161,83 @@ class DDQN(Learner):
         return (draw * self.brief.actions).astype(np.int64)
 
     def learn(self, step: Step) -> None:
-        """Remember what happened, take one gradient step, and cool down."""
-        settings = self.parameters
-        if settings.bootstrap_over_attempts:
-            after, goes_on = step.next.observation, ~step.trial_over
+        """Remember what happened, take a gradient step, and cool down."""
+        playing = step.view.playing
+        self._remember(step, np.flatnonzero(playing))
+        self._actions += playing
+        trains = playing & (self._replay.length >= self.parameters.batch_size)
+        if trains.any():
+            for _ in range(self.parameters.gradient_steps):
+                self._train(trains)
+        self._cool_down(step)
+
+    def _remember(self, step: Step, who: IntArray) -> None:
+        found = step.view.console.solutions_found
+        before = self._seen(step.view.observation, found)
+        if self.parameters.bootstrap_over_attempts:
+            after = self._seen(step.next.observation, step.next.console.solutions_found)
+            goes_on = ~step.trial_over
         else:
-            after, goes_on = step.outcome, ~step.attempt_over
-        playing = np.flatnonzero(step.view.playing)
+            after = self._seen(step.outcome, found + step.new_solution)
+            goes_on = ~step.attempt_over
         known = len(self._table.rows)
         self._replay.add(
-            playing,
-            self._table.number(step.view.observation[playing]),
-            step.action[playing],
-            step.reward[playing],
-            self._table.number(after[playing]),
-            goes_on[playing],
+            who,
+            self._table.number(before[who]),
+            step.action[who],
+            step.reward[who],
+            self._table.number(after[who]),
+            goes_on[who],
         )
         if len(self._table.rows) > known:
             self._observe()
-        self._train(step.view.playing & (self._replay.length >= settings.batch_size))
-        cooled = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
-        if settings.epsilon_after_trial is not None:
-            cooled[step.trial_over] = settings.epsilon_after_trial
-        self.epsilon = np.where(step.view.playing, cooled, self.epsilon)
 
     def _train(self, trains: BoolArray) -> None:
-        if not trains.any():
-            return
-        from_numpy = self._torch.from_numpy
-        batch = self._replay.sample(self._batches.uniform())
-        before, action, reward, after, goes_on = map(from_numpy, batch)
-        agents = None if trains.all() else from_numpy(trains)
-        self.q.update(before, action, reward, after, goes_on, agents)
+        luck = self._batches.uniform()
+        if self._prioritised:
+            batch = self._prioritised.sample(luck, self.importance)
+        else:
+            batch = self._replay.sample(luck)
+        mask = None if trains.all() else self._torch.from_numpy(trains).to(self._device)
+        errors = self._errors = self.q.update(batch, mask)
+        if self._prioritised:
+            self._prioritised.reprioritise(batch.slot, errors, trains)
+
+    @property
+    def importance(self) -> FloatArray:
+        """``[B]`` beta of prioritised replay, which grows in a straight line to 1."""
+        brief, start = self.brief, self.parameters.importance_start
+        most = brief.trials * brief.attempt_limit * brief.action_limit
+        course = self._actions / (self.parameters.importance_actions or most)
+        return np.minimum(start + (1.0 - start) * course, 1.0)
+
+    def _cool_down(self, step: Step) -> None:
+        settings = self.parameters
+        moments = {
+            "action": step.view.playing,
+            "attempt": step.attempt_over,
+            "trial": step.trial_over,
+        }
+        cools = moments[settings.epsilon_decays_with] & step.view.playing
+        cooled = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
+        self.epsilon = np.where(cools, cooled, self.epsilon)
+        if settings.epsilon_after_trial is not None:
+            self.epsilon[step.trial_over & step.view.playing] = settings.epsilon_after_trial
 
     def _observe(self) -> None:
         self.q.observe(self._torch.from_numpy(self._table.rows))
+
+    def metrics(self) -> dict[str, float]:
+        """Epsilon, the loss of the last minibatch, and what the observations met are worth."""
+        told = {"epsilon": float(self.epsilon.mean())}
+        if self._errors is not None:
+            size = self._errors.abs()
+            square = size.square() / 2
+            huber = self._torch.where(size < 1, square, size - 0.5)
+            told["loss"] = float((huber if self.parameters.loss == "huber" else square).mean())
+            values = self.q.online(self._torch.from_numpy(self._table.rows).to(self._errors))
+            told["max_q"] = float(values.amax(dim=2).mean())
+        return told
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, memories, randomness and epsilon."""
@@ -157,6 +248,7 @@ class DDQN(Learner):
             "exploration": self._exploration.state_dict(),
             "batches": self._batches.state_dict(),
             "epsilon": self.epsilon.copy(),
+            "actions": self._actions.copy(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -168,3 +260,33 @@ class DDQN(Learner):
         self._exploration.load_state_dict(state["exploration"])
         self._batches.load_state_dict(state["batches"])
         self.epsilon = state["epsilon"].copy()
+        self._actions = state["actions"].copy()
+
+
+@dataclass(frozen=True)
+class SemiMarkovDDQNParameters(DDQNParameters):
+    """Hyper-parameters: those of :class:`DDQN`, and how many solutions are counted."""
+
+    solution_bits: Annotated[
+        Count, "solutions that are counted; to have found more looks like having found so many"
+    ] = 3
+
+
+class SemiMarkovDDQN(DDQN):
+    """A DDQN that is told how many solutions of the trial it has found.
+
+    The count is appended to what is seen, in unary: one bit for each solution found so far. How
+    many there are is not told, which is why the number of bits is a parameter; three are enough for
+    the paper's rooms.
+    """
+
+    Parameters = SemiMarkovDDQNParameters
+    parameters: SemiMarkovDDQNParameters
+
+    @property
+    def _inputs(self) -> int:
+        return self.brief.observation_size + self.parameters.solution_bits
+
+    def _seen(self, observation: Observations, found: IntArray) -> Observations:
+        bits = found[:, None] > np.arange(self.parameters.solution_bits)
+        return np.concatenate([observation, bits.astype(observation.dtype)], axis=1)

@@ -16,7 +16,8 @@ held to have their mean.
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
+from copy import deepcopy
+from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -46,14 +47,12 @@ class Acquaintance:
     """What a subject knows of the room that it is in.
 
     Attributes:
-        schema: What governs the room.
         action_limit: Actions in an attempt.
         grey: ``[n]`` positions of the active levers; a lever's place here is its slot.
         weight: ``[H]`` how probable each placement of the schema's levers is.
         found: What stood pushed when solutions were found, in ascending order.
     """
 
-    schema: Schema
     action_limit: int
     grey: IntArray
     weight: FloatArray
@@ -98,7 +97,7 @@ class Ideal(InformedLearner):
                 left=int(view.console.actions_left[subject]),
                 found=room.found,
             )
-            mind = _mind(room.schema, room.action_limit)
+            mind = _mind(self._schemas[subject], room.action_limit)
             best = mind.best(room.weight, situation, bool(view.console.solutions_left[subject]))
             verb, slot = divmod(best[int(draws[subject] * len(best))], len(room.grey))
             actions[subject] = 2 * positions if verb == 2 else verb * positions + room.grey[slot]
@@ -108,7 +107,7 @@ class Ideal(InformedLearner):
         positions = self._brief.positions
         grey = np.flatnonzero(view.observation[subject, positions : 2 * positions])
         schema, limit = self._schemas[subject], int(view.console.actions_left[subject])
-        room = Acquaintance(schema, limit, grey, _mind(schema, limit).prior)
+        room = Acquaintance(limit, grey, _mind(schema, limit).prior)
         self._rooms[subject] = room
         return room
 
@@ -119,7 +118,7 @@ class Ideal(InformedLearner):
             if step.trial_over[subject]:
                 self._rooms[subject] = None
             elif room is not None and (event := self._event(step, subject, room)):
-                mind = _mind(room.schema, room.action_limit)
+                mind = _mind(self._schemas[subject], room.action_limit)
                 room.weight = mind.after(room.weight, event)
                 if event.new:
                     room.found = tuple(sorted((*room.found, event.pushed)))
@@ -148,12 +147,12 @@ class Ideal(InformedLearner):
 
     def state_dict(self) -> dict[str, Any]:
         """What each subject knows of its room, and where the streams stand."""
-        rooms = [None if room is None else replace(room) for room in self._rooms]
+        rooms = [None if room is None else asdict(room) for room in self._rooms]
         return {"rooms": rooms, "draws": self._draws.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        self._rooms = [None if room is None else replace(room) for room in state["rooms"]]
+        self._rooms = [room and Acquaintance(**deepcopy(room)) for room in state["rooms"]]
         self._draws.load_state_dict(state["draws"])
 
 

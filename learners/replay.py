@@ -2,18 +2,26 @@
 
 Each subject has a ring of its own. A transition holds no observation but its number in a table of
 distinct observations, which all subjects share: the room shows a few dozen.
+
+Transitions are drawn uniformly, or by :class:`PrioritisedReplay` the more often the more there was
+to learn from them.
 """
 
 from __future__ import annotations
 
 import copy
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.learner import Observations
+
+LEAST_PRIORITY = 1e-6
+"""Added to every TD error, so that a transition without one can still be drawn."""
 
 
 class ObservationTable:
@@ -44,26 +52,49 @@ class ObservationTable:
         self.rows, self._numbers = state["rows"], dict(state["numbers"])
 
 
+class Batch(NamedTuple):
+    """A minibatch of M transitions for each of N agents; every part is ``[N, M]``.
+
+    Attributes:
+        before: Number of the observation that the action was taken in.
+        action: The action.
+        reward: Its reward.
+        after: Number of the observation that followed.
+        goes_on: 1 where a value follows, 0 where the target ends.
+        weight: How much the transition counts in the loss.
+        slot: Where in its ring it is.
+    """
+
+    before: Tensor
+    action: Tensor
+    reward: Tensor
+    after: Tensor
+    goes_on: Tensor
+    weight: Tensor
+    slot: Tensor
+
+
 class Replay:
-    """B rings of transitions, one for each subject.
+    """B rings of transitions, one for each subject, drawn from uniformly.
 
     Args:
         subjects: B.
         capacity: Transitions that each ring holds; a new one then overwrites the oldest.
+        device: Where the rings are kept.
 
     Attributes:
         length: ``[B]`` transitions that each ring holds now.
     """
 
-    def __init__(self, subjects: int, capacity: int) -> None:
+    def __init__(
+        self, subjects: int, capacity: int, device: torch.device | str | None = None
+    ) -> None:
         self.capacity = capacity
         self.length: IntArray = np.zeros(subjects, dtype=np.int64)
         self._next: IntArray = np.zeros(subjects, dtype=np.int64)
-        self.before = np.zeros((subjects, capacity), dtype=np.int64)
-        self.action = np.zeros((subjects, capacity), dtype=np.int64)
-        self.reward = np.zeros((subjects, capacity), dtype=np.float32)
-        self.after = np.zeros((subjects, capacity), dtype=np.int64)
-        self.goes_on = np.zeros((subjects, capacity), dtype=np.float32)
+        integers = torch.zeros(3, subjects, capacity, dtype=torch.int64, device=device)
+        self.before, self.action, self.after = integers
+        self.reward, self.goes_on = torch.zeros(2, subjects, capacity, device=device)
 
     def add(
         self,
@@ -73,29 +104,40 @@ class Replay:
         reward: FloatArray,
         after: IntArray,
         goes_on: BoolArray,
-    ) -> None:
-        """Add one transition for each of the subjects ``who``; all arguments are as long."""
+    ) -> Tensor:
+        """Add one transition for each of the subjects ``who``; all arguments are as long.
+
+        Returns:
+            Where they are in the flattened rings.
+        """
         slot = self._next[who]
-        self.before[who, slot] = before
-        self.action[who, slot] = action
-        self.reward[who, slot] = reward
-        self.after[who, slot] = after
-        self.goes_on[who, slot] = goes_on
+        where = torch.from_numpy(who * self.capacity + slot).to(self.before.device)
+        for ring, values in (
+            (self.before, before),
+            (self.action, action),
+            (self.reward, reward),
+            (self.after, after),
+            (self.goes_on, goes_on),
+        ):
+            ring.view(-1).index_copy_(0, where, torch.from_numpy(values).to(ring))
         self._next[who] = (slot + 1) % self.capacity
         self.length[who] = np.minimum(self.length[who] + 1, self.capacity)
+        return where
 
-    def sample(self, luck: FloatArray) -> tuple[NDArray[Any], ...]:
+    def sample(self, luck: FloatArray) -> Batch:
         """Transitions drawn with replacement, for each subject from its own ring.
 
         Args:
             luck: ``[B, M]`` uniform numbers in [0, 1).
-
-        Returns:
-            ``before``, ``action``, ``reward``, ``after`` and ``goes_on``, each ``[B, M]``.
         """
-        slots = (luck * self.length[:, None]).astype(np.int64)
+        slots = torch.from_numpy((luck * self.length[:, None]).astype(np.int64))
+        slots = slots.to(self.before.device)
+        return self._at(slots, torch.ones_like(slots, dtype=self.reward.dtype))
+
+    def _at(self, slots: Tensor, weight: Tensor) -> Batch:
         rings = (self.before, self.action, self.reward, self.after, self.goes_on)
-        return tuple(np.take_along_axis(ring, slots, axis=1) for ring in rings)
+        before, action, reward, after, goes_on = (ring.gather(1, slots) for ring in rings)
+        return Batch(before, action, reward, after, goes_on, weight, slots)
 
     def state_dict(self) -> dict[str, Any]:
         """The rings as they are now, for a checkpoint."""
@@ -103,4 +145,85 @@ class Replay:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        vars(self).update(copy.deepcopy(state))
+        for name, value in copy.deepcopy(state).items():
+            held = vars(self)[name]
+            # Tensors stay on the device where they are, whichever the checkpoint comes from.
+            vars(self)[name] = value.to(held) if isinstance(held, Tensor) else value
+
+
+class PrioritisedReplay(Replay):
+    """Rings drawn from in proportion to priorities (Schaul et al. 2016, "proportional").
+
+    The priority of a transition is its last absolute TD error to the power alpha; a new one has
+    the highest priority of its ring so far, so that it is soon drawn. To undo the bias that this
+    brings, a transition drawn with probability P from a ring of n weighs (n P)^-beta, relative to
+    the heaviest of its minibatch. Each of the M transitions comes from one Mth of the ring's
+    total priority.
+
+    Args:
+        subjects: As for :class:`Replay`, with the two others.
+        capacity: Transitions that each ring holds.
+        device: Where the rings are kept.
+        alpha: 0 draws uniformly, 1 in proportion to the error.
+    """
+
+    def __init__(
+        self,
+        subjects: int,
+        capacity: int,
+        alpha: float,
+        device: torch.device | str | None = None,
+    ) -> None:
+        super().__init__(subjects, capacity, device)
+        self.alpha = alpha
+        # Sums of thousands of them are compared with each other: single precision will not do.
+        self.priority = torch.zeros(subjects, capacity, dtype=torch.float64, device=device)
+        self._highest = torch.ones(subjects, dtype=torch.float64, device=device)
+
+    def add(
+        self,
+        who: IntArray,
+        before: IntArray,
+        action: IntArray,
+        reward: FloatArray,
+        after: IntArray,
+        goes_on: BoolArray,
+    ) -> Tensor:
+        """As for :class:`Replay`."""
+        where = super().add(who, before, action, reward, after, goes_on)
+        self.priority.view(-1)[where] = self._highest[where // self.capacity]
+        return where
+
+    def sample(self, luck: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
+        """Transitions drawn by priority, for each subject from its own ring.
+
+        Args:
+            luck: ``[B, M]`` uniform numbers in [0, 1).
+            beta: How much of the bias is undone, by subject (``[B]``) or for all: 0 nothing,
+                1 all of it.
+        """
+        device = self.priority.device
+        stratum = (np.arange(luck.shape[1]) + luck) / luck.shape[1]
+        upto = self.priority.cumsum(dim=1)
+        total = upto[:, -1:]
+        slots = torch.searchsorted(upto, torch.from_numpy(stratum).to(device) * total, right=True)
+        length = torch.from_numpy(self.length).to(device)[:, None]
+        slots = torch.minimum(slots, length - 1).clamp_(min=0)
+        chance = self.priority.gather(1, slots) / total
+        exponent = torch.from_numpy(np.broadcast_to(beta, self.length.shape)[:, None].copy())
+        weight = (length * chance) ** -exponent.to(device)
+        weight /= weight.amax(dim=1, keepdim=True)
+        return self._at(slots, weight.to(self.reward.dtype))
+
+    def reprioritise(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
+        """Set the priorities of transitions whose TD errors were seen anew.
+
+        Args:
+            slots: ``[B, M]`` where they are.
+            errors: ``[B, M]`` their TD errors.
+            who: ``[B]`` whose priorities to set.
+        """
+        mine = torch.from_numpy(np.flatnonzero(who)).to(slots.device)
+        priority = (errors[mine].abs().double() + LEAST_PRIORITY) ** self.alpha
+        self.priority[mine[:, None], slots[mine]] = priority
+        self._highest[mine] = torch.maximum(self._highest[mine], priority.amax(dim=1))

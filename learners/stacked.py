@@ -2,56 +2,157 @@
 
 N agents with networks of the same shape keep their weights as ``[N, in, out]`` tensors, so that a
 batched matrix product evaluates all of them and one optimiser step trains all of them. Nothing is
-shared: an agent's gradient comes from its own loss alone, since the losses are summed.
+shared: an agent's gradient comes from its own loss alone.
+
+At this size, recording what autograd needs and allocating gradients anew takes as long as the
+arithmetic. So the gradient of these plain layers is written out (:meth:`StackedMLP.backward`); the
+tests hold it against autograd's.
 """
 
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
+
+from learners.replay import Batch
+
+Device = Literal["auto", "cpu", "cuda"]
+Optimiser = Literal["adam", "rmsprop", "sgd"]
+Loss = Literal["huber", "squared"]
+
+LARGE_TABLE = 1000
+"""Observations from which on the target network no longer judges all of them ahead of time."""
 
 
-class StackedMLP(nn.Module):
+def find_device(name: Device) -> torch.device:
+    """The device of that name; ``auto`` is a GPU where there is one."""
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    return torch.device(name)
+
+
+class StackedMLP:
     """N multi-layer perceptrons with ReLU between the layers and a linear output.
 
     Args:
         sizes: Width of the input, of each hidden layer and of the output.
         generators: One source of initial weights for each agent.
+        device: Where the parameters are kept.
+
+    Attributes:
+        parameters: All parameters of all agents in one piece, which an optimiser and a copy go
+            through fastest.
+        weights: ``[N, in, out]`` of each layer: parts of ``parameters``.
+        biases: ``[N, 1, out]`` of each layer.
     """
 
-    def __init__(self, sizes: Sequence[int], generators: Sequence[np.random.Generator]) -> None:
-        super().__init__()
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        generators: Sequence[np.random.Generator],
+        device: torch.device | str | None = None,
+    ) -> None:
         self.sizes = tuple(sizes)
-        self.weights = nn.ParameterList()
-        self.biases = nn.ParameterList()
+        self.agents = len(generators)
+        drawn = []
         for width_in, width_out in pairwise(sizes):
             # Uniform within 1/sqrt(fan in), as torch initialises a single linear layer.
             bound = width_in**-0.5
-            for parameters, rows in ((self.weights, width_in), (self.biases, 1)):
-                drawn = [rng.uniform(-bound, bound, (rows, width_out)) for rng in generators]
-                stack = torch.tensor(np.stack(drawn), dtype=torch.float32)
-                parameters.append(nn.Parameter(stack))
+            for rows in (width_in, 1):
+                part = [rng.uniform(-bound, bound, (rows, width_out)) for rng in generators]
+                drawn.append(np.ravel(part))
+        flat = torch.from_numpy(np.concatenate(drawn)).to(device, torch.get_default_dtype())
+        self._keep(flat)
 
-    def forward(self, inputs: Tensor) -> Tensor:
-        """``[N, M, out]`` outputs for ``[N, M, in]`` inputs; ``[M, in]`` goes to every agent."""
-        hidden = inputs
-        last = len(self.weights) - 1
+    def _keep(self, flat: Tensor) -> None:
+        self.parameters = flat
+        self.weights, self.biases = self.layers_of(flat)
+        flat.grad = torch.zeros_like(flat)
+        self._gradients = self.layers_of(flat.grad)
+
+    def layers_of(self, flat: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+        """Weights and biases, by layer, in a piece that is laid out like ``parameters``."""
+        shapes = [
+            (self.agents, rows, width_out)
+            for width_in, width_out in pairwise(self.sizes)
+            for rows in (width_in, 1)
+        ]
+        parts = torch.split(flat, [math.prod(shape) for shape in shapes])
+        layers = [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
+        return layers[::2], layers[1::2]
+
+    def copy(self) -> StackedMLP:
+        """Networks with the same parameters, which then go ways of their own."""
+        twin = copy.copy(self)
+        twin._keep(self.parameters.clone())
+        return twin
+
+    def trace(self, inputs: Tensor) -> list[Tensor]:
+        """What each layer is given, and last the outputs.
+
+        Args:
+            inputs: ``[N, M, in]``, or ``[M, in]`` for the same inputs to every agent.
+        """
+        given = [inputs.expand(self.agents, -1, -1)]
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            # A shared input would be copied N times by a batched product; broadcasting does not.
-            hidden = (
-                torch.matmul(hidden, weight) + bias
-                if hidden.dim() == 2
-                else torch.baddbmm(bias, hidden, weight)
-            )
-            if layer < last:
-                hidden = torch.relu(hidden)
-        return hidden
+            if layer:
+                given[-1].relu_()
+            given.append(torch.baddbmm(bias, given[-1], weight))
+        return given
+
+    def __call__(self, inputs: Tensor) -> Tensor:
+        """``[N, M, out]`` outputs for ``[N, M, in]`` inputs; ``[M, in]`` goes to every agent."""
+        return self.trace(inputs)[-1]
+
+    def backward(self, given: list[Tensor], gradient: Tensor) -> None:
+        """Set ``parameters.grad``.
+
+        Args:
+            given: What :meth:`trace` told.
+            gradient: ``[N, M, out]`` of each agent's loss by its outputs.
+        """
+        weights, biases = self._gradients
+        for layer in reversed(range(len(weights))):
+            torch.bmm(given[layer].transpose(1, 2), gradient, out=weights[layer])
+            torch.sum(gradient, dim=1, keepdim=True, out=biases[layer])
+            if layer:
+                gradient = torch.bmm(gradient, self.weights[layer].transpose(1, 2))
+                # The slope of a ReLU is 1 where it let something through and 0 elsewhere.
+                gradient.mul_(given[layer].sign())
+
+
+class Lookup(NamedTuple):
+    """The distinct observations of a minibatch, and where those of its transitions are among them.
+
+    Attributes:
+        rows: ``[N, U]`` indices into the table, U being the most that an agent's minibatch has;
+            agents with fewer have others besides.
+        before: ``[N, M]`` column of ``rows`` that holds the observation before each transition.
+        after: ``[N, M]`` the same for the one after it; where the target ends there, and nothing
+            needs to be evaluated, the one before it again.
+    """
+
+    rows: Tensor
+    before: Tensor
+    after: Tensor
+
+
+def look_up(batch: Batch, size: int) -> Lookup:
+    """Which observations of a table of that size a minibatch needs."""
+    after = torch.where(batch.goes_on > 0, batch.after, batch.before)
+    which = torch.cat([batch.before, after], dim=1)
+    occurs = torch.zeros(len(which), size, dtype=torch.bool, device=which.device)
+    occurs.scatter_(1, which, True)
+    column = (occurs.cumsum(dim=1) - 1).gather(1, which)
+    rows = which.new_zeros(len(which), int(column.max()) + 1)
+    return Lookup(rows.scatter_(1, column, which), *column.chunk(2, dim=1))
 
 
 class StackedDoubleQ:
@@ -66,10 +167,13 @@ class StackedDoubleQ:
     Args:
         sizes: As for :class:`StackedMLP`.
         generators: One source of initial weights for each agent.
-        learning_rate: Of Adam.
+        learning_rate: Of the optimiser.
         gamma: Discount factor.
         target_period: Updates between copies of the network to the target network; ``None`` never
             copies it again.
+        loss: Huber's loss, or half the squared error.
+        optimiser: Which of torch's to use, apart from the learning rate with its defaults.
+        device: Where everything is kept.
     """
 
     def __init__(
@@ -79,144 +183,114 @@ class StackedDoubleQ:
         learning_rate: float,
         gamma: float,
         target_period: int | None,
+        loss: Loss = "huber",
+        optimiser: Optimiser = "adam",
+        device: torch.device | str | None = None,
     ) -> None:
-        self.online = StackedMLP(sizes, generators)
+        self.online = StackedMLP(sizes, generators, device)
         # A copy, and not a second network: making one would draw from the generators again.
-        self.target = copy.deepcopy(self.online).requires_grad_(False)
+        self.target = self.online.copy()
         self.gamma = gamma
         self.target_period = target_period
+        self.loss = loss
         self.updates = 0
-        self.optimiser = torch.optim.Adam(self.online.parameters(), lr=learning_rate, fused=True)
-        self._agents = torch.arange(len(generators))[:, None]
+        parameters = [self.online.parameters]
+        self.optimiser: torch.optim.Optimizer
+        if optimiser == "adam":
+            self.optimiser = torch.optim.Adam(parameters, lr=learning_rate, fused=True)
+        elif optimiser == "rmsprop":
+            self.optimiser = torch.optim.RMSprop(parameters, lr=learning_rate)
+        else:
+            self.optimiser = torch.optim.SGD(parameters, lr=learning_rate)
         self.observe(torch.zeros(0, self.online.sizes[0]))
 
     def observe(self, table: Tensor) -> None:
         """Take ``[D, in]`` distinct observations; all indices mean rows of this table."""
-        self._table = table
+        self._table = table.to(self.online.parameters)
         self._judged: Tensor | None = None
 
-    @torch.no_grad()
     def greedy(self, observations: Tensor) -> Tensor:
         """``[N]`` the best action for each agent's observation, ``[N, in]``."""
-        best: Tensor = self.online(observations[:, None]).squeeze(1).argmax(dim=1)
-        return best
+        inputs = observations.to(self.online.parameters)[:, None]
+        return self.online(inputs).squeeze(1).argmax(dim=1)
 
-    @torch.no_grad()
-    def targets(self, values: Tensor, which: Tensor, reward: Tensor, goes_on: Tensor) -> Tensor:
-        """``[N, M]`` double-Q targets: the online network chooses, the target network judges.
+    def errors(self, batch: Batch) -> Tensor:
+        """``[N, M]`` TD errors: the value of each transition's action, less its double-Q target."""
+        return self._evaluate(batch)[0]
 
-        Args:
-            values: ``[N, M, out]`` online values of the observation that followed.
-            which: ``[N, M]`` index of that observation.
-            reward: ``[N, M]`` rewards.
-            goes_on: ``[N, M]`` 1 where there is a value after it, 0 where the target ends.
-        """
-        if self._judged is None:
-            self._judged = self.target(self._table)
-        judged = self._judged[self._agents, which, values.argmax(dim=2)]
-        targets: Tensor = reward + goes_on * judged * self.gamma
-        return targets
+    def _evaluate(self, batch: Batch) -> tuple[Tensor, list[Tensor], Tensor]:
+        """TD errors; the trace of the distinct observations; ``[N, M]`` which output was meant."""
+        lookup = look_up(batch, len(self._table))
+        given = self.online.trace(self._table[lookup.rows])
+        values, actions = given[-1], self.online.sizes[-1]
+        # Double Q: the online network chooses, the target network judges.
+        choice = values.argmax(dim=2).gather(1, lookup.after)
+        judged = self._judge(lookup, choice)
+        target = batch.reward + batch.goes_on * judged * self.gamma
+        meant = lookup.before * actions + batch.action
+        return values.flatten(1).gather(1, meant) - target, given, meant
 
-    def losses(
-        self, before: Tensor, action: Tensor, reward: Tensor, after: Tensor, goes_on: Tensor
-    ) -> Tensor:
-        """``[N]`` the Huber loss of each agent on its own minibatch of M transitions.
+    def _judge(self, lookup: Lookup, action: Tensor) -> Tensor:
+        """``[N, M]`` the target network's values of actions in what followed."""
+        if len(self._table) > LARGE_TABLE:
+            judged, which = self.target(self._table[lookup.rows]), lookup.after
+        else:
+            if self._judged is None:
+                self._judged = self.target(self._table)
+            judged, which = self._judged, lookup.rows.gather(1, lookup.after)
+        return judged.flatten(1).gather(1, which * self.online.sizes[-1] + action)
 
-        Args:
-            before: ``[N, M]`` index of the observation that the action was taken in.
-            action: ``[N, M]`` the action.
-            reward: ``[N, M]`` its reward.
-            after: ``[N, M]`` index of the observation that followed.
-            goes_on: ``[N, M]`` 1 where there is a value after it, 0 where the target ends.
-        """
-        # What follows an end has no value to look up, so that it need not be evaluated.
-        which = torch.cat([before, torch.where(goes_on > 0, after, before)], dim=1)
-        rows, at = distinct(which, len(self._table))
-        from_before, from_after = at.chunk(2, dim=1)
-        values = self.online(self._table[rows])
-        target = self.targets(
-            values.detach()[self._agents, from_after], which.chunk(2, dim=1)[1], reward, goes_on
-        )
-        chosen = values[self._agents, from_before, action]
-        each = nn.functional.smooth_l1_loss(chosen, target, reduction="none")
-        losses: Tensor = each.mean(dim=1)
-        return losses
-
-    def update(
-        self,
-        before: Tensor,
-        action: Tensor,
-        reward: Tensor,
-        after: Tensor,
-        goes_on: Tensor,
-        trains: Tensor | None = None,
-    ) -> Tensor:
+    def update(self, batch: Batch, trains: Tensor | None = None) -> Tensor:
         """One gradient step for every agent on its own minibatch.
 
         Args:
-            before: As for :meth:`losses`, with the four that follow.
-            action: The actions.
-            reward: Their rewards.
-            after: What followed.
-            goes_on: Whether there is a value after it.
+            batch: The minibatches. An agent's loss is the mean over its transitions, each times
+                its weight.
             trains: ``[N]`` which agents take the step; the networks of the others stay as they
                 are, whatever their minibatches hold. By default all do.
 
         Returns:
-            ``[N]`` the loss of each agent.
+            ``[N, M]`` the TD errors before the step.
         """
-        losses = self.losses(before, action, reward, after, goes_on)
-        self.optimiser.zero_grad()
-        (losses if trains is None else losses[trains]).sum().backward()  # type: ignore[no-untyped-call]
+        errors, given, meant = self._evaluate(batch)
+        # The slope of half the square is the error; Huber's never exceeds 1.
+        slope = errors.clamp(-1.0, 1.0) if self.loss == "huber" else errors
+        slope = slope * batch.weight / errors.shape[1]
+        gradient = torch.zeros_like(given[-1])
+        gradient.flatten(1).scatter_add_(1, meant, slope)
         if trains is not None:
-            self._stop(~trains)
+            self._stop(~trains, gradient)
+        self.online.backward(given, gradient)
         self.optimiser.step()
         self.updates += 1
         if self.target_period and self.updates % self.target_period == 0:
-            self.target.load_state_dict(self.online.state_dict())
+            self.target.parameters.copy_(self.online.parameters)
             self._judged = None
-        return losses.detach()
+        return errors
 
-    def _stop(self, agents: Tensor) -> None:
-        """Without gradient and momentum, Adam moves nothing."""
+    def _stop(self, agents: Tensor, gradient: Tensor) -> None:
+        """Without gradient and momentum, no optimiser moves anything."""
+        gradient[agents] = 0.0
         for state in self.optimiser.state.values():
-            state["exp_avg"][agents] = 0.0
+            if "exp_avg" in state:
+                for parts in self.online.layers_of(state["exp_avg"]):
+                    for part in parts:
+                        part[agents] = 0.0
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimiser and counters as they are now."""
-        return copy.deepcopy(
-            {
-                "online": self.online.state_dict(),
-                "target": self.target.state_dict(),
-                "optimiser": self.optimiser.state_dict(),
-                "updates": self.updates,
-            }
-        )
+        return {
+            "online": self.online.parameters.detach().clone(),
+            "target": self.target.parameters.detach().clone(),
+            "optimiser": copy.deepcopy(self.optimiser.state_dict()),
+            "updates": self.updates,
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        self.online.load_state_dict(state["online"])
-        self.target.load_state_dict(state["target"])
+        self.online.parameters.copy_(state["online"])
+        self.target.parameters.copy_(state["target"])
         # Unlike the networks, the optimiser would take over the checkpoint's own tensors.
         self.optimiser.load_state_dict(copy.deepcopy(state["optimiser"]))
         self.updates = state["updates"]
         self._judged = None
-
-
-def distinct(which: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """The distinct indices of each row, and where each index stands among them.
-
-    Args:
-        which: ``[N, M]`` indices below ``size``.
-        size: Their bound.
-
-    Returns:
-        ``[N, U]`` distinct indices in ascending order, U being the most that a row has; rows with
-        fewer are filled up with others. ``[N, M]`` position of each index in its row.
-    """
-    occurs = torch.zeros(len(which), size, dtype=torch.bool)
-    occurs.scatter_(1, which, True)
-    place = occurs.cumsum(dim=1) - 1
-    most = int(place[:, -1].max()) + 1
-    rows = occurs.to(torch.uint8).argsort(dim=1, descending=True, stable=True)[:, :most]
-    return rows, place.gather(1, which)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -39,12 +40,21 @@ def test_the_network_has_the_shape_of_figure_5() -> None:
     # 16*128 + 128, three times 128*128 + 128, and 128*15 + 15.
     each = (2048 + 128) + 3 * (16384 + 128) + (1920 + 15)
     assert each == 53_647
-    assert sum(parameter.numel() for parameter in stack.parameters()) == 2 * each
+    assert stack.parameters.numel() == 2 * each
     bounds = [1 / 4, *[128**-0.5] * 4]
     for weight, bound in zip(stack.weights, bounds, strict=True):
         assert 0.97 * bound < weight.abs().max() <= bound
 
 
+@pytest.fixture
+def double_precision() -> Iterator[None]:
+    """So that rounding hides nothing."""
+    torch.set_default_dtype(torch.float64)
+    yield
+    torch.set_default_dtype(torch.float32)
+
+
+@pytest.mark.usefixtures("double_precision")
 @pytest.mark.parametrize("over_attempts", [False, True])
 def test_a_ddqn_in_plain_torch_follows_the_same_course(over_attempts: bool) -> None:
     settings = DDQNParameters(
@@ -60,11 +70,6 @@ def test_a_ddqn_in_plain_torch_follows_the_same_course(over_attempts: bool) -> N
     session = Session(Condition.named("CC3", find_schema), protocol, 3, seed=5)
     learner = DDQN(settings)
     learner.begin(session.brief)
-    learner.q.online.double()
-    learner.q.target.double()
-    observe, greedy = learner.q.observe, learner.q.greedy
-    learner.q.observe = lambda table: observe(table.double())  # type: ignore[method-assign]
-    learner.q.greedy = lambda seen: greedy(seen.double())  # type: ignore[method-assign]
     drawn: list[Any] = []
     for streams in (learner._exploration, learner._batches):
         uniform = streams.uniform
@@ -101,6 +106,35 @@ def test_a_ddqn_in_plain_torch_follows_the_same_course(over_attempts: bool) -> N
     assert distance(plain.target, learner.q.target, agent) < 1e-7
 
 
+@pytest.mark.usefixtures("double_precision")
+@pytest.mark.parametrize("prioritised", [False, True])
+def test_subjects_trained_together_are_the_subjects_trained_alone(prioritised: bool) -> None:
+    settings = DDQNParameters(
+        hidden_layers=2,
+        hidden_units=24,
+        batch_size=8,
+        replay_size=60,
+        target_period=20,
+        prioritised=prioritised,
+    )
+    condition = Condition.named("CE3-CC4", find_schema)
+    numbers = [4, 0, 7]
+
+    def trained(subjects: list[int]) -> DDQN:
+        session = Session(condition, HUMAN, subjects, seed=2)
+        learner = DDQN(settings)
+        session.play(learner)
+        return learner
+
+    together = trained(numbers)
+    for agent, number in enumerate(numbers):
+        alone = trained([number])
+        assert alone.q.updates > 300
+        network = plain_network(alone.q.online, 0)
+        assert distance(network, together.q.online, agent) < 1e-7
+        assert together.epsilon[agent] == alone.epsilon[0]
+
+
 # -- the course of learning -----------------------------------------------------------------------
 
 
@@ -119,7 +153,7 @@ def test_a_value_ends_with_the_attempt_or_reaches_over_it() -> None:
         lever = session.truth.rooms[0].action_of(["L0"])[0]
         play(learner, session, [lever, 14, 14, 14, 14, 14])
         held = learner._replay
-        goes_on = held.goes_on[0, :6].tolist()
+        goes_on = held.goes_on[0, :6].int().tolist()
         # Two attempts of three actions, and the trial is over with the second.
         assert goes_on == ([1, 1, 1, 1, 1, 0] if over_attempts else [1, 1, 0, 1, 1, 0])
         third = learner._table.rows[held.after[0, 2]]
@@ -153,6 +187,55 @@ def test_epsilon_has_a_floor_and_may_stay_after_a_trial() -> None:
         course.append(learner.epsilon[0])
     assert course[:7] == [0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625, 0.01]
     assert set(course[6:]) == {0.01}
+
+
+@pytest.mark.parametrize(
+    ("moment", "course"),
+    [
+        # Two trials of two attempts of three actions; then the third trial begins.
+        ("attempt", [1, 1, 0.9, 0.9, 0.9, 0.81, 0.81, 0.81, 0.729, 0.729, 0.729, 0.6561]),
+        ("trial", [1, 1, 1, 1, 1, 0.9, 0.9, 0.9, 0.9, 0.9, 0.9, 0.81]),
+    ],
+)
+def test_epsilon_may_shrink_more_seldom(moment: Any, course: list[float]) -> None:
+    session = Session(one_room(), replace(HUMAN, attempt_limit=2, baseline_loops=3), 1)
+    settings = DDQNParameters(
+        epsilon_decay=0.9, epsilon_decays_with=moment, epsilon_after_trial=None, batch_size=2000
+    )
+    learner = DDQN(settings)
+    learner.begin(session.brief)
+    seen = []
+    for _ in course:
+        play(learner, session, [14])
+        seen.append(learner.epsilon[0])
+    assert seen == pytest.approx(course)
+
+
+def test_the_bias_of_priorities_is_undone_more_and_more() -> None:
+    protocol = replace(HUMAN, attempt_limit=4, baseline_loops=3)  # 36 actions in three trials
+    for actions, upto in ((None, 36), (9, 9)):
+        session = Session(one_room(), protocol, 2)
+        settings = DDQNParameters(
+            prioritised=True,
+            importance_start=0.4,
+            importance_actions=actions,
+            hidden_units=4,
+            batch_size=8,
+        )
+        learner = DDQN(settings)
+        learner.begin(session.brief)
+        for action in range(37):
+            assert learner.importance == pytest.approx([min(0.4 + 0.6 * action / upto, 1.0)] * 2)
+            if not session.over:
+                play(learner, session, [14])
+
+
+def test_several_gradient_steps_may_follow_an_action() -> None:
+    session = Session(one_room(), HUMAN, 1)
+    learner = DDQN(DDQNParameters(batch_size=5, hidden_units=4, gradient_steps=3))
+    learner.begin(session.brief)
+    play(learner, session, [14] * 7)
+    assert learner.q.updates == 9
 
 
 def test_epsilon_is_the_share_of_random_actions() -> None:
@@ -205,8 +288,11 @@ def test_a_subject_that_has_finished_learns_no_more() -> None:
 # -- as a whole -----------------------------------------------------------------------------------
 
 
-def test_a_checkpoint_resumed_gives_the_same_weights() -> None:
-    settings = DDQNParameters(batch_size=8, hidden_units=8, replay_size=20, target_period=5)
+@pytest.mark.parametrize("prioritised", [False, True])
+def test_a_checkpoint_resumed_gives_the_same_weights(prioritised: bool) -> None:
+    settings = DDQNParameters(
+        batch_size=8, hidden_units=8, replay_size=20, target_period=5, prioritised=prioritised
+    )
     protocol = replace(HUMAN, attempt_limit=12, stop_when_solved=False)
     sessions = [Session(one_room(), protocol, 3) for _ in range(2)]
     first, second = (DDQN(settings) for _ in sessions)
@@ -227,14 +313,15 @@ def test_a_checkpoint_resumed_gives_the_same_weights() -> None:
     assert not same(kept, first.state_dict())
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_in_one_room_it_learns_to_open_the_door(seed: int) -> None:
+@pytest.mark.parametrize(("seed", "prioritised"), [(0, False), (1, False), (2, False), (0, True)])
+def test_in_one_room_it_learns_to_open_the_door(seed: int, prioritised: bool) -> None:
     settings = DDQNParameters(
         hidden_layers=2,
         hidden_units=32,
         learning_rate=0.003,
         epsilon_decay=0.998,
         epsilon_min=0.05,
+        prioritised=prioritised,
     )
     protocol = Protocol("long", attempt_limit=500, stop_when_solved=False, baseline_trials=1)
     record = Session(one_room(), protocol, 8, seed=seed).play(DDQN(settings)).to_pandas()

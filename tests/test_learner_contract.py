@@ -82,6 +82,59 @@ class TestBayesNetDDQN(LearnerContract):
     independent_of_batch = False
 
 
+class TestRecurrent(LearnerContract):
+    learner = "recurrent"
+    # It trains with every second action from the fifth on.
+    parameters = {  # noqa: RUF012
+        "hidden_units": 8,
+        "burn_in": 2,
+        "unroll": 4,
+        "batch_size": 2,
+        "train_period": 2,
+        "replay_size": 16,
+        "target_period": 3,
+    }
+    independent_of_batch = False
+
+
+class TestSemiMarkovDDQN(LearnerContract):
+    learner = "semi_markov_ddqn"
+    parameters = TestDDQN.parameters | {"prioritised": True}
+    independent_of_batch = False
+
+
+class TestRL2(LearnerContract):
+    learner = "rl2"
+    independent_of_batch = False
+
+
+class TestRL2Learning(LearnerContract):
+    learner = "rl2"
+    parameters = {"learns": True, "unroll": 5, "reset": "trial"}  # noqa: RUF012
+    independent_of_batch = False
+
+
+class TestStableBaselines(LearnerContract):
+    learner = "sb3"
+    # It learns after every fifth action.
+    parameters = {"algorithm": "A2C", "settings": {"n_steps": 5}}  # noqa: RUF012
+    schemas = ("CC3", "CE4")
+    subjects = 3
+
+    @pytest.fixture(autouse=True)
+    def _installed(self) -> None:
+        pytest.importorskip("stable_baselines3")
+
+
+class TestStableBaselinesOffPolicy(TestStableBaselines):
+    # It trains from the eleventh action on.
+    parameters = {  # noqa: RUF012
+        "algorithm": "DQN",
+        "settings": {"learning_starts": 10, "batch_size": 8, "buffer_size": 100, "train_freq": 1},
+        "episode": "trial",
+    }
+
+
 def test_every_learner_of_this_package_is_tested() -> None:
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
     ours = set(project["project"]["entry-points"]["causal_openlock.learners"])

@@ -12,9 +12,8 @@ inference in the limit of a vanishing prior probability of noise.
 
 from __future__ import annotations
 
-import copy
 from collections import Counter
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -24,9 +23,10 @@ from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
 from causal_openlock.belief.knowledge import Knowledge, rule_prior
 from causal_openlock.belief.prior import Prior
-from causal_openlock.belief.sampling import Happened, Sampler, sampled, with_sampled
+from causal_openlock.belief.sampling import Happened, Sampler, listed, sampled, with_sampled
 from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import strengths
+from causal_openlock.belief.structures import Structures
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.learner import Brief, Step, View
 
@@ -339,15 +339,19 @@ class Beliefs:
 
     @staticmethod
     def _kept(belief: Belief) -> dict[str, Any]:
-        kept = {
-            item.name: copy.copy(getattr(belief, item.name))
-            for item in fields(belief)
-            if item.name != "space"
+        own = belief.space.blocks[-1].catalogue if belief.drawn else None
+        return {
+            "sight": tuple(belief.space.sight),
+            "unsure": len(belief.space.strengths) > 1,
+            "sampled": own and (own.members.causes, own.members.threshold, own.chance),
+            "slots": belief.slots.copy(),
+            "which": belief.which.copy(),
+            "weight": belief.weight.copy(),
+            "start": None if belief.start is None else belief.start.copy(),
+            "found": belief.found,
+            "possible": belief.possible,
+            "events": list(belief.events.items()),
         }
-        kept["sight"] = belief.space.sight
-        kept["unsure"] = len(belief.space.strengths) > 1
-        kept["sampled"] = belief.space.blocks[-1].catalogue if belief.drawn else None
-        return kept
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
@@ -356,12 +360,23 @@ class Beliefs:
         for generator, saved in zip(self._generators, state["generators"], strict=True):
             generator.bit_generator.state = saved
         for subject, kept in enumerate(state["of"]):
-            self.of[subject] = None if kept is None else self._restored(dict(kept))
+            self.of[subject] = None if kept is None else self._restored(kept)
 
     def _restored(self, kept: dict[str, Any]) -> Belief:
-        space = self._space(kept.pop("sight"), kept.pop("unsure"))
-        own = kept.pop("sampled")
+        space = self._space(RoomSight(*kept["sight"]), kept["unsure"])
+        drawn = 0
+        if kept["sampled"]:
+            causes, threshold, chance = kept["sampled"]
+            own = listed(Structures(causes, threshold), chance)
+            space, drawn = with_sampled(space, own), len(own)
         return Belief(
-            space=space if own is None else with_sampled(space, own),
-            **{name: copy.copy(value) for name, value in kept.items()},
+            space,
+            kept["slots"].copy(),
+            kept["which"].copy(),
+            kept["weight"].copy(),
+            None if kept["start"] is None else kept["start"].copy(),
+            kept["found"],
+            drawn,
+            kept["possible"],
+            Counter(dict(kept["events"])),
         )

@@ -246,16 +246,21 @@ def sampled(
     threshold = np.concatenate([part.threshold for part in everything])
     first, member = merge(np.concatenate([causes.view(np.uint8), threshold], axis=1))
     times = np.bincount(member, minlength=len(first))
-    index = np.arange(len(first))
     members = Structures(causes[first], threshold[first])
-    return Catalogue(
-        members=members,
-        behaviour=index,
-        member=index,
-        kind=np.full(len(first), len(schema_classes())),
-        chance=times * sampler.evidence / max(tried, 1) / sampler.likelihood(members),
-        free_form=True,
-    )
+    chance = times * sampler.evidence / max(tried, 1) / sampler.likelihood(members)
+    return listed(members, chance)
+
+
+def listed(members: Structures, chance: FloatArray) -> Catalogue:
+    """A catalogue of structures of the free form, each a behaviour of its own.
+
+    Args:
+        members: ``[M]`` the structures.
+        chance: ``[M]`` what their probabilities in the free form are estimated to be.
+    """
+    index = np.arange(len(members))
+    kind = np.full(len(members), len(schema_classes()))
+    return Catalogue(members, index, index, kind, chance, free_form=True)
 
 
 def with_sampled(space: Space, own: Catalogue) -> Space:

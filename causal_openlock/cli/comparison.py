@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from causal_openlock.experiment import Cell, Experiment
     from causal_openlock.store import Store
+    from causal_openlock.worker import Watching
 
 
 def compare(
@@ -45,12 +46,20 @@ def compare(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; default: one for each core.")
     ] = None,
+    checkpoint_every: Annotated[
+        float,
+        typer.Option(min=0, help="Seconds between checkpoints inside a cell; inf takes none."),
+    ] = 60.0,
+    tensorboard: Annotated[
+        Path | None, typer.Option(help="Folder for TensorBoard's logs, a run for each cell.")
+    ] = None,
 ) -> None:
     """Compare learners; a folder that holds a part of this comparison is completed."""
     from rich.console import Console
 
     from causal_openlock.errors import Interrupted
     from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
+    from causal_openlock.worker import Watching
 
     changes = Changes(condition or None, learner or None, protocol, subjects, seed)
     chosen = read_experiment(find_experiment(experiment), changes)
@@ -61,7 +70,8 @@ def compare(
     for caution in chosen.cautions():
         _warn(console, caution)
     try:
-        store = _run(chosen, folder, workers, console)
+        watching = Watching(checkpoint_every, str(tensorboard) if tensorboard else None)
+        store = _run(chosen, folder, workers, watching, console)
         _report(store, console)
     except KeyboardInterrupt:
         raise Interrupted("stopped; the same command goes on where it was") from None
@@ -78,7 +88,13 @@ def report(
     _report(Store(folder), Console())
 
 
-def _run(experiment: Experiment, folder: Path, workers: int | None, console: Console) -> Store:
+def _run(
+    experiment: Experiment,
+    folder: Path,
+    workers: int | None,
+    watching: Watching,
+    console: Console,
+) -> Store:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
     from rich.progress import TimeElapsedColumn as Elapsed
     from rich.progress import TimeRemainingColumn as Remaining
@@ -86,7 +102,7 @@ def _run(experiment: Experiment, folder: Path, workers: int | None, console: Con
     from causal_openlock.runner import run
 
     cells = list(experiment.cells())
-    known = 0
+    known = finished = 0
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -101,12 +117,22 @@ def _run(experiment: Experiment, folder: Path, workers: int | None, console: Con
         task = bar.add_task(experiment.name, total=len(cells))
 
         def done(cell: Cell, before: bool) -> None:
-            nonlocal known
+            nonlocal known, finished
             known += before
-            bar.update(task, advance=1, description=f"{experiment.name}: {cell.name}")
+            finished += 1
+            bar.update(task, completed=finished, description=f"{experiment.name}: {cell.name}")
+
+        def progress(inside: float) -> None:
+            bar.update(task, completed=finished + inside)
 
         store = run(
-            experiment, folder, workers=workers, done=done, warn=partial(_warn, bar.console)
+            experiment,
+            folder,
+            workers=workers,
+            done=done,
+            warn=partial(_warn, bar.console),
+            progress=progress,
+            watching=watching,
         )
         bar.update(task, description=experiment.name)
     if known:

@@ -1,0 +1,189 @@
+"""A Q-learner with memory: what it did in a trial, and what came of it, it can know later.
+
+The DDQN sees the room and nothing else, so that it cannot know which solutions it has found. This
+learner's network is recurrent: it perceives the room, the console, and its own last action with
+what came of it, and carries a state from action to action, across the attempts of a trial. The
+state is reset at the end of each trial or only at the start of the condition.
+
+It is trained as R2D2 is (Kapturowski et al., 2019): on sequences of steps, which begin with the
+state that was kept with their first step; some steps of burn-in bring that state up to date before
+the others are learned from, by double Q-learning. Exploration is the DDQN's. All subjects of a
+cell are trained at once, each with a network, a replay memory and randomness of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from causal_openlock.fsm import BoolArray, IntArray
+from causal_openlock.learner import Brief, Learner, Step, View
+from causal_openlock.randomness import Streams
+from learners.ddqn import Count, Share
+from learners.perception import Perception
+from learners.sequence_replay import SequenceReplay
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from learners.stacked_recurrent import RecurrentDoubleQ
+
+
+@dataclass(frozen=True)
+class RecurrentParameters:
+    """Hyper-parameters; those that the DDQN has too have its defaults."""
+
+    cell: Annotated[Literal["gru", "lstm"], "kind of the recurrent layer"] = "gru"
+    hidden_units: Annotated[
+        Count, "units of the recurrent layer, and of the hidden layer behind it"
+    ] = 64
+    reset: Annotated[
+        Literal["trial", "condition"],
+        "what the memory lasts for: each trial by itself, or the whole condition",
+    ] = "trial"
+    burn_in: Annotated[
+        int, Field(ge=0), "steps that bring a sequence's state up to date: five attempts"
+    ] = 15
+    unroll: Annotated[Count, "steps of a sequence that are learned from: ten attempts"] = 30
+    batch_size: Annotated[Count, "sequences in a gradient step"] = 8
+    train_period: Annotated[Count, "actions between gradient steps"] = 4
+    replay_size: Annotated[Count, "steps remembered for training"] = 2000
+    gamma: Annotated[Share, "discount factor"] = 0.8
+    learning_rate: Annotated[float, Field(gt=0), "of Adam"] = 0.001
+    epsilon_start: Annotated[Share, "share of random actions at first"] = 1.0
+    epsilon_min: Annotated[Share, "and at least"] = 0.01
+    epsilon_decay: Annotated[Share, "factor with every action"] = 0.995
+    epsilon_after_trial: Annotated[Share | None, "set at each trial's end"] = 0.5
+    target_period: Annotated[
+        Count | None,
+        "gradient steps between updates of the target network (by default as many actions as the "
+        "DDQN's); null never updates it",
+    ] = 25
+    bootstrap_over_attempts: Annotated[
+        bool, "whether a value reaches over the end of an attempt into the room put back"
+    ] = False
+    threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
+
+    def __post_init__(self) -> None:
+        longest = self.burn_in + self.unroll + 1
+        if longest > self.replay_size:
+            raise ValueError(
+                f"a sequence with burn-in has {longest} steps, and only {self.replay_size} are "
+                "remembered; make replay_size larger than burn_in + unroll"
+            )
+
+
+class Recurrent(Learner):
+    """Double Q-learning with a memory of the trial, trained on sequences with burn-in (R2D2)."""
+
+    Parameters = RecurrentParameters
+    parameters: RecurrentParameters
+
+    def begin(self, brief: Brief) -> None:
+        """Make a network, a replay memory and streams of randomness for each subject."""
+        import torch
+
+        from learners.stacked_recurrent import RecurrentDoubleQ, StackedRecurrentNetwork
+
+        settings = self.parameters
+        torch.set_num_threads(settings.threads)
+        # Sparse rewards let Adam's moments decay into denormal numbers, which are slow.
+        torch.set_flush_denormal(True)
+        self._torch = torch
+        self.brief = brief
+        weights, exploration, batches = zip(
+            *(generator.spawn(3) for generator in brief.generators), strict=True
+        )
+        self._perception = Perception(brief)
+        inputs = self._perception.size
+        network = StackedRecurrentNetwork(
+            settings.cell, inputs, settings.hidden_units, brief.actions, weights
+        )
+        self.q: RecurrentDoubleQ = RecurrentDoubleQ(
+            network, settings.learning_rate, settings.gamma, settings.target_period
+        )
+        state = network.cell.state_size
+        self._memory = np.zeros((brief.subjects, state), dtype=np.float32)
+        self._replay = SequenceReplay(
+            brief.subjects, settings.replay_size, settings.burn_in, settings.unroll, inputs, state
+        )
+        self._exploration = Streams(exploration, width=2)
+        self._batches = Streams(batches, width=2 * settings.batch_size, block=64)
+        self.epsilon = np.full(brief.subjects, settings.epsilon_start)
+        self._values: Tensor | None = None
+        self._losses: Tensor | None = None
+
+    def act(self, view: View) -> IntArray:
+        """``[B]`` epsilon-greedy actions; what is perceived is remembered once it is acted on."""
+        from_numpy = self._torch.from_numpy
+        self._inputs = self._perception.inputs(view)
+        values, state = self.q.values(from_numpy(self._inputs), from_numpy(self._memory))
+        self._values, self._memory_after = values, state.numpy()
+        draws = self._exploration.uniform()
+        random = (draws[:, 1] * self.brief.actions).astype(np.int64)
+        return np.where(draws[:, 0] < self.epsilon, random, values.argmax(dim=1).numpy())
+
+    def learn(self, step: Step) -> None:
+        """Remember what happened, take a gradient step if one is due, and cool down."""
+        settings, playing = self.parameters, step.view.playing
+        resets = step.trial_over & playing & (settings.reset == "trial")
+        ends = step.trial_over if settings.bootstrap_over_attempts else step.attempt_over
+        who = np.flatnonzero(playing)
+        self._replay.add(
+            who,
+            self._inputs[who],
+            self._memory[who],
+            step.action[who],
+            step.reward[who],
+            ~ends[who],
+            resets[who],
+        )
+        self._memory = np.where(playing[:, None], self._memory_after, self._memory)
+        self._perception.note(step)
+        self._memory[resets] = 0
+        self._perception.forget(resets)
+        count = self._replay.count
+        self._train(playing & (count > settings.unroll) & (count % settings.train_period == 0))
+        cooled = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
+        if settings.epsilon_after_trial is not None:
+            cooled[step.trial_over] = settings.epsilon_after_trial
+        self.epsilon = np.where(playing, cooled, self.epsilon)
+
+    def _train(self, trains: BoolArray) -> None:
+        if trains.any():
+            batch = self._replay.sample(self._batches.uniform())
+            self._losses = self.q.update(batch, self._torch.from_numpy(trains))
+
+    def metrics(self) -> dict[str, float]:
+        """Epsilon, the loss of the last minibatch, and what the last views are worth."""
+        told = {"epsilon": float(self.epsilon.mean())}
+        if self._losses is not None:
+            told["loss"] = float(self._losses.mean())
+        if self._values is not None:
+            told["max_q"] = float(self._values.amax(dim=1).mean())
+        return told
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks, memories of both kinds, randomness and epsilon."""
+        return {
+            "q": self.q.state_dict(),
+            "memory": self._memory.copy(),
+            "perception": self._perception.state_dict(),
+            "replay": self._replay.state_dict(),
+            "exploration": self._exploration.state_dict(),
+            "batches": self._batches.state_dict(),
+            "epsilon": self.epsilon.copy(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.q.load_state_dict(state["q"])
+        self._memory = state["memory"].copy()
+        self._perception.load_state_dict(state["perception"])
+        self._replay.load_state_dict(state["replay"])
+        self._exploration.load_state_dict(state["exploration"])
+        self._batches.load_state_dict(state["batches"])
+        self.epsilon = state["epsilon"].copy()
