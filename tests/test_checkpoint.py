@@ -162,11 +162,11 @@ def test_a_killed_cell_ends_as_if_it_had_not_been(
     cell = cell_of(experiment, learner, condition)
     play_cell(cell, str(tmp_path / "undisturbed"), Watching())
     whole, steps[0] = steps[0], 0
-    # Each checkpoint flushes two files. The process dies between the two files of the 40th: its
+    # Each checkpoint flushes two files. The process dies between the two files of the 20th: its
     # attempts are there, and it is not.
     killed = tmp_path / "killed"
     victim = multiprocessing.get_context("spawn").Process(
-        target=dies, args=(cell, str(killed), 2 * 40 - 1)
+        target=dies, args=(cell, str(killed), 2 * 20 - 1)
     )
     victim.start()
     victim.join()
@@ -175,8 +175,8 @@ def test_a_killed_cell_ends_as_if_it_had_not_been(
 
     played = play_cell(cell, str(killed), AFTER_EVERY_STEP)
     assert played.warnings == ()
-    assert whole > 60
-    assert steps[0] == whole - 39, "it went on from the last checkpoint"
+    assert whole > 25
+    assert steps[0] == whole - 19, "it went on from the last checkpoint"
     assert contents(cell, killed).equals(contents(cell, tmp_path / "undisturbed"))
     sweep(killed / "cells")  # as the start of a comparison does
     assert files_beside(killed) == [".parquet"]

@@ -320,9 +320,9 @@ def test_a_checkpoint_is_a_copy():
     learner.learn(session.step(learner.act(session.view)))
     kept = learner.state_dict()
     assert same(kept["draws"]["drawn"], learner.state_dict()["draws"]["drawn"])
-    weights = [room.weight.copy() for room in kept["rooms"]]
-    found = [room.found for room in kept["rooms"]]
+    weights = [room["weight"].copy() for room in kept["rooms"]]
+    found = [room["found"] for room in kept["rooms"]]
     while not session.over and session.view.trial.max() == 1:
         learner.learn(session.step(learner.act(session.view)))
-    assert same(weights, [room.weight for room in kept["rooms"]])
-    assert found == [room.found for room in kept["rooms"]]
+    assert same(weights, [room["weight"] for room in kept["rooms"]])
+    assert found == [room["found"] for room in kept["rooms"]]
