@@ -183,7 +183,7 @@ def _peak(work: Callable[[], Any]) -> float:
 
 LOOKS: dict[str, tuple[str, str, str]] = {  # name, colour, marker
     "decision": ("decision, every hypothesis planned for", "#D55E00", "^"),
-    "decision, capped": ("decision of the learner (at most 600)", "#E69F00", "D"),
+    "decision, capped": ("decision of the learner, which plans for some", "#E69F00", "D"),
     "information": ("expected information, all next actions", "#56B4E9", "s"),
     "update": ("update by one action", "#00427A", "o"),
     "information, peak": ("while the information is computed", "#56B4E9", "s"),

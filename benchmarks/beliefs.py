@@ -33,7 +33,7 @@ SEED = 2018
 PEER = "pgmpy"
 ACTIONS = 12
 NEAR = 1e-9
-PLANNED = (56, 200, 600)  # the last is the learner's cap
+PLANNED = (56, 200, 600)
 PLANS = 5
 
 

@@ -32,7 +32,7 @@ from pydantic import Field
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.believer import Believer, situation_of
 from causal_openlock.belief.intention import draw_intention
-from causal_openlock.belief.planning import TIE, Objective, Planner, Situation
+from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
 from causal_openlock.belief.prior import Count, Prior, Share
 from causal_openlock.belief.space import Space
 from causal_openlock.fsm import FloatArray, IntArray
@@ -46,8 +46,6 @@ _PLANS: WeakKeyDictionary[Space, dict[Any, FloatArray]] = WeakKeyDictionary()
 """Plans made in this process: a plan follows from a belief, whoever holds it."""
 MOST_PLANS = 200_000
 ALMOST_NOTHING = 1e-6
-GRAIN = 1024
-"""Planning tells apart probabilities that differ by more than 1/1024 of the greatest."""
 
 
 @dataclass(frozen=True)
@@ -154,25 +152,16 @@ class Bayes(Believer):
         return missing[0]
 
     def _plan(self, belief: Belief, situation: Situation, objective: Objective) -> FloatArray:
-        most = belief.weight.max(initial=0.0)  # of nothing, if nothing is possible
-        coarse = np.rint(belief.weight / most * (GRAIN - 1)).astype(np.int64)
-        kept = np.flatnonzero(coarse)
-        coarse = coarse[kept]
-        which = belief.which[kept]
-        if len(which) > self.parameters.planned:
-            # As many points evenly spaced over the belief: a sample without luck.
-            points = (np.arange(self.parameters.planned) + 0.5) * coarse.sum()
-            hit = np.searchsorted(coarse.cumsum(), points / self.parameters.planned, side="right")
-            chosen, coarse = np.unique(hit, return_counts=True)
-            which = which[chosen]
+        chosen, weight = thinned(belief.weight, self.parameters.planned)
+        which = belief.which[chosen]
         space = belief.space
-        key = (objective, situation, which.tobytes(), coarse.tobytes())
+        key = (objective, situation, which.tobytes(), weight.tobytes())
         plans = _PLANS.setdefault(space, {})
         if key not in plans:
             if len(plans) >= MOST_PLANS:
                 plans.clear()
             planner = Planner(space.hypotheses[which], space.strengths, objective, situation.found)
-            plans[key] = planner.values(coarse.astype(float), situation)
+            plans[key] = planner.values(weight, situation)
         return plans[key]
 
     def learn(self, step: Step) -> None:

@@ -26,7 +26,7 @@ import numpy as np
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
 from causal_openlock.belief.optimal import Optimum, Point
 from causal_openlock.belief.placements import TooLargeError, placements
-from causal_openlock.belief.planning import TIE, Objective, Planner, Situation
+from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.strength import Strengths, at_least, strengths
 from causal_openlock.belief.symmetry import bits
@@ -36,8 +36,6 @@ from causal_openlock.learner import Brief, InformedLearner, Observations, Step, 
 from causal_openlock.randomness import Streams
 from causal_openlock.schema import Schema
 
-GRAIN = 1024
-"""Planning tells apart probabilities that differ by more than 1/1024 of the greatest."""
 PLANNED = 600
 """The most hypotheses that a plan takes into account."""
 
@@ -201,25 +199,20 @@ class _Mind:
                 point = Point(bits(possible), situation.found, situation.pushed, situation.left)
                 self._thoughts[key] = tuple(self._optimum.best(point))
             return self._thoughts[key]
-        coarse = np.rint(weight * ((GRAIN - 1) / weight.max())).astype(np.int64)
-        which = np.flatnonzero(coarse)
-        if len(which) > PLANNED:
-            # As many points evenly spaced over the belief: a sample without luck.
-            points = (np.arange(PLANNED) + 0.5) * coarse.sum() / PLANNED
-            which = np.unique(np.searchsorted(coarse.cumsum(), points, side="right"))
-        key = (coarse.tobytes(), *astuple(situation), seeking)
+        which, counts = thinned(weight, PLANNED)
+        key = (which.tobytes(), counts.tobytes(), *astuple(situation), seeking)
         if key not in self._thoughts:
-            self._thoughts[key] = self._planned(which, coarse, situation, seeking)
+            self._thoughts[key] = self._planned(which, counts, situation, seeking)
         return self._thoughts[key]
 
     def _planned(
-        self, which: IntArray, weight: IntArray, situation: Situation, seeking: bool
+        self, which: IntArray, weight: FloatArray, situation: Situation, seeking: bool
     ) -> tuple[int, ...]:
         """The best actions by a plan for the rest of the attempt."""
         objective = Objective() if seeking else Objective(information=0.0)
         found = situation.found if seeking else ()
         planner = Planner(self._hypotheses[which], self._strengths, objective, found)
-        values = planner.values(weight[which].astype(float), situation)
+        values = planner.values(weight, situation)
         slots = len(values) - 1
         best = np.flatnonzero(values >= values.max() - TIE)
         return tuple(2 * slots if slot == slots else slot for slot in best.tolist())

@@ -203,6 +203,31 @@ class Planner:
         return -(weight @ (_bits(chance) + _bits(1.0 - chance)))
 
 
+def thinned(weight: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
+    """The part of a belief that is planned with.
+
+    Probabilities are rounded to 1/1023 of the greatest, so that beliefs that hardly differ have the
+    same plan, and what is less than half of that is left out. If more than ``most`` hypotheses are
+    left, as many points are spaced evenly over them, which is a sample without luck.
+
+    Args:
+        weight: ``[E]`` a belief; not all zero.
+        most: The most hypotheses to plan with.
+
+    Returns:
+        ``[h]`` which hypotheses to plan with, and ``[h]`` their weights, whole numbers.
+    """
+    coarse = np.rint(weight / weight.max(initial=0.0) * 1023.0)
+    which = np.flatnonzero(coarse)
+    coarse = coarse[which]
+    if len(which) > most:
+        points = (np.arange(most) + 0.5) * coarse.sum() / most
+        hit = np.searchsorted(coarse.cumsum(), points, side="right")
+        chosen, counts = np.unique(hit, return_counts=True)
+        return which[chosen], counts.astype(float)
+    return which, coarse
+
+
 def _bits(weight: FloatArray) -> FloatArray:
     """``w log2 w``, 0 at 0."""
     return weight * np.log2(np.maximum(weight, 1e-300))
