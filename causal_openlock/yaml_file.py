@@ -122,7 +122,10 @@ class Document:
             faults = error.errors(include_url=False)
             for fault in faults:
                 # <name>, <list>, <mapping>: which arm of a union was tried, no key of the file.
-                fault["loc"] = tuple(p for p in fault["loc"] if str(p)[:1] != "<")
+                *above, last = fault["loc"] or ("",)
+                arm = str(last)[:1] == "<" and fault["type"] != "extra_forbidden"
+                kept = [part for part in above if str(part)[:1] != "<"]
+                fault["loc"] = (*kept, *(() if arm or not fault["loc"] else (last,)))
             raise FileError(
                 self.path,
                 [self.fault(fault["loc"], sentence(fault, model)) for fault in faults],

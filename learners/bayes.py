@@ -23,6 +23,7 @@ forgetting, and how readily a prior gives way.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import blake2b
 from typing import Annotated, Any, Literal
 from weakref import WeakKeyDictionary
 
@@ -44,7 +45,7 @@ Policy = Literal[
 ]
 _PLANS: WeakKeyDictionary[Space, dict[Any, FloatArray]] = WeakKeyDictionary()
 """Plans made in this process: a plan follows from a belief, whoever holds it."""
-MOST_PLANS = 200_000
+MOST_PLANS = 50_000
 ALMOST_NOTHING = 1e-6
 
 
@@ -100,11 +101,13 @@ class Bayes(Believer):
         """The slot of the lever that is best to push, or nearly; P is the door."""
         best = values.max()
         if self.parameters.temperature > 0:
-            odds = np.exp((values - best) / self.parameters.temperature)
+            with np.errstate(over="ignore"):  # hardly any noise at all
+                odds = np.exp((values - best) / self.parameters.temperature)
         else:
             odds = (values >= best - TIE).astype(float)
         ladder = odds.cumsum()
-        return int(np.searchsorted(ladder, draw * ladder[-1], side="right"))
+        at = int(np.searchsorted(ladder, draw * ladder[-1], side="right"))
+        return min(at, len(ladder) - 1)
 
     def _values(self, belief: Belief, situation: Situation) -> FloatArray:
         """``[P + 1]`` what pushing each lever is worth to the policy, and the door."""
@@ -155,7 +158,8 @@ class Bayes(Believer):
         chosen, weight = thinned(belief.weight, self.parameters.planned)
         which = belief.which[chosen]
         space = belief.space
-        key = (objective, situation, which.tobytes(), weight.tobytes())
+        belief_key = blake2b(which.tobytes() + weight.tobytes(), digest_size=16).digest()
+        key = (objective, situation, belief_key)
         plans = _PLANS.setdefault(space, {})
         if key not in plans:
             if len(plans) >= MOST_PLANS:

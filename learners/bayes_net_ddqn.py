@@ -47,7 +47,8 @@ class BayesNetDDQN(DDQN, Believer):
         for subject in np.flatnonzero(explores & view.playing).tolist():
             ladder = self.gains(subject, view).cumsum()
             if ladder[-1] > TIE:
-                actions[subject] = np.searchsorted(ladder, draw[subject] * ladder[-1], "right")
+                at = np.searchsorted(ladder, draw[subject] * ladder[-1], side="right")
+                actions[subject] = min(at, len(ladder) - 1)
         return actions
 
     def learn(self, step: Step) -> None:

@@ -22,6 +22,7 @@ from pydantic import Field
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.randomness import Streams
+from learners.denormals import denormals_flushed
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -106,8 +107,6 @@ class DDQN(Learner):
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
-        # Sparse rewards let Adam's moments decay into denormal numbers, which are slow.
-        torch.set_flush_denormal(True)
         self._torch = torch
         self._device = find_device(settings.device)
         self.brief = brief
@@ -199,7 +198,8 @@ class DDQN(Learner):
         else:
             batch = self._replay.sample(luck)
         mask = None if trains.all() else self._torch.from_numpy(trains).to(self._device)
-        errors = self._errors = self.q.update(batch, mask)
+        with denormals_flushed():
+            errors = self._errors = self.q.update(batch, mask)
         if self._prioritised:
             self._prioritised.reprioritise(batch.slot, errors, trains)
 

@@ -23,6 +23,7 @@ from causal_openlock.fsm import BoolArray, IntArray
 from causal_openlock.learner import Brief, Learner, Step, View
 from causal_openlock.randomness import Streams
 from learners.ddqn import Count, Share
+from learners.denormals import denormals_flushed
 from learners.perception import Perception
 from learners.sequence_replay import SequenceReplay
 
@@ -90,8 +91,6 @@ class Recurrent(Learner):
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
-        # Sparse rewards let Adam's moments decay into denormal numbers, which are slow.
-        torch.set_flush_denormal(True)
         self._torch = torch
         self.brief = brief
         weights, exploration, batches = zip(
@@ -155,7 +154,8 @@ class Recurrent(Learner):
     def _train(self, trains: BoolArray) -> None:
         if trains.any():
             batch = self._replay.sample(self._batches.uniform())
-            self._losses = self.q.update(batch, self._torch.from_numpy(trains))
+            with denormals_flushed():
+                self._losses = self.q.update(batch, self._torch.from_numpy(trains))
 
     def metrics(self) -> dict[str, float]:
         """Epsilon, the loss of the last minibatch, and what the last views are worth."""

@@ -24,6 +24,7 @@ from causal_openlock.errors import LearnerError
 from causal_openlock.fsm import IntArray
 from causal_openlock.learner import Brief, Learner, Step, View
 from causal_openlock.randomness import Streams
+from learners.denormals import denormals_flushed
 from learners.perception import Perception
 
 if TYPE_CHECKING:
@@ -89,7 +90,6 @@ class RL2(Learner):
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
-        torch.set_flush_denormal(True)
         self._torch = torch
         self.brief = brief
         # Networks and rooms of each: one for all subjects, or one for each.
@@ -161,7 +161,8 @@ class RL2(Learner):
         self._fresh = step.trial_over & playing & (self.parameters.reset == "trial")
         self._perception.forget(self._fresh)
         if self.trainer is not None and len(self._steps) == self.parameters.unroll:
-            self.trainer.update(self._rollout(step.next), self.parameters.entropy_weight)
+            with denormals_flushed():
+                self.trainer.update(self._rollout(step.next), self.parameters.entropy_weight)
             self._begin_rollout()
 
     def _happened(self, step: Step) -> dict[str, Any]:

@@ -189,7 +189,8 @@ def generated(kind: SchemaClass, levers: int) -> dict[Plain, float]:
             enabling = frozenset[int]().union(
                 *(levers_of_it for r, levers_of_it in enumerate(players) if role.causes >> r & 1)
             )
-            enough = {"any": 1, "all": len(enabling), "two": 2}[role.gate]
+            count = {"any": 1, "all": len(enabling), "two": 2, "three": 3, "four": 4}
+            enough = count[role.gate]
             causes.append(enabling)
             threshold.append(min(enough, len(enabling)))
         by_split[tuple(map(len, players))].append(Plain(tuple(causes), tuple(threshold)))

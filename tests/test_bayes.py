@@ -187,6 +187,27 @@ def test_what_five_levers_and_more_do_is_found_out(schema, policy):
     assert solved(own)
 
 
+@pytest.mark.parametrize("levers", [5, 6, 7])
+def test_a_quorum_of_many_levers_is_never_taken_for_noise(levers):
+    names = [f"L{i}" for i in range(levers)]
+    gates = {"door": Gate("at_least", 3)}
+    schema = Schema("quorum", names, dict.fromkeys(names, ["door"]), gates=gates)
+    session = Session(
+        Condition("quorum", (Trials(schema),)), replace(ONE_TRIAL, attempt_limit=8), 6
+    )
+    player = learner()
+    session.play(player)
+    assert not player.beliefs.unsure.any()
+
+
+def test_a_chain_of_seven_levers_is_solved_in_attempts_of_eight_actions():
+    """The tree of all plans is too large here; what could still be solved stands for its depths."""
+    names = [f"L{i}" for i in range(7)]
+    edges = {cause: [effect] for cause, effect in pairwise([*names, "door"])}
+    chain = Condition("chain7", (Trials(Schema("chain7", names, edges)),))
+    assert solved(trials_of(play(learner(), chain, ONE_TRIAL, 1)))
+
+
 @settings(max_examples=8, deadline=None)
 @given(schemas(max_levers=7, stochastic=True), st.sampled_from(POLICIES))
 def test_no_schema_brings_it_out_of_step(schema, policy):

@@ -21,6 +21,7 @@ from belief_by_hand import (
 from belief_play import Played
 from session_play import SCHEMAS, named
 
+from causal_openlock.belief.beliefs import STRENGTH_NODES
 from causal_openlock.belief.grammar import class_prior, schema_classes
 from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, rule_prior
 from causal_openlock.belief.prior import Prior
@@ -193,9 +194,12 @@ def test_grey_levers_that_are_active_make_the_rule_near_certain():
     assert prior == pytest.approx([0.45, 0.05, 0.5])
     learn(knowledge, SCHEMAS["CC3"])
     by_hand = prior * [1.0, 0.0, 0.5**7]
-    by_hand = (1 - RULE_CHANGES) * by_hand / by_hand.sum() + RULE_CHANGES * prior
+    by_hand /= by_hand.sum()
+    # Places learn from a room as far as it was by position that its levers were marked.
+    assert knowledge.active[0] == pytest.approx(by_hand[2] * np.array([1, 1, 1, 0, 0, 0, 0]))
+    assert knowledge.visits[0] == pytest.approx(by_hand[2])
+    by_hand = (1 - RULE_CHANGES) * by_hand + RULE_CHANGES * prior
     assert knowledge.rules[0] == pytest.approx(by_hand)
-    assert knowledge.active[0].tolist() == [1, 1, 1, 0, 0, 0, 0]
     for _ in range(3):
         learn(knowledge, SCHEMAS["CE3"], np.roll(np.arange(7), 2))
     assert knowledge.rules[0, 0] > 0.998
@@ -224,7 +228,7 @@ def test_in_a_session_every_finished_room_counts_once():
     visits = np.zeros(4)
     for _, step in played.moments(300):
         visits += step.trial_over
-        assert known.visits.tolist() == visits.tolist()
+        assert (known.visits <= visits).all()
         assert known.rooms.sum(axis=1) == pytest.approx(visits)
         assert known.rules.sum(axis=1) == pytest.approx(1.0)
         assert known.strengths.sum(axis=1) == pytest.approx(1.0)
@@ -237,7 +241,7 @@ def test_a_room_believed_to_be_without_noise_says_nothing_of_strengths():
     before = played.beliefs.knowledge.strengths.copy()
     for _ in played.moments(300):
         pass
-    assert played.beliefs.knowledge.visits.tolist() == [2]
+    assert played.beliefs.knowledge.rooms.sum() == pytest.approx(2)
     assert played.beliefs.knowledge.strengths == pytest.approx(before)
 
 
@@ -245,12 +249,12 @@ def test_strengths_are_learned_across_rooms():
     protocol = Protocol("brief", 20, stop_when_solved=False, baseline_trials=4)
     played = Played(named("noisy_CC3"), Prior(noise=0.3), protocol, range(3))
     known = played.beliefs.knowledge
-    value = strengths(0.3, 4.0, 1.0, 5).value
+    value = strengths(0.3, 4.0, 1.0, STRENGTH_NODES).value
     assert known.strengths.shape == (3, len(value))
     errors = []
     for _, step in played.moments(4 * 20 * 3):
         if step.trial_over.any():
             errors.append(float(np.abs(known.strengths @ value - 0.8).mean()))
-    assert known.visits.tolist() == [4] * 3
+    assert known.rooms.sum(axis=1) == pytest.approx(4)
     assert known.strengths[:, 0].max() < 1e-6  # levers do fail
     assert errors[-1] < 0.06

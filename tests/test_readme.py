@@ -122,3 +122,9 @@ def test_every_file_that_the_readme_points_to_exists() -> None:
     assert len(linked) > 20
     missing = [path for path in linked if "//" not in path and not (ROOT / path).exists()]
     assert missing == []
+
+
+def test_the_trial_that_is_told_is_the_one_that_is_played(folder: Path) -> None:
+    told = run(folder, "trace", "CC4", "--learner", "bayes")
+    shown = README.split("```\nAttempt 3\n")[1].split("```")[0]
+    assert f"Attempt 3\n{shown}" in told

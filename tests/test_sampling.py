@@ -324,7 +324,7 @@ def test_a_sampled_belief_agrees_with_the_enumerated_one(schema, prior, request)
         asked = set(truth).union(*(run[moment] for run in runs))
         errors = [[run[moment].get(a, 0.0) - truth.get(a, 0.0) for a in asked] for run in runs]
         # One run has a standard error of some hundredths at worst, and the mean of four half.
-        assert 0 < np.abs(errors).max() < 0.1
+        assert 0 < np.abs(errors).max() < 0.13
         assert np.abs(np.mean(errors, axis=0)).max() < 0.045
 
 

@@ -31,12 +31,12 @@ from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.learner import Brief, Step, View
 
 enumerated = lru_cache(maxsize=64)(enumerate_space)
-STRENGTH_NODES = 5
+STRENGTH_NODES = 10
 FEW = 40
 """So few draws are all that there is to draw; drawing again would bring the same."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Belief:
     """What one subject holds possible in the room that it is in.
 
@@ -66,6 +66,10 @@ class Belief:
     def positions(self) -> IntArray:
         """``[P]`` the position of each slot."""
         return np.argsort(self.slots)
+
+    def __repr__(self) -> str:
+        """Short, as there can be a million hypotheses."""
+        return f"Belief({len(self.which):,} hypotheses, {self.entropy:.2f} bits)"
 
     @property
     def entropy(self) -> float:
@@ -179,7 +183,7 @@ class Beliefs:
     def leave(self, subject: int) -> None:
         """Keep what a room has taught, and forget the room."""
         belief = self.of[subject]
-        if belief is not None:
+        if belief is not None and belief.possible and len(belief.which):
             self.knowledge.absorb(subject, belief.space, belief.which, belief.weight, belief.slots)
         self.of[subject] = None
 
@@ -266,7 +270,8 @@ class Beliefs:
             else:
                 belief.weight = share
             if belief.drawn > FEW and self._depleted(belief):
-                self.of[who[row]] = self._again(int(who[row]), belief.space.sight)
+                fresh = self._again(int(who[row]), belief.space.sight)
+                self.of[who[row]] = fresh if fresh.possible else belief
 
     # -- when too little is possible any more ---------------------------------------------------
 
@@ -280,7 +285,8 @@ class Beliefs:
     def _reconsider(self, subject: int) -> None:
         """Every hypothesis is ruled out: draw others, or believe that levers may fail to move."""
         belief = self._belief(subject)
-        fresh = self._again(subject, belief.space.sight) if belief.drawn else None
+        sight = belief.space.sight
+        fresh = self._again(subject, sight) if sight.grey > FREE_FORM_LEVERS else None
         if fresh is None or not fresh.possible:
             self.unsure[subject] = True
             fresh = self._again(subject, belief.space.sight)

@@ -38,6 +38,10 @@ class Believer(Learner):
         Raises:
             LearnerError: If it has not looked at the room yet (see :meth:`act`) or has finished.
         """
+        known = getattr(self, "beliefs", None)
+        subjects = len(known.of) if known else 0
+        if not 0 <= subject < subjects:
+            raise LearnerError(f"there is no subject {subject}; this learner plays {subjects}")
         belief = self.beliefs.of[subject]
         if belief is None:
             raise LearnerError(
@@ -56,7 +60,10 @@ class Believer(Learner):
         return edge_probabilities(self.belief(subject), self.classes(subject))
 
     def most_probable(self, subject: int) -> tuple[Schema, float]:
-        """The most probable structure, its levers called by their positions; its probability."""
+        """What is most probable, its levers called by their positions, and how probable.
+
+        The probability is that of all structures that act alike in every attempt.
+        """
         return most_probable(self.belief(subject), self.classes(subject))
 
     def model(self, subject: int) -> Model:

@@ -4,9 +4,10 @@ What a subject carries from a room with three levers into one with four can be n
 levers. It is a *class* of structures: "one lever enables many, any of which unlocks the door". The
 grammar generates such classes. A class is a list of up to four *roles*; a role is played by one
 lever or by many, is enabled by earlier roles through a gate (any of their levers, all of them, at
-least two of them), and the door is enabled by roles in the same way. A role that enables nothing is
-a decoy. The prior prefers short descriptions: each role, each "role enables role", and each gate
-other than ``any`` is a part, costs a factor, and there are at most eight.
+least two of them), and the door is enabled by roles in the same way, or by at least three or four
+of their levers. A role that enables nothing is a decoy. The prior prefers short descriptions: each
+role, each "role enables role", and each gate other than ``any`` is a part, costs a factor, and
+there are at most eight.
 
 On n levers, a class *generates* structures: first how many levers play each role, then which.
 Classes and what they generate are enumerated here; which of them are probable is for experience to
@@ -15,6 +16,7 @@ say.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -27,7 +29,10 @@ from causal_openlock.fsm import FloatArray, IntArray
 
 MAX_ROLES = 4
 MAX_LENGTH = 8
+MOST_OUTLINES = 6000
 GATES = ("any", "all", "two")
+DOOR_GATES = (*GATES, "three", "four")
+ENOUGH = {"any": 1, "two": 2, "three": 3, "four": 4}
 
 
 @dataclass(frozen=True, order=True)
@@ -37,7 +42,8 @@ class Role:
     Attributes:
         many: Whether any number of levers may play it, or exactly one.
         causes: The roles that enable it, as a bit mask; 0 if its levers are free.
-        gate: Whether ``any`` of their levers must be pushed, ``all`` or ``two``.
+        gate: How many of their levers must be pushed: ``any`` one, ``all``, ``two``; for the door
+            also ``three`` or ``four``.
     """
 
     many: bool
@@ -116,16 +122,15 @@ def _options(earlier: int, door: bool = False) -> list[Role]:
         Role(many, causes, gate)
         for many in ((False,) if door else (False, True))
         for causes in range(1 if door else 0, 1 << earlier)
-        for gate in (GATES if causes else GATES[:1])
+        for gate in ((DOOR_GATES if door else GATES) if causes else GATES[:1])
     ]
 
 
 def _chooses(role: Role, roles: tuple[Role, ...]) -> bool:
     """Whether the gate makes a difference, or is the plain one."""
-    if role.gate == "any":
-        return True
-    most = sum(3 if other.many else 1 for i, other in enumerate(roles) if role.causes >> i & 1)
-    return most > (1 if role.gate == "all" else 2)
+    causes = [other for i, other in enumerate(roles) if role.causes >> i & 1]
+    most = math.inf if any(other.many for other in causes) else len(causes)
+    return role.gate == "any" or most > (1 if role.gate == "all" else ENOUGH[role.gate])
 
 
 def _canonical(kind: SchemaClass) -> SchemaClass:
@@ -195,12 +200,17 @@ def outlines(levers: int) -> tuple[Generated, tuple[tuple[int, ...], ...]]:
     Which lever plays which role is left open here: it changes neither how many solutions there
     are nor how long they are, by which most structures are ruled out at a glance.
 
+    Of many levers only the shortest classes are outlined, as there are tens of thousands.
+
     Returns:
         The structures with the levers in the order of the roles, and the size of each role.
     """
-    nodes, kinds, chances, splits = [], [], [], []
+    nodes: list[list[tuple[int, int]]] = []
+    kinds, chances, splits = [], [], []
     for index, kind in enumerate(schema_classes()):
         ways = list(kind.sizes(levers))
+        if len(nodes) + len(ways) > MOST_OUTLINES:
+            break
         for sizes in ways:
             nodes.append(_outline(kind, sizes))
             kinds.append(index)
@@ -215,11 +225,11 @@ def _outline(kind: SchemaClass, sizes: tuple[int, ...]) -> list[tuple[int, int]]
     """Causes and threshold of each lever, role after role, and of the door."""
     starts = np.cumsum([0, *sizes]).tolist()
     members = [(1 << end) - (1 << start) for start, end in pairwise(starts)]
-    nodes = []
+    nodes: list[tuple[int, int]] = []
     for role, size in zip((*kind.roles, kind.door), (*sizes, 1), strict=True):
         causes = sum(levers for i, levers in enumerate(members) if role.causes >> i & 1)
-        enough = {"any": 1, "all": causes.bit_count(), "two": min(2, causes.bit_count())}
-        nodes += [(causes, enough[role.gate] if causes else 0)] * size
+        most = causes.bit_count()
+        nodes += [(causes, min(ENOUGH.get(role.gate, most), most))] * size
     return nodes
 
 

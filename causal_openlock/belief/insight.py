@@ -56,20 +56,27 @@ def strength_probabilities(belief: Belief) -> FloatArray:
 
 
 def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
-    """The most probable structure as a schema, and its probability, whatever the strength.
+    """What is most probable, as a schema, and its probability, whatever the strength.
 
-    Its levers are called by their positions. Levers that do nothing for the door are inert.
+    Structures that act alike in every attempt are one hypothesis. It is the most probable one that
+    counts; the schema is the most probable structure behind it, and the probability is that of all
+    of them. Its levers are called by their positions; those of no use for the door are inert.
 
     Args:
         belief: A subject's belief.
         classes: ``[C + 1]`` how probable the subject holds each schema class.
     """
-    parts = held(belief, classes)
-    best = max(parts, key=lambda part: float(part.probability.sum(axis=1).max()))
-    index = int(best.probability.sum(axis=1).argmax())
-    strength = float(best.strengths.value[best.probability[index].argmax()])
-    schema = _schema(best.structures[np.array([index])], best.names, strength)
-    return schema, float(best.probability[index].sum())
+    best, found = -1.0, None
+    for part in held(belief, classes):
+        each = part.probability.sum(axis=1)
+        alike = np.bincount(part.behaviour, each)
+        index = int(np.where(part.behaviour == alike.argmax(), each, -1.0).argmax())
+        if alike.max() > best:
+            best, found = float(alike.max()), (part, index)
+    assert found is not None, "a belief holds something possible"
+    part, index = found
+    strength = float(part.strengths.value[part.probability[index].argmax()])
+    return _schema(part.structures[np.array([index])], part.names, strength), best
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +87,7 @@ class Held:
         positions: ``[n]`` where the levers stand.
         names: What these positions are called.
         structures: M structures on them.
+        behaviour: ``[M]`` equal for those that act alike in every attempt.
         strengths: How surely levers may move.
         probability: ``[M, G]`` of each structure together with each strength.
     """
@@ -87,6 +95,7 @@ class Held:
     positions: IntArray
     names: tuple[str, ...]
     structures: Structures
+    behaviour: IntArray
     strengths: Strengths
     probability: FloatArray
 
@@ -140,6 +149,7 @@ def held(belief: Belief, classes: FloatArray) -> tuple[Held, ...]:
                 at,
                 tuple(names[position] for position in at),
                 own.members[possible],
+                own.behaviour[possible],
                 space.strengths,
                 joint[possible],
             )

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from causal_openlock.belief.planning import Situation
+from causal_openlock.belief.planning import Situation, achievable
 from causal_openlock.belief.space import Hypotheses
-from causal_openlock.fsm import BoolArray, FloatArray
+from causal_openlock.fsm import FloatArray
 
 
 def draw_intention(
@@ -35,11 +35,11 @@ def draw_intention(
         Slots in an order that works; None if no hypothesis has anything left to be found.
     """
     possible = (weight > 0)[:, None]
-    fitting = _fitting(hypotheses, situation) & possible
+    found = situation.found
+    fitting = achievable(hypotheses, situation.pushed, situation.left, found) & possible
     if not fitting.any():
         # Nothing can be finished in this attempt any more; make a start all the same.
-        afresh = Situation(0, False, hypotheses.causes.shape[1] + 1, situation.found)
-        fitting = _fitting(hypotheses, afresh) & possible
+        fitting = achievable(hypotheses, 0, hypotheses.causes.shape[1] + 1, found) & possible
         if not fitting.any():
             return None
     if by_weight:
@@ -51,18 +51,6 @@ def draw_intention(
         allows = (fitting & (hypotheses.solutions == solution)).any(axis=1)
         which = _pick(weight * allows, draws[1])
     return _in_order(hypotheses, which, solution, situation.pushed)
-
-
-def _fitting(hypotheses: Hypotheses, situation: Situation) -> BoolArray:
-    """``[h, k]`` which solutions are new and can still be completed in this attempt."""
-    relevant = ~hypotheses.inert[:, None]
-    solutions = hypotheses.solutions
-    pushed = np.uint16(situation.pushed)
-    fitting = pushed & relevant & ~solutions == 0
-    fitting &= np.bitwise_count(solutions & ~pushed) < situation.left
-    for found in situation.found:
-        fitting &= np.uint16(found) & relevant != solutions
-    return fitting
 
 
 def _in_order(hypotheses: Hypotheses, which: int, solution: int, pushed: int) -> tuple[int, ...]:

@@ -40,8 +40,8 @@ class Knowledge:
     Attributes:
         rooms: ``[B, C + 1]`` in how many rooms each class was met.
         rules: ``[B, 3]`` probability of each rule.
-        active: ``[B, P]`` how often the lever at each position was active, in expectation.
-        visits: ``[B]`` rooms finished.
+        active: ``[B, P]`` in how many of these the lever at each position was active.
+        visits: ``[B]`` rooms that position explains, in expectation.
         strengths: ``[B, G]`` probability of each strength.
     """
 
@@ -62,7 +62,7 @@ class Knowledge:
         self.rooms: FloatArray = np.zeros((subjects, len(self.prior)))
         self.rules: FloatArray = np.tile(rules, (subjects, 1))
         self.active: FloatArray = np.zeros((subjects, positions))
-        self.visits: IntArray = np.zeros(subjects, dtype=np.int64)
+        self.visits: FloatArray = np.zeros(subjects)
         self.strengths: FloatArray = np.tile(strengths.prior, (subjects, 1))
 
     def classes(self, who: IntArray) -> FloatArray:
@@ -95,11 +95,12 @@ class Knowledge:
         shares = np.divide(by_rule, total, out=np.zeros_like(by_rule), where=total > 0)
         rules = blocks @ shares
         if rules.sum() > 0:
-            rules = (1.0 - RULE_CHANGES) * rules / rules.sum() + RULE_CHANGES * self._rules
-            self.rules[subject] = rules
-        bits = space.active[:, None] >> slots & 1
-        self.active[subject] += blocks @ bits
-        self.visits[subject] += 1
+            rules = rules / rules.sum()
+            self.rules[subject] = (1.0 - RULE_CHANGES) * rules + RULE_CHANGES * self._rules
+            # Places tell something only if it was by position that the levers were marked.
+            by_position = rules[RULES.index("position")]
+            self.active[subject] += by_position * (blocks @ (space.active[:, None] >> slots & 1))
+            self.visits[subject] += by_position
         if many > 1:
             self.strengths[subject] = np.bincount(which % many, weight, minlength=many)
 

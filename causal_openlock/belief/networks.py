@@ -55,7 +55,7 @@ class Model:
     Attributes:
         schema: The most probable structure; its levers are called by their positions, as
             everything here.
-        probability: How probable it is.
+        probability: How probable it is, together with those that act alike in every attempt.
         network: The same as a checked network: levers that are pushed once, causes before effects,
             and a door that is then pushed open. Ask it anything that pgmpy can answer, and see
             :func:`~causal_openlock.schema_formats.to_bayesian_network` for what its states mean.
@@ -226,7 +226,9 @@ def _checked(
     known: Iterable[str], pushed: Iterable[str], pulled: Iterable[str], push_probability: float
 ) -> tuple[set[str], set[str]]:
     """What is set to pushed, and to pulled."""
-    known, up, down = list(known), set(pushed), set(pulled)
+    if isinstance(pushed, str) or isinstance(pulled, str):
+        raise OpenLockError("levers are given as a list of names, also a single one")
+    known, up, down = list(known), {*map(str, pushed)}, {*map(str, pulled)}
     for name in sorted(up | down):
         if name not in known:
             raise OpenLockError(f"there is no lever {name!r}; {nearest(name, known)}")

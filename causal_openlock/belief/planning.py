@@ -6,11 +6,16 @@ what was seen, so a plan is a tree over the actions left in the attempt, and its
 from the leaves up. The expected information of a tree is the entropy of its outcomes, less what
 is pure chance in them; by the chain rule it adds up from action to action.
 
+Where attempts are so long that the tree would have too many branches, it is cut, and what comes
+after is taken to be worth what could still be solved if it were known there what is the case.
+
 Pulling a lever back is left out: it never helps to find out, or to solve, within so few actions.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +23,12 @@ import numpy as np
 from causal_openlock.belief.evidence import completes
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.strength import Strengths
-from causal_openlock.fsm import FloatArray, IntArray
+from causal_openlock.belief.structures import NEVER
+from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 
+MOST_BRANCHES = 5000
+"""Sequences of pushes that a plan goes through at most, about; seven levers are looked at for four
+actions ahead, four levers for six."""
 TIE = 1e-9
 """Values that differ by less are equal but for rounding."""
 
@@ -92,9 +101,16 @@ class Planner:
         who = np.flatnonzero(weight > 0)
         share = weight[who] / weight[who].sum()
         left = min(situation.left, self._objective.horizon or situation.left)
+        self._cut = max(0, left - self._depth(who, situation.pushed))
         values = np.full(self._door + 1, -np.inf)
         self._look(who, share, situation.pushed, situation.unlocked, left, values)
         return values
+
+    def _depth(self, who: IntArray, pushed: int) -> int:
+        """How many actions can be looked ahead without the tree of plans growing too large."""
+        can_move = (self._hypotheses.threshold[who, : self._door] < NEVER).any(axis=0)
+        choices = sum(1 for slot in np.flatnonzero(can_move).tolist() if not pushed >> slot & 1)
+        return max(2, int(math.log(MOST_BRANCHES) / math.log(max(choices, 2))))
 
     def _look(
         self,
@@ -106,8 +122,9 @@ class Planner:
         values: FloatArray | None = None,
     ) -> float:
         """The value of the best plan, in units of the weights' sum."""
-        if len(who) == 1 and not self._uncertain and values is None:
-            return self._known(int(who[0]), float(weight[0]), pushed, left)
+        known = len(who) == 1 and not self._uncertain
+        if values is None and (known or left <= self._cut):
+            return self._hope(who, weight, pushed, left)
         own = self._hypotheses
         slots = np.array([slot for slot in range(self._door) if not pushed >> slot & 1])
         best = 0.0
@@ -167,17 +184,11 @@ class Planner:
             self._seen[key] = self._look(alive, share, pushed, unlocked, left)
         return self._seen[key]
 
-    def _known(self, which: int, weight: float, pushed: int, left: int) -> float:
-        """The value if nothing is left to learn: whether a new solution still fits."""
-        own = self._hypotheses
-        relevant = int(~own.inert[which])
-        found = {int(mask) & relevant for mask in self._found}
-        for solution in own.solutions[which].tolist():
-            missing = solution & ~pushed
-            begun = pushed & relevant & ~solution == 0
-            if begun and solution not in found and missing.bit_count() < left:
-                return self._objective.beta * weight
-        return 0.0
+    def _hope(self, who: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
+        """The value of what can still be solved, if it were known from here on what is the case."""
+        own = self._hypotheses[who]
+        solvable = achievable(own, pushed, left, self._found.tolist()).any(axis=1)
+        return self._objective.beta * float(weight[solvable].sum())
 
     def _open(self, who: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """The value of pushing the unlocked door."""
@@ -201,6 +212,24 @@ class Planner:
         if not self._uncertain:
             return np.zeros(chance.shape[1])
         return -(weight @ (_bits(chance) + _bits(1.0 - chance)))
+
+
+def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[int]) -> BoolArray:
+    """``[h, k]`` which solutions are new and can still be completed in the attempt.
+
+    Args:
+        hypotheses: ``[h]`` what is held possible.
+        pushed: What stands pushed.
+        left: Actions left, the push of the door included.
+        found: What stood pushed when solutions were found.
+    """
+    relevant = ~hypotheses.inert[:, None]
+    solutions, mask = hypotheses.solutions, np.uint16(pushed)
+    able: BoolArray = mask & relevant & ~solutions == 0
+    able &= np.bitwise_count(solutions & ~mask) < left
+    for done in found:
+        able &= np.uint16(done) & relevant != solutions
+    return able
 
 
 def thinned(weight: FloatArray, most: int) -> tuple[IntArray, FloatArray]:

@@ -118,7 +118,7 @@ class Block:
         return [slot for slot in range(16) if self.active >> slot & 1]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Space:
     """Every hypothesis about rooms of one sight, block by block.
 
@@ -136,6 +136,10 @@ class Space:
 
     def __len__(self) -> int:
         return len(self.hypotheses)
+
+    def __repr__(self) -> str:
+        """Short, as there can be a million hypotheses."""
+        return f"Space({self.sight}, {len(self):,} hypotheses)"
 
     @cached_property
     def active(self) -> Masks:

@@ -95,7 +95,8 @@ def _told_action(action: TracedAction, width: int, found: int, solutions: int) -
     elif max(action.predicted, abs(action.obtained)) < NOTHING:
         gain = "nothing to learn"
     else:
-        gain = f"{_bits(action.obtained)} bits learned, {_bits(action.predicted)} expected"
+        told = "learned" if action.obtained >= 0 else "less certain"
+        gain = f"{_bits(abs(action.obtained))} bits {told}, {_bits(action.predicted)} expected"
     if IMPOSSIBLE <= action.chance < SURPRISING:
         gain += f"; it had given this {percent(action.chance)}"
     yield f"  {shown_name(action):{width}}  {came:{CAME}}  {gain}"
@@ -106,12 +107,14 @@ def _told_action(action: TracedAction, width: int, found: int, solutions: int) -
 def _verdict(trace: Trace) -> str:
     attempts, truth = len(trace.attempts), told(trace.truth)
     if trace.solved:
-        end = f"Solved in {_count(attempts, 'attempt')}."
+        last = max(a.attempt for a in trace.actions if a.outcome == "new solution")
+        end = f"Solved in {_count(last, 'attempt')}"
+        end += f"; the trial went on to {attempts:,}." if attempts > last else "."
     else:
         found = f"{trace.found} of {len(trace.truth.solutions)} solutions"
         end = f"Not solved: {found} in {_count(attempts, 'attempt')}."
     verdict = {
-        "same": "is the same",
+        "same": "is the same structure",
         "alike": f"acts the same in attempts of {_count(trace.action_limit, 'action')}",
         "different": "acts differently",
     }[agreement(trace)]

@@ -3,8 +3,8 @@
 Each pushed cause transmits on its own with the strength s, and a push takes effect if as many
 transmit as the gate asks for: a noisy-OR, a noisy-AND, or something in between. The chance is a
 polynomial in s, so integrals over a Beta prior are sums over a few Gauss-Jacobi nodes: with G
-nodes they are exact up to degree 2G - 1, and the posterior over the nodes is the conjugate Beta
-posterior in all its moments that matter here.
+nodes they are exact up to degree 2G - 1, for about 2G pushes. Beyond that the posterior over the
+nodes stands for the conjugate Beta posterior as finely as the nodes lie.
 """
 
 from __future__ import annotations

@@ -118,20 +118,21 @@ class Structures:
                 how many causes are pushed, so that this number matters too.
         """
         n = self.levers
-        sets = 1 << n
+        # As many levers can stand pushed as there were actions, and no more.
+        sets = [pushed for pushed in range(1 << n) if pushed.bit_count() <= action_limit]
         inert, solutions = self.inert(), self.solutions()
-        reached = np.zeros((len(self), sets), dtype=bool)
+        reached = np.zeros((len(self), 1 << n), dtype=bool)
         reached[:, 0] = True
         parts: list[NDArray[Any]] = []
         for action in range(action_limit + 1):
             before = reached.copy()
-            for pushed in range(sets if action < action_limit else 0):
+            for pushed in sets if action < action_limit else ():
                 holds = self.holds(pushed)
                 for lever in range(n):
                     reached[:, pushed ^ 1 << lever] |= before[:, pushed] & holds[:, lever]
             if action == action_limit - 1:
                 acting = before  # states in which there is an action left
-        for pushed in range(sets):
+        for pushed in sets:
             holds = self.holds(pushed)
             # Above 0 for a free lever too, which no count of causes would tell from a stuck one.
             how = 1 + np.bitwise_count(self.causes & np.uint16(pushed)) + 16 * self.threshold
