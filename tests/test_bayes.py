@@ -191,7 +191,7 @@ def test_what_five_levers_and_more_do_is_found_out(schema, policy):
 def test_a_quorum_of_many_levers_is_never_taken_for_noise(levers):
     names = [f"L{i}" for i in range(levers)]
     gates = {"door": Gate("at_least", 3)}
-    schema = Schema("quorum", names, dict.fromkeys(names, ["door"]), gates=gates)
+    schema = Schema("quorum", names, {name: ["door"] for name in names}, gates=gates)
     session = Session(
         Condition("quorum", (Trials(schema),)), replace(ONE_TRIAL, attempt_limit=8), 6
     )
