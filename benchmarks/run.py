@@ -28,6 +28,7 @@ HOMES = {
     "startup": "startup",
     "ddqn": "learning",
     "beliefs": "beliefs",
+    "physics": "physics",
 }
 SCALES = {
     "steps/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),
