@@ -12,7 +12,13 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
-from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
+from causal_openlock.envs.settings import (
+    ATTEMPT_LIMIT,
+    RENDER_SIZE,
+    Episode,
+    Settings,
+    check_render_size,
+)
 from causal_openlock.errors import OpenLockError
 from causal_openlock.reward_table import RewardTable
 from causal_openlock.rewards import BASIC_REWARD, RewardFunction
@@ -21,6 +27,7 @@ from causal_openlock.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:
     from causal_openlock.physics import PhysicalRoom, Pose
+    from causal_openlock.render.panel import Panel
     from causal_openlock.schema import Schema
 
 
@@ -126,6 +133,8 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         action_limit: Actions in an attempt; by default 3, or as many as the schema needs.
         positions: Number of positions; by default seven, or as many as there are levers.
         render_mode: ``ansi`` (text) or ``rgb_array`` (a picture).
+        render_size: Height of a picture in pixels.
+        render_console: Whether the console is shown beside the room in a picture.
         physics: Whether an action is a whole movement of a simulated arm
             (:mod:`causal_openlock.physics`), and what is seen is where the levers and the door
             then are. ``info["physics"]`` says whether the last movement was ``finished`` within
@@ -152,6 +161,8 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         positions: int | None = None,
         render_mode: str | None = None,
         physics: bool = False,
+        render_size: int = RENDER_SIZE,
+        render_console: bool = False,
     ) -> None:
         self._settings = Settings.of(
             schema, layout, reward, episode, attempt_limit, action_limit, positions
@@ -161,6 +172,8 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise OpenLockError(f"render_mode is ansi or rgb_array, not {render_mode!r}")
         self.render_mode = render_mode
+        self._render_size = check_render_size(render_size)
+        self._render_console = render_console
         self._listed = _Listed(self._settings, physics)
         self._bodies = _Bodies(self._listed) if physics else None
         self._layouts: dict[Layout, _Placed] = {}
@@ -349,17 +362,38 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         return self._bodies
 
     def render(self) -> Any:
-        """The room as text or as a ``[height, width, 3]`` picture of bytes, by ``render_mode``."""
+        """The room as text or as a ``[height, width, 3]`` picture of bytes, by ``render_mode``.
+
+        A picture of a physical room shows its bodies where they are.
+        """
         if self.render_mode is None:
             gymnasium.logger.warn("pass render_mode='ansi' or 'rgb_array' to see the room")
             return None
-        from causal_openlock.render.room import draw_room, room_text
-
         if not hasattr(self, "_placed"):
             raise ResetNeeded("call reset() before render()")
         row = self._row if self._row >= 0 else ~self._row
         seen = self._placed.observations[row]
         positions = self._settings.positions
         if self.render_mode == "ansi":
+            from causal_openlock.render.room import room_text
+
             return room_text(seen, positions)
-        return draw_room(seen, positions)
+        from causal_openlock.render.raster import draw
+        from causal_openlock.render.scene import Look
+
+        if self._bodies is None:
+            look = Look.of_observation(seen, positions)
+        else:
+            grey = seen[positions : 2 * positions].astype(bool).tolist()
+            look = Look.of_pose(self.physical_room.pose(), grey)
+        return draw(look, self._render_size, self._panel(row) if self._render_console else None)
+
+    def _panel(self, row: int) -> Panel:
+        from causal_openlock.render.panel import Panel
+
+        found = len(self._found)
+        return Panel(
+            solutions=(*[None] * found, *[""] * self._solutions_left),
+            attempts_left=self._attempts_left,
+            actions_left=self._listed.actions_left[row],
+        )
