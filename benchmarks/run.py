@@ -28,10 +28,14 @@ HOMES = {
     "startup": "startup",
     "ddqn": "learning",
     "beliefs": "beliefs",
+    "physics": "physics",
+    "playing": "playing",
+    "rendering": "rendering",
 }
 SCALES = {
     "steps/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),
     "actions/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),
+    "frames/s": ((1e3, "k/s"), (1, "/s")),
     "pairs/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),
     "subjects/s": ((1, "/s"),),
     "s": ((1e-3, "ms"),),

@@ -19,7 +19,9 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.reference import room_facts
 from causal_openlock.render.arrange import CLEARANCE, LABEL, RADIUS, arrange, distance_to_node
 from causal_openlock.render.graph import draw_schema, save_schema_figure, schema_text
+from causal_openlock.render.raster import paint
 from causal_openlock.render.room import draw_room, frame, lever_centre, room_text
+from causal_openlock.render.scene import Look
 from causal_openlock.room import Room, position_coordinates
 from causal_openlock.schema import DOOR, MAX_LEVERS, Gate, Schema
 from causal_openlock.schema_file import bundled_schemas
@@ -280,13 +282,14 @@ def test_what_never_changes() -> None:
 
 @pytest.mark.parametrize("positions", SIZES)
 def test_pieces_do_not_touch(positions: int) -> None:
-    from causal_openlock.render.room import _empty_room, _piece
-
-    for pushed in np.random.default_rng(0).integers(0, 2, (20, positions)):
-        taken = (_empty_room(positions, 300).reshape(-1, 3) != 255).any(axis=1).astype(int)
-        for place, state in enumerate(pushed.tolist()):
-            taken[_piece(positions, 300, place, state, 1)[0]] += 1
-        taken[_piece(positions, 300, "door", int(pushed[0]), 1)[0]] += 1
+    shown = frame(positions, 300)
+    for pushed in np.random.default_rng(0).integers(0, 2, (20, positions)).tolist():
+        bits = observe(positions, np.flatnonzero(pushed), locked=True, opened=bool(pushed[0]))
+        taken = np.zeros((shown.height, shown.width), dtype=int)
+        for shapes in Look.of_observation(bits, positions).shapes().values():
+            alone = np.full((*taken.shape, 3), 255, np.uint8)
+            paint(alone, shapes, shown)
+            taken += (alone != 255).any(axis=2)
         assert taken.max() == 1
 
 

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli import comparison, learners, schemas, trace
+from causal_openlock.cli import comparison, film, learners, play, schemas, trace
 
 app = typer.Typer(
     name="causal-openlock",
@@ -26,6 +26,9 @@ app.command("learners")(learners.show)
 app.command("compare")(comparison.compare)
 app.command("report")(comparison.report)
 app.command("trace")(trace.trace)
+app.command("film")(film.film)
+app.command("room")(film.room)
+app.command("play")(play.play)
 
 
 def _version(wanted: bool) -> None:

@@ -13,6 +13,9 @@ An *episode* is either one attempt or a whole trial:
   is left. After each attempt the room is put back, and what is returned is the room as it then
   stands; how the attempt ended is in ``info["outcome"]``.
 
+With ``physics=True`` the one room has bodies: an action is a whole movement of a simulated arm
+(:mod:`causal_openlock.physics`), and what is seen is where the levers and the door then are.
+
 ``reset(seed=...)`` and ``reset(options={"new_trial": True})`` always begin a new trial. ``info``
 carries the console, which a person sees too, and under the key ``"latent"`` what no learner may
 see: it is for analysis.

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from causal_openlock.schema import Schema
 
 ATTEMPT_LIMIT = 30
+RENDER_SIZE, RENDER_SIZES = 600, (32, 4320)
 Episode = Literal["attempt", "trial"]
 
 
@@ -110,3 +111,17 @@ class Settings:
     def action_space(self) -> spaces.Discrete[Any]:
         """``Discrete(2P + 1)``: 15 actions in the paper's room."""
         return spaces.Discrete(2 * self.positions + 1)
+
+
+def check_render_size(size: int) -> int:
+    """The height of a picture, if it is one.
+
+    Raises:
+        OpenLockError: If it is none.
+    """
+    least, most = RENDER_SIZES
+    if isinstance(size, bool) or not isinstance(size, int) or not least <= size <= most:
+        raise OpenLockError(
+            f"render_size is the height of a picture in pixels, {least} to {most}, not {size!r}"
+        )
+    return size

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from operator import index
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,13 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
-from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
+from causal_openlock.envs.settings import (
+    ATTEMPT_LIMIT,
+    RENDER_SIZE,
+    Episode,
+    Settings,
+    check_render_size,
+)
 from causal_openlock.errors import OpenLockError
 from causal_openlock.reward_table import RewardTable
 from causal_openlock.rewards import BASIC_REWARD, RewardFunction
@@ -20,6 +26,8 @@ from causal_openlock.room import RANDOM_LAYOUT, Layout
 from causal_openlock.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:
+    from causal_openlock.physics import PhysicalRoom, Pose
+    from causal_openlock.render.panel import Panel
     from causal_openlock.schema import Schema
 
 
@@ -34,10 +42,12 @@ class _Listed:
     one that aims at the same lever here.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, physics: bool) -> None:
         tables = RoomTables(settings.positions)
         layout = Layout(tuple(range(len(settings.schema.levers))), settings.positions)
         tables.add([(settings.schema, layout, settings.action_limit)])
+        # What an arm does may fail, and rewards have to look at where it leads.
+        tables.stochastic |= physics
         self.tables = tables
         self.rewards = RewardTable(settings.reward, tables)
         everything = np.arange(tables.rows * tables.actions)
@@ -69,6 +79,46 @@ def _inactive(layout: Layout) -> list[int]:
     return [place for place in range(layout.positions) if place not in layout.places]
 
 
+class _Bodies:
+    """The physical room of a trial, read as rows of the listed one."""
+
+    def __init__(self, listed: _Listed) -> None:
+        tables = listed.tables
+        self._fsm = tables.rooms[0].fsm
+        self._used: list[int] = tables.used.tolist()
+        moments = zip(self._used, tables.state.tolist(), strict=True)
+        self._rows = {moment: row for row, moment in enumerate(moments)}
+        self.room: PhysicalRoom | None = None
+        self.watch: Callable[[Pose], None] | None = None
+        self._finished, self._steps, self._unfinished = True, 0, 0
+
+    def enter(self, layout: Layout) -> None:
+        from causal_openlock.physics import PhysicalRoom
+
+        self.room = PhysicalRoom(self._fsm, layout)
+
+    def put_back(self) -> None:
+        assert self.room is not None
+        self.room.reset()
+        self._finished, self._steps = True, 0
+
+    def move(self, row: int, action: int, yields: bool) -> int:
+        """Carry out an action; returns the row that the bodies are in then."""
+        assert self.room is not None
+        self.room.watch = self.watch
+        movement = self.room.act(action, yields)
+        self._finished, self._steps = movement.finished, movement.steps
+        self._unfinished += not movement.finished
+        return self._rows[self._used[row] + 1, self.room.state]
+
+    def told(self) -> dict[str, Any]:
+        return {
+            "finished": self._finished,
+            "steps": self._steps,
+            "unfinished": self._unfinished,
+        }
+
+
 class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
     """One room.
 
@@ -83,6 +133,13 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         action_limit: Actions in an attempt; by default 3, or as many as the schema needs.
         positions: Number of positions; by default seven, or as many as there are levers.
         render_mode: ``ansi`` (text) or ``rgb_array`` (a picture).
+        render_size: Height of a picture in pixels.
+        render_console: Whether the console is shown beside the room in a picture.
+        physics: Whether an action is a whole movement of a simulated arm
+            (:mod:`causal_openlock.physics`), and what is seen is where the levers and the door
+            then are. ``info["physics"]`` says whether the last movement was ``finished`` within
+            its budget, how many ``steps`` of the simulation it took, and how many movements have
+            been left ``unfinished`` so far.
 
     Raises:
         OpenLockError: If the arguments do not fit together.
@@ -103,6 +160,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         action_limit: int | None = None,
         positions: int | None = None,
         render_mode: str | None = None,
+        physics: bool = False,
+        render_size: int = RENDER_SIZE,
+        render_console: bool = False,
     ) -> None:
         self._settings = Settings.of(
             schema, layout, reward, episode, attempt_limit, action_limit, positions
@@ -112,11 +172,16 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise OpenLockError(f"render_mode is ansi or rgb_array, not {render_mode!r}")
         self.render_mode = render_mode
-        self._listed = _Listed(self._settings)
+        self._render_size = check_render_size(render_size)
+        self._render_console = render_console
+        self._listed = _Listed(self._settings, physics)
+        self._bodies = _Bodies(self._listed) if physics else None
         self._layouts: dict[Layout, _Placed] = {}
         self._actions = 2 * self._settings.positions + 1
         self._whole_trial = self._settings.whole_trial
         self._stochastic = not self._settings.schema.deterministic
+        # Whether an action may lead elsewhere than the table of rewards assumes.
+        self._surprising = self._stochastic or physics
         self._heeds_repeats = self._settings.reward.heeds_repeats
         self._heeds_found = self._settings.reward.heeds_found
         # Row of the room; after the end of an episode its complement, which is negative.
@@ -139,6 +204,8 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         asked = options is not None and options.get("new_trial", False)
         if self._new_trial_due or self._whole_trial or seed is not None or asked:
             self._begin_trial()
+        if self._bodies is not None:
+            self._bodies.put_back()
         self._row = 0
         self._previous = -1
         return self._observations[0].copy(), self._info(0)
@@ -150,6 +217,8 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
                 self._layouts.clear()
             self._layouts[layout] = _Placed(self._listed, layout)
         self._placed = self._layouts[layout]
+        if self._bodies is not None:
+            self._bodies.enter(layout)
         self._observations = self._placed.observations
         self._same_action = self._placed.actions
         self._attempts_left = self._settings.attempt_limit
@@ -174,17 +243,20 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             action = -1
         if not 0 <= action < self._actions:
             raise InvalidAction(f"an action is an integer from 0 to {self._actions - 1}")
-        action = self._same_action[action]
+        asked, action = action, self._same_action[action]
         flat = row * self._actions + action
         listed = self._listed
         after = listed.effect[flat]
-        if self._stochastic and self.np_random.random() >= listed.chance[flat] > 0.0:
+        fails = self._stochastic and self.np_random.random() >= listed.chance[flat] > 0.0
+        if fails:
             after = listed.idle[row]
+        if self._bodies is not None:
+            after = self._bodies.move(row, asked, not fails)
         reward = listed.paid[flat]
         if (
             (self._found and self._heeds_found and listed.unlocked[after])
             or (self._heeds_repeats and action == self._previous)
-            or self._stochastic
+            or self._surprising
         ):
             reward = self._judge(row, action, after)
         self._previous = action
@@ -226,6 +298,8 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             self._spend_attempt(solved)
         info = self._info(0)
         info["outcome"] = outcome
+        if self._bodies is not None:
+            self._bodies.put_back()
         self._previous = -1
         self._row = ~0 if solved or spent else 0
         return self._observations[0].copy(), reward, solved, spent, info
@@ -235,7 +309,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._new_trial_due = solved or not self._attempts_left
 
     def _info(self, row: int) -> dict[str, Any]:
-        return {
+        info: dict[str, Any] = {
             "console": {
                 "solutions_left": self._solutions_left,
                 "solutions_found": len(self._found),
@@ -244,6 +318,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             },
             "latent": self._latent.copy(),
         }
+        if self._bodies is not None:
+            info["physics"] = self._bodies.told()
+        return info
 
     def _describe(self) -> dict[str, Any]:
         """What no learner may see, in values that cannot be changed."""
@@ -255,18 +332,68 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             "found": tuple(sorted(self._found)),
         }
 
+    @property
+    def physical_room(self) -> PhysicalRoom:
+        """The bodies of the trial in progress, with ``physics=True``.
+
+        Raises:
+            OpenLockError: Without.
+            ResetNeeded: Before the first reset.
+        """
+        room = self._physics().room
+        if room is None:
+            raise ResetNeeded("call reset() before asking for the physical room")
+        return room
+
+    def watch(self, callback: Callable[[Pose], None] | None) -> None:
+        """Have a callback told the pose after every step of the simulation from now on.
+
+        Args:
+            callback: What to call, 120 times in a unit of time; ``None`` ends it.
+
+        Raises:
+            OpenLockError: Without ``physics=True``.
+        """
+        self._physics().watch = callback
+
+    def _physics(self) -> _Bodies:
+        if self._bodies is None:
+            raise OpenLockError("this room has no bodies; make it with physics=True")
+        return self._bodies
+
     def render(self) -> Any:
-        """The room as text or as a ``[height, width, 3]`` picture of bytes, by ``render_mode``."""
+        """The room as text or as a ``[height, width, 3]`` picture of bytes, by ``render_mode``.
+
+        A picture of a physical room shows its bodies where they are.
+        """
         if self.render_mode is None:
             gymnasium.logger.warn("pass render_mode='ansi' or 'rgb_array' to see the room")
             return None
-        from causal_openlock.render.room import draw_room, room_text
-
         if not hasattr(self, "_placed"):
             raise ResetNeeded("call reset() before render()")
         row = self._row if self._row >= 0 else ~self._row
         seen = self._placed.observations[row]
         positions = self._settings.positions
         if self.render_mode == "ansi":
+            from causal_openlock.render.room import room_text
+
             return room_text(seen, positions)
-        return draw_room(seen, positions)
+        from causal_openlock.render.raster import draw
+        from causal_openlock.render.scene import Look
+
+        if self._bodies is None:
+            look = Look.of_observation(seen, positions)
+        else:
+            grey = seen[positions : 2 * positions].astype(bool).tolist()
+            look = Look.of_pose(self.physical_room.pose(), grey)
+        return draw(look, self._render_size, self._panel(row) if self._render_console else None)
+
+    def _panel(self, row: int) -> Panel:
+        from causal_openlock.render.panel import Panel
+
+        found = len(self._found)
+        return Panel(
+            solutions=(*[None] * found, *[""] * self._solutions_left),
+            attempts_left=self._attempts_left,
+            actions_left=self._listed.actions_left[row],
+        )

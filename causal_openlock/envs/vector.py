@@ -45,6 +45,11 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         attempt_limit: See there.
         action_limit: See there.
         positions: See there.
+        render_mode: None; many rooms are not drawn.
+        physics: False; only a single room has bodies.
+
+    Raises:
+        OpenLockError: If the arguments do not fit together.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own form
@@ -63,7 +68,13 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         action_limit: int | None = None,
         positions: int | None = None,
         render_mode: str | None = None,
+        physics: bool = False,
     ) -> None:
+        if physics:
+            raise OpenLockError(
+                "many rooms at once have no bodies; use OpenLockEnv(physics=True), or the same "
+                "rooms without physics, which a learner sees alike"
+            )
         if render_mode is not None:
             raise OpenLockError("many rooms at once are not drawn; use OpenLockEnv to see one")
         settings = Settings.of(

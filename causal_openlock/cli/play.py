@@ -1,0 +1,101 @@
+"""``causal-openlock play``: let people play, in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from causal_openlock.play.server import PlayServer
+
+
+def play(
+    condition: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--condition",
+            "-c",
+            help="CC4, CC3-CC4, my.yaml, ...; given several times, people are dealt among them.",
+        ),
+    ] = None,
+    protocol: Annotated[str, typer.Option(help="human or rl: the budgets.")] = "human",
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for what people do.")] = Path(
+        "results/people"
+    ),
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; by default only this machine gets in.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any that is free.")
+    ] = 8630,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of rooms and luck.")] = 0,
+    practice: Annotated[
+        bool, typer.Option("--practice/--no-practice", help="Begin with a practice room.")
+    ] = True,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
+    ] = True,
+) -> None:
+    """Let people play, in a browser; a folder that people have played in is gone on with."""
+    import shlex
+
+    from causal_openlock.play.people import People
+    from causal_openlock.play.server import PlayServer
+    from causal_openlock.protocol import Condition, find_protocol
+    from causal_openlock.schema_file import find_schema
+
+    names = list(dict.fromkeys(condition or ["CC3-CC4"]))
+    conditions = [Condition.named(name, find_schema) for name in names]
+    words = ["causal-openlock", "play", *(word for name in names for word in ("-c", name))]
+    words += ["--protocol", protocol, "--seed", str(seed), "--out", out.as_posix()]
+    people = People(
+        out,
+        conditions,
+        find_protocol(protocol),
+        seed=seed,
+        practice=practice,
+        command=shlex.join(words),
+    )
+    try:
+        server = PlayServer(people, host, port)
+    except BaseException:
+        people.close()
+        raise
+    _serve(server, browser)
+
+
+def _serve(server: PlayServer, browser: bool) -> None:
+    import signal
+    import sys
+    import webbrowser
+
+    from rich.console import Console
+
+    console = Console()
+
+    def say(sentence: str) -> None:
+        console.print(sentence, soft_wrap=True, highlight=False)
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, stop)
+    sys.setswitchinterval(0.001)  # a click shall not wait for a record that is being written
+    folder = server.people.store.folder
+    say(f"play at {server.url}")
+    if server.people.number:
+        say(f"{server.people.number} people have joined before; they go on where they were")
+    if not server.loopback:
+        say("warning: everybody who can reach this machine can play")
+    say(f"what people do is kept in {folder}; stop with Ctrl-C")
+    try:
+        if browser:
+            webbrowser.open(server.url)
+        server.serve_forever()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.finish()
+    say(f"{server.people.number} people have joined; causal-openlock report {folder}")

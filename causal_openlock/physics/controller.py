@@ -1,0 +1,247 @@
+"""One action as a whole movement of the arm.
+
+A movement is made of *phases*: swing round to where the lever is, reach out to it, take hold and
+press it along its track, let go and draw back. Each phase is a path of joint angles, one for each
+step of the simulation, and the motors are driven as velocity servos: at the speed at which the path
+goes on, plus a correction for how far the arm lags behind it. After the last point of a path the
+arm gets some time to settle there; a movement that does not get through all its phases within its
+budget is broken off where it is and says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import chain, repeat
+
+from causal_openlock.physics.geometry import DOOR_SWING, Point, along, wrap
+from causal_openlock.physics.kinematics import Angles, reaching
+from causal_openlock.physics.levers import Lever
+from causal_openlock.physics.world import STEP, Pose, World
+
+BUDGET = 600
+"""Steps that a movement may take. It takes about 120, and 250 at most."""
+
+CORRECTION = 10.0
+"""Speed of a joint for each radian that it is away from its path."""
+JOINT_SPEED = 4.0
+"""Average radians per unit of time of the joint that has the longest way in a swing."""
+TIP_SPEED = 3.0
+"""Average lengths per unit of time of the arm's end along a line."""
+PRESS_SPEED = 2.0
+"""The same while it moves a lever."""
+TOLERANCE = 0.03
+"""How near every joint must come to the end of a path, in radians."""
+DOOR_STEPS = 40
+"""Steps in which the door is pushed open."""
+PRESS = 0.08
+"""How far the arm presses on where nothing gives way."""
+STALL = 8
+"""Steps after which a lever or door that has not moved at all is given up as locked."""
+MOVED = 0.03
+"""How far something must have moved to have moved at all: part of the track, or radians."""
+SEATED = 0.05
+"""How near the end of its track a lever is at the end of a push, as part of the track."""
+GRAZE = 0.1
+"""How far beyond its swinging radius the arm's end may be at the beginning of a swing."""
+AJAR = math.radians(5)
+"""How near its stop the door is at the end of a push."""
+
+Path = list[Angles]
+
+
+@dataclass(frozen=True)
+class Movement:
+    """How a movement went.
+
+    Attributes:
+        finished: Whether the arm got through it: it came to its target, what is not locked went
+            all the way, and the arm drew back again.
+        steps: Steps of the simulation that it took.
+    """
+
+    finished: bool
+    steps: int
+
+
+class OutOfTimeError(Exception):
+    """The budget of a movement is spent."""
+
+
+class Controller:
+    """Moves the arm of a world.
+
+    Args:
+        world: The world.
+        changed: Called when a lever has passed the middle of its track.
+
+    Attributes:
+        budget: Steps that a movement may take.
+        watch: Called with the pose after every step, if it is set.
+    """
+
+    def __init__(self, world: World, changed: Callable[[], None] = lambda: None) -> None:
+        self.world = world
+        self.watch: Callable[[Pose], None] | None = None
+        self.budget = BUDGET
+        self._arm = world.arm
+        self._geometry = world.geometry
+        self._changed = changed
+        self._last_step = 0
+
+    # -- the three kinds of movement ------------------------------------------------------------
+
+    def push(self, place: int) -> Movement:
+        """Push the lever at a position outward."""
+        return self._carry_out(lambda: self._move_lever(self.world.levers[place], place, 1.0))
+
+    def pull(self, place: int) -> Movement:
+        """Pull the lever at a position inward."""
+        return self._carry_out(lambda: self._move_lever(self.world.levers[place], place, 0.0))
+
+    def push_door(self) -> Movement:
+        """Push the door outward."""
+        return self._carry_out(self._move_door)
+
+    def _carry_out(self, movement: Callable[[], None]) -> Movement:
+        began = self.world.steps
+        self._last_step = began + self.budget
+        try:
+            movement()
+        except OutOfTimeError:
+            finished = False
+            self._arm.release()
+        else:
+            finished = True
+        return Movement(finished, self.world.steps - began)
+
+    def _move_lever(self, lever: Lever, place: int, goal: float) -> None:
+        self._face(lever.track.start)
+        began, was_pushed = lever.displacement, lever.pushed
+        self._reach(self._geometry.touching(place, began))
+        self._arm.grip(lever.body)
+        way = (goal - began) * lever.track.travel
+        if abs(goal - began) <= SEATED:  # it is there already: press against its stop
+            way = PRESS if goal else -PRESS
+        start = self._arm.tip
+        end = along(start, lever.track.outward, way)
+        path = straight(start, end, self._geometry.link, PRESS_SPEED)
+        for number, _ in enumerate(self._follow(path)):
+            now = lever.displacement
+            if lever.pushed != was_pushed:
+                was_pushed = not was_pushed
+                lever.latch()
+                self._changed()
+            if abs(goal - now) <= SEATED and number >= len(path):
+                break
+            if lever.locked and number >= STALL and abs(now - began) < MOVED:
+                break
+        self._arm.release()
+        self._withdraw()
+
+    def _move_door(self) -> None:
+        door, geometry = self.world.door, self._geometry
+        self._face(geometry.at_door(0.0))
+        self._reach(geometry.at_door(0.0))
+        began = door.angle
+        parts = _parts(DOOR_STEPS)
+        path = [reaching(geometry.at_door(part * DOOR_SWING), geometry.link) for part in parts]
+        for number, _ in enumerate(self._follow(path)):
+            if DOOR_SWING - door.angle <= AJAR and number >= len(path):
+                break
+            if door.locked and number >= STALL and abs(door.angle - began) < MOVED:
+                break
+        self._withdraw()
+
+    # -- phases ---------------------------------------------------------------------------------
+
+    def _face(self, target: Point) -> None:
+        """Swing round until the arm's end is straight between the base and a point."""
+        geometry = self._geometry
+        if math.hypot(*self._arm.tip) > geometry.ready + GRAZE:
+            self._withdraw()  # the movement before was broken off
+        part = geometry.ready / math.hypot(*target)
+        near = target[0] * part, target[1] * part
+        self._settle(swing(self._arm.angles, reaching(near, geometry.link)))
+
+    def _reach(self, target: Point) -> None:
+        """Bring the arm's end to a point along a line."""
+        self._settle(straight(self._arm.tip, target, self._geometry.link))
+
+    def _withdraw(self) -> None:
+        """Draw the arm's end straight back to where the arm can swing round."""
+        x, y = self._arm.tip
+        part = self._geometry.ready / math.hypot(x, y)
+        self._settle(straight((x, y), (x * part, y * part), self._geometry.link))
+
+    def _settle(self, path: Path) -> None:
+        """Follow a path, and wait at its end until the arm is there."""
+        end = path[-1]
+        for number, angles in enumerate(self._follow(path)):
+            if number >= len(path) - 1 and _apart(angles, end) <= TOLERANCE:
+                return
+
+    def _follow(self, path: Path) -> Iterator[Angles]:
+        """Follow a path and hold the arm at its end; tell where it is after each step.
+
+        Raises:
+            OutOfTimeError: When the budget of the movement is spent.
+        """
+        arm, world = self._arm, self.world
+        angles = before = arm.angles
+        for to in chain(path, repeat(path[-1])):
+            if world.steps >= self._last_step:
+                raise OutOfTimeError
+            # Angles that are whole turns apart are the same place; the arm goes the short way.
+            to = (before[0] + wrap(to[0] - before[0]), *to[1:])
+            arm.drive(
+                [
+                    (next_ - now) / STEP + (now - measured) * CORRECTION
+                    for next_, now, measured in zip(to, before, angles, strict=True)
+                ]
+            )
+            world.step()
+            if self.watch is not None:
+                self.watch(world.pose())
+            angles, before = arm.angles, to
+            yield angles
+
+
+# -- paths ----------------------------------------------------------------------------------------
+
+
+def swing(start: Sequence[float], end: Sequence[float]) -> Path:
+    """From one posture to another, all joints together, the base the short way round."""
+    ways = [to - now for now, to in zip(start, end, strict=True)]
+    ways[0] = wrap(ways[0])
+    steps = _steps(max(map(abs, ways)) / JOINT_SPEED)
+    return [
+        tuple(now + part * way for now, way in zip(start, ways, strict=True))
+        for part in _parts(steps)
+    ]
+
+
+def straight(start: Point, end: Point, link: float, speed: float = TIP_SPEED) -> Path:
+    """With the arm's end along a line."""
+    x, y = end[0] - start[0], end[1] - start[1]
+    parts = _parts(_steps(math.hypot(x, y) / speed))
+    return [reaching((start[0] + part * x, start[1] + part * y), link) for part in parts]
+
+
+def _steps(time: float) -> int:
+    return max(4, math.ceil(time / STEP))
+
+
+@cache
+def _parts(steps: int) -> tuple[float, ...]:
+    """How much of a way is behind after each step: slow at both ends, 1 in the end."""
+    times = (step / steps for step in range(1, steps + 1))
+    return tuple(time * time * (3 - 2 * time) for time in times)
+
+
+def _apart(one: Sequence[float], other: Sequence[float]) -> float:
+    """By how much two postures differ in the joint that differs most."""
+    base = abs(wrap(one[0] - other[0]))
+    return max(base, *(abs(a - b) for a, b in zip(one[1:], other[1:], strict=True)))

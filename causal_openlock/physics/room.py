@@ -1,0 +1,107 @@
+"""A schema's room that is played by movements of the arm.
+
+The room's state is read from the bodies: which levers are beyond the middle of their tracks,
+whether the door is open. The schema's machine is asked one thing about a state: what may move in
+it. That is unlocked, all else is locked, also in the middle of a movement, as soon as a lever
+passes the middle of its track.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.fsm import FSM
+from causal_openlock.physics.controller import BUDGET, Controller, Movement
+from causal_openlock.physics.geometry import RoomGeometry
+from causal_openlock.physics.world import Pose, World
+from causal_openlock.room import Layout
+
+
+class PhysicalRoom:
+    """One room, its bodies included.
+
+    Args:
+        fsm: The machine that locks and unlocks.
+        layout: Where the levers stand.
+
+    Attributes:
+        world: The bodies of the attempt in progress.
+        budget: Steps of the simulation that a movement may take.
+        watch: Called with the pose after every step of the simulation, if it is set: the frames
+            of a film, 1/120 of a unit of time apart.
+    """
+
+    def __init__(self, fsm: FSM, layout: Layout) -> None:
+        self._fsm = fsm
+        self._layout = layout
+        self.budget = BUDGET
+        self._geometry = RoomGeometry.of(layout.positions)
+        self.watch: Callable[[Pose], None] | None = None
+        self.reset()
+
+    @property
+    def geometry(self) -> RoomGeometry:
+        """Where everything is."""
+        return self._geometry
+
+    @property
+    def state(self) -> int:
+        """The state of the machine that the bodies are in."""
+        state = int(self.world.door.opened) << self._fsm.levers
+        for role, place in enumerate(self._layout.places):
+            state |= self.world.levers[place].pushed << role
+        return state
+
+    def observation(self) -> NDArray[np.int8]:
+        """``[2P + 2]`` what is seen, as in :class:`~causal_openlock.room.Room`."""
+        return self._layout.observations(self._fsm, np.array([self.state]))[0]
+
+    def pose(self) -> Pose:
+        """Where everything is, to draw it."""
+        return self.world.pose()
+
+    def reset(self) -> None:
+        """Put everything back: new bodies, so that no attempt depends on those before."""
+        self.world = World(self._geometry, self._layout.places)
+        self._controller = Controller(self.world, self._set_locks)
+        self._stuck = -1
+        self._set_locks()
+
+    def act(self, action: int, yields: bool = True) -> Movement:
+        """Carry out an action.
+
+        Args:
+            action: One of the room's ``2P + 1`` actions.
+            yields: Whether what the action aims at gives way, if the machine unlocks it; luck
+                decides that where a schema leaves something to chance.
+        """
+        positions = self._layout.positions
+        door = action == 2 * positions
+        self._stuck = -1 if yields else (positions if door else action % positions)
+        self._set_locks()
+        self._controller.watch, self._controller.budget = self.watch, self.budget
+        if door:
+            movement = self._controller.push_door()
+        elif action < positions:
+            movement = self._controller.push(action)
+        else:
+            movement = self._controller.pull(action - positions)
+        self._stuck = -1
+        self._set_locks()
+        return movement
+
+    def _set_locks(self) -> None:
+        """Lock and unlock as the machine says for the state that the bodies are in."""
+        state, levers = self.state, self._fsm.levers
+        chance = self._fsm.chance[state]
+        for role, place in enumerate(self._layout.places):
+            # What can move from here: a pulled lever outward, a pushed one inward.
+            pushed = state >> role & 1
+            free = chance[levers + role if pushed else role] > 0.0
+            self.world.levers[place].lock(not free or place == self._stuck)
+        unlocked = bool(self._fsm.unlocked[state])
+        self.world.indicator = not unlocked
+        self.world.door.lock(not unlocked or self._stuck == self._layout.positions)

@@ -1,0 +1,185 @@
+"""One person's way through a condition: perhaps a practice room, then the trials, then the end.
+
+A game is the state of a person and nothing else; it knows neither files nor the network. Every
+change of it is a *turn*, numbered from 0, and the same turns lead to the same game, which is how a
+server that was killed finds back to it. What a game tells (:meth:`Game.view`, :meth:`Game.act`) is
+what a learner is told: observations, console and budgets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+
+from causal_openlock.learner import View
+from causal_openlock.play.person import LABEL
+from causal_openlock.protocol import Condition, Protocol, Trials
+from causal_openlock.room import Layout
+from causal_openlock.schema import Schema
+from causal_openlock.session import Session
+
+Stage = Literal["practice", "room", "end"]
+Told = dict[str, Any]
+"""What the page is told: plain data, ready for JSON."""
+
+EXPERIMENT = "people"
+PRACTICE_PLACE = 2
+"""Where the only grey lever of the practice room stands."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """An action of a trial that counts, for the record of reaction times.
+
+    Attributes:
+        visit: Number of the trial in the whole condition, from 1.
+        attempt: Number of the attempt in the trial, from 1.
+        action: What was done, by action index.
+        moved: Whether it moved something.
+        reaction: Seconds from when the person could act to the click, by the page's clock.
+        time: Seconds since the person joined, by the server's clock.
+        attempt_over: Whether the attempt ended with it.
+    """
+
+    visit: int
+    attempt: int
+    action: int
+    moved: bool
+    reaction: float | None
+    time: float
+    attempt_over: bool
+
+
+class Game:
+    """What one person plays.
+
+    Args:
+        condition: Which rooms are visited.
+        protocol: With what budgets.
+        subject: Number of the person among those in this condition.
+        seed: Seed of the rooms and of luck.
+        practice: Whether a practice room comes first.
+
+    Attributes:
+        turn: How many turns have been taken.
+        done: The actions of the trials that count, in order.
+        trials_over: How many of these trials have ended.
+    """
+
+    def __init__(
+        self, condition: Condition, protocol: Protocol, subject: int, seed: int, practice: bool
+    ) -> None:
+        self.session = Session(
+            condition, protocol, [subject], seed=seed, learner=LABEL, experiment=EXPERIMENT
+        )
+        self._practice = self._practice_room() if practice else None
+        self.turn = 0
+        self.done: list[Done] = []
+        self._ended: list[Told] = []
+
+    def _practice_room(self) -> Session:
+        brief = self.session.brief
+        protocol = Protocol("practice", brief.attempt_limit, stop_when_solved=True)
+        return Session(_practice_condition(brief.positions), protocol, [0], learner=LABEL)
+
+    @property
+    def trials_over(self) -> int:
+        """How many trials have ended, practice not counted."""
+        return len(self._ended)
+
+    @property
+    def stage(self) -> Stage:
+        """Where the person is."""
+        if self._practice is not None:
+            return "practice"
+        return "end" if self.session.over else "room"
+
+    @property
+    def actions(self) -> int:
+        """How many actions there are."""
+        return self.session.brief.actions
+
+    @property
+    def can_act(self) -> bool:
+        """Whether an action can be taken now."""
+        return not (self._practice or self.session).over
+
+    def view(self) -> Told:
+        """What the person may know now."""
+        brief, stage = self.session.brief, self.stage
+        told: Told = {
+            "stage": stage,
+            "turn": self.turn,
+            "positions": brief.positions,
+            "trials": brief.trials,
+            "ended": self._ended,
+        }
+        if stage != "end":
+            told["room"] = _room(self._practice or self.session)
+        return told
+
+    def proceed(self) -> Told:
+        """Leave the practice room; one turn."""
+        self._practice = None
+        self.turn += 1
+        return self.view()
+
+    def act(self, action: int, reaction: float | None, time: float) -> Told:
+        """Take an action; one turn.
+
+        Args:
+            action: Its index.
+            reaction: Seconds that the person took, if the page says.
+            time: Seconds since the person joined.
+
+        Returns:
+            ``outcome``, the observation before any reset; whether it ``moved`` something, ended
+            the attempt or the trial, and found a new solution; and what comes next.
+        """
+        session = self._practice or self.session
+        step = session.step(np.array([action]))
+        moved = bool((step.outcome != step.view.observation).any())
+        attempt_over, trial_over = bool(step.attempt_over[0]), bool(step.trial_over[0])
+        new = bool(step.new_solution[0])
+        console = step.view.console
+        left = int(console.solutions_left[0]) - new
+        if session is self.session:
+            visit, attempt = int(step.view.trial[0]), int(step.view.attempt[0])
+            self.done.append(Done(visit, attempt, action, moved, reaction, time, attempt_over))
+            if trial_over:
+                found = int(console.solutions_found[0]) + new
+                self._ended.append({"attempts": attempt, "found": found, "left": left})
+        self.turn += 1
+        return {
+            "outcome": step.outcome[0].tolist(),
+            "moved": moved,
+            "attempt_over": attempt_over,
+            "trial_over": trial_over,
+            "new_solution": new,
+            "solutions_left": left,
+            "next": self.view(),
+        }
+
+
+def _room(session: Session) -> Told:
+    view: View = session.view
+    console = view.console
+    return {
+        "over": session.over,
+        "observation": view.observation[0].tolist(),
+        "solutions_left": int(console.solutions_left[0]),
+        "attempts_left": int(console.attempts_left[0]),
+        "actions_left": int(console.actions_left[0]),
+        "trial": int(view.trial[0]),
+        "attempt": int(view.attempt[0]),
+    }
+
+
+@cache
+def _practice_condition(positions: int) -> Condition:
+    """One free lever unlocks the door: enough to learn what a click does, and no more."""
+    schema = Schema("practice", ["L0"], {"L0": ["door"]})
+    return Condition("practice", (Trials(schema, (Layout((PRACTICE_PLACE,), positions),)),))

@@ -1,0 +1,73 @@
+"""What the page is made of: its files, and the geometry of the room that it draws."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from causal_openlock.physics.geometry import BAR_LENGTH, BAR_WIDTH, DOOR_SWING, HANDLE, RoomGeometry
+from causal_openlock.reference import room_facts
+from causal_openlock.room import position_names
+
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+
+@cache
+def static_files() -> dict[str, tuple[str, bytes]]:
+    """The page's files by their path on the server: content type and content."""
+    found = {}
+    for file in files("causal_openlock.play").joinpath("static").iterdir():
+        kind = KINDS.get(file.name[file.name.rfind(".") :])
+        if kind:
+            path = "/" if file.name == "index.html" else f"/{file.name}"
+            found[path] = kind, file.read_bytes()
+    return found
+
+
+@cache
+def geometry(positions: int) -> dict[str, Any]:
+    """Where everything in a room of some size is, as the page needs it; nothing of it is latent.
+
+    Lengths are in links of the paper's arm, y points up; see
+    :mod:`causal_openlock.physics.geometry`.
+    """
+    room, facts = RoomGeometry.of(positions), room_facts()
+    x, y = facts["button"]["centre"]
+    button = [x + facts["door"]["hinge"][0] * (room.stretch - 1), y]
+    return {
+        "names": [_spoken(name) for name in position_names(positions)],
+        "tracks": [
+            {"start": track.start, "outward": track.outward, "travel": track.travel}
+            for track in room.tracks
+        ],
+        "bar": {"length": BAR_LENGTH, "width": BAR_WIDTH},
+        "trackWidth": facts["track"]["width"],
+        "arm": {
+            "link": room.link,
+            "width": 2 * room.half_width,
+            "rest": room.rest,
+            "ready": room.ready,
+        },
+        "door": {
+            "hinge": room.hinge,
+            "length": room.door_length,
+            "thickness": room.door_thickness,
+            "swing": DOOR_SWING,
+            "handle": HANDLE,
+        },
+        "button": {"centre": button, "side": facts["button"]["side"]},
+    }
+
+
+def _spoken(name: str) -> str:
+    """``UPPERRIGHT`` as it is said: ``upper right``."""
+    for start in ("UPPER", "LOWER"):
+        if name.startswith(start) and name != start:
+            return f"{start} {name.removeprefix(start)}".lower()
+    return name.lower() if name.isalpha() else f"number {int(name[1:]) + 1}"

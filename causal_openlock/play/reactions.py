@@ -1,0 +1,105 @@
+"""Reaction times: a table with a row for every action of a person, beside the record.
+
+The record has a row for every attempt and is the same for people and learners; how long a person
+took over an action is kept in a file of its own, ``reactions/`` beside ``cells/`` and of the same
+name. Once the server has stopped, it also holds the attempts of a trial that is not over yet, which
+a record does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock.errors import StoreError
+from causal_openlock.files import replacing
+from causal_openlock.play.game import Done
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+FOLDER = "reactions"
+
+
+def reactions_schema() -> pa.Schema:
+    """The columns of a table of reaction times, each with its meaning."""
+    import pyarrow as pa
+
+    columns: list[tuple[str, Any, str]] = [
+        ("condition", pa.string(), "name of the condition, as in the record"),
+        ("subject", pa.int32(), "number of the person in this condition, as in the record"),
+        ("visit", pa.int32(), "number of the trial in the whole condition, from 1"),
+        ("attempt", pa.int32(), "number of the attempt within the trial, from 1"),
+        ("moment", pa.int32(), "number of the action within the attempt, from 1"),
+        ("action", pa.uint8(), "what was done, by action index"),
+        ("moved", pa.bool_(), "whether it moved something"),
+        ("reaction", pa.float64(), "seconds from when the person could act to the click"),
+        ("time", pa.float64(), "seconds since the person joined, by the server's clock"),
+    ]
+    return pa.schema(
+        [pa.field(name, kind, metadata={"meaning": text}) for name, kind, text in columns]
+    )
+
+
+def reactions_table(condition: str, subject: int, done: Sequence[Done]) -> pa.Table:
+    """What one person did, action by action."""
+    import pyarrow as pa
+
+    moments = []
+    moment = 0
+    for one in done:
+        moment += 1
+        moments.append(moment)
+        moment *= not one.attempt_over
+    columns: dict[str, list[Any]] = {
+        "condition": [condition] * len(done),
+        "subject": [subject] * len(done),
+        "moment": moments,
+    }
+    schema = reactions_schema()
+    for name in schema.names:
+        if name not in columns:
+            columns[name] = [getattr(one, name) for one in done]
+    return pa.table({name: columns[name] for name in schema.names}, schema=schema)
+
+
+def write_reactions(path: Path, table: pa.Table) -> None:
+    """Keep a person's reaction times."""
+    import pyarrow.parquet as pq
+
+    with replacing(path) as file:
+        pq.write_table(table, file, compression="zstd", write_page_checksum=True)
+
+
+def rows_kept(path: Path) -> int:
+    """How many actions a person's file holds; none if it is not there or cannot be read."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        rows: int = pq.read_metadata(path).num_rows
+    except (OSError, pa.ArrowException):
+        rows = 0
+    return rows
+
+
+def read_reactions(folder: Path | str) -> pa.Table:
+    """The reaction times of all people in a results folder, in the order of their numbers.
+
+    Raises:
+        StoreError: If the folder has none, or a file cannot be read.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    paths = sorted((Path(folder) / FOLDER).glob("*.parquet"))
+    if not paths:
+        raise StoreError(f"{folder} holds no reaction times; give the folder that play wrote to")
+    try:
+        tables = [pq.read_table(path, page_checksum_verification=True) for path in paths]
+    except (OSError, pa.ArrowException) as error:
+        said = " ".join(str(error).split())[:120]
+        raise StoreError(f"{folder}: reaction times are damaged ({said})") from None
+    order = [(name, "ascending") for name in ("condition", "subject", "time")]
+    return pa.concat_tables(tables).sort_by(order)

@@ -1,0 +1,329 @@
+// The page: instructions, perhaps a practice room, the rooms, the end. What it knows of a room is
+// what the server tells after each action; every call says which turn it is for, so that a call that
+// is repeated after a broken connection counts once.
+
+import { Room } from "/room.js";
+
+const $ = (id) => document.getElementById(id);
+const STORED = "locked-room";
+const KEYS = ["Digit1", "Digit2", "Digit3", "Digit4", "Digit5", "Digit6", "Digit7", "Digit8", "Digit9", "Digit0", "Minus", "Equal"];
+const LONGEST = 24 * 60 * 60 * 1000; // the longest reaction that is told of
+const LOOK = 900; // milliseconds to look at how an attempt ended
+const SCREENS = ["intro", "play", "end", "trouble"];
+
+let session = null, brief = null, state = null, room = null;
+let busy = true, ready = 0;
+
+const wait = (time) => new Promise((done) => setTimeout(done, time));
+const count = (many, what) => `${many} ${what}${many === 1 ? "" : "s"}`;
+
+// -- talking to the server --------------------------------------------------------------------
+
+// Call the server until it answers; it may be started again in between.
+async function call(path, body) {
+  for (let pause = 300; ; pause = Math.min(2 * pause, 3000)) {
+    try {
+      const answer = await fetch(path, {
+        method: body ? "POST" : "GET",
+        headers: session ? { Authorization: `Bearer ${session}` } : {},
+        body: body && JSON.stringify(body),
+      });
+      if (answer.status < 500) {
+        $("offline").hidden = true;
+        return { status: answer.status, said: await answer.json() };
+      }
+    } catch (error) {
+      if (!(error instanceof TypeError)) throw error; // that is how fetch tells of no connection
+    }
+    $("offline").hidden = false;
+    await wait(pause);
+  }
+}
+
+// A private window or strict settings can forbid storing; the address then still has the session.
+function stored(value) {
+  try {
+    if (value === undefined) return localStorage.getItem(STORED);
+    if (value === null) localStorage.removeItem(STORED);
+    else localStorage.setItem(STORED, value);
+  } catch { /* forbidden */ }
+  return null;
+}
+
+function remember(id) {
+  session = id;
+  stored(id);
+  history.replaceState(null, "", id ? `#${id}` : location.pathname);
+}
+
+// -- screens ----------------------------------------------------------------------------------
+
+function screen(name) {
+  for (const other of SCREENS) $(other).hidden = other !== name;
+  $("help").hidden = name !== "play";
+  const heading = $(name).querySelector("h2");
+  if (name !== "play" && heading) {
+    heading.tabIndex = -1;
+    heading.focus({ preventScroll: true });
+  }
+}
+
+function trouble(title, text, button, go) {
+  $("trouble-title").textContent = title;
+  $("trouble-text").textContent = text;
+  $("trouble-go").hidden = !button;
+  $("trouble-go").textContent = button ?? "";
+  $("trouble-go").onclick = go ?? null;
+  screen("trouble");
+}
+
+async function geometry(positions) {
+  return (await call(`/geometry/${positions}`)).said;
+}
+
+async function intro() {
+  $("where").textContent = "";
+  const told = { levers: count(brief.positions, "lever"), actions: count(brief.action_limit, "action"), attempts: count(brief.attempt_limit, "attempt") };
+  for (const node of document.querySelectorAll("[data-brief]")) node.textContent = told[node.dataset.brief];
+  $("begin").textContent = state ? "Back to the room" : brief.practice ? "Go to the practice room" : "Go to the first room";
+  if (!$("figure").childElementCount) drawFigure($("figure"), await geometry(brief.positions));
+  screen("intro");
+}
+
+// The room with a word at everything that the instructions name.
+function drawFigure(figure, plan) {
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  svg.setAttribute("class", "room");
+  svg.setAttribute("role", "img");
+  svg.setAttribute("aria-label", "A room: levers around the arm, the door on the right with its lock at the lower end, the green button above it");
+  figure.append(svg);
+  const drawn = new Room(svg, plan);
+  const many = plan.tracks.length, bits = new Array(2 * many + 2).fill(0);
+  bits[2 * many] = 1;
+  drawn.show(bits);
+  drawn.number(false);
+  drawn.annotate();
+}
+
+function console_(now) {
+  $("solutions").textContent = now.solutions_left;
+  $("attempts").textContent = now.attempts_left;
+  $("actions").textContent = now.actions_left;
+  const dots = $("dots");
+  if (dots.childElementCount !== brief.action_limit) {
+    dots.replaceChildren(...Array.from({ length: brief.action_limit }, () => document.createElement("i")));
+  }
+  [...dots.children].forEach((dot, i) => dot.classList.toggle("left", i < now.actions_left));
+}
+
+function say(text, good = false) {
+  $("said").textContent = text;
+  $("said").classList.toggle("good", good);
+}
+
+function occupied(now) {
+  busy = now;
+  $("room").classList.toggle("busy", now);
+  $("help").disabled = now;
+  if (!now) ready = performance.now();
+}
+
+// A pause between rooms, which ends when the person says so.
+function pause(title, text, button, covered = false) {
+  $("pause-title").textContent = title;
+  $("pause-text").textContent = text;
+  $("pause-go").textContent = button;
+  $("pause").classList.toggle("covered", covered);
+  $("pause").hidden = false;
+  $("help").disabled = false;
+  for (const part of ["room", "practice"]) $(part).inert = true;
+  $("pause-go").focus();
+  return new Promise((done) => {
+    $("pause-go").onclick = () => {
+      uncover();
+      done();
+    };
+  });
+}
+
+function uncover() {
+  $("pause").hidden = true;
+  for (const part of ["room", "practice"]) $(part).inert = false;
+}
+
+// Show the state as it is, from nothing.
+async function enter() {
+  uncover();
+  if (state.stage === "end") return end();
+  const plan = await geometry(state.positions);
+  room = new Room($("room"), plan, act);
+  room.number($("keys").checked);
+  $("last-key").textContent = "1234567890-="[state.positions - 1];
+  $("practice").hidden = state.stage !== "practice";
+  screen("play");
+  await begin(state.stage === "practice" || state.room.attempt > 1 || state.room.actions_left < brief.action_limit);
+}
+
+async function begin(at_once) {
+  const now = state.room, practice = state.stage === "practice";
+  $("where").textContent = practice ? "Practice room" : `Room ${now.trial} of ${state.trials}`;
+  room.show(now.observation);
+  console_(now);
+  say("");
+  occupied(true);
+  if (practice && now.over) {
+    say("That is all there is to practice.");
+    $("help").disabled = false;
+    $("proceed").focus();
+    return;
+  }
+  if (!at_once) {
+    const many = count(now.solutions_left, "combination");
+    await pause(`Room ${now.trial} of ${state.trials}`, `Find ${now.solutions_left === 1 ? "the one combination" : `all ${many}`} that open${now.solutions_left === 1 ? "s" : ""} this door. You have ${count(now.attempts_left, "attempt")}.`, "Start", true);
+  }
+  occupied(false);
+}
+
+function end() {
+  $("where").textContent = "";
+  const solved = state.ended.filter((one) => one.left === 0).length;
+  const many = state.ended.length;
+  $("outcome").textContent = solved === many
+    ? "You found every combination in every room."
+    : `You found every combination in ${solved} of ${count(many, "room")}.`;
+  $("rooms").replaceChildren(...state.ended.map(({ attempts, found, left }, i) => {
+    const row = document.createElement("tr");
+    for (const text of [i + 1, `${found} of ${found + left}`, attempts]) {
+      row.append(Object.assign(document.createElement("td"), { textContent: text }));
+    }
+    return row;
+  }));
+  screen("end");
+}
+
+// -- acting -----------------------------------------------------------------------------------
+
+async function act(action) {
+  if (busy) return;
+  const reaction = Math.min(Math.round(performance.now() - ready), LONGEST);
+  occupied(true);
+  say("");
+  // The arm sets out at once; what comes of it is known when it arrives.
+  const [{ status, said }] = await Promise.all([
+    call("/act", { turn: state.turn, action, reaction }),
+    room.approach(action),
+  ]);
+  if (status !== 200) return adopt(status, said);
+  const before = state.room;
+  console_({ ...before, solutions_left: said.solutions_left, actions_left: said.attempt_over ? 0 : said.next.room.actions_left });
+  await room.carryOut(action, said.outcome);
+  const unlocked = before.observation.at(-2) && !said.outcome.at(-2);
+  const locked = !before.observation.at(-2) && said.outcome.at(-2);
+  const opened = said.outcome.at(-1) === 1;
+  if (opened) say(said.new_solution ? "The door is open: a new combination!" : "The door is open, by a combination that you had found before.", said.new_solution);
+  else if (unlocked) say("The door is unlocked.");
+  else if (locked) say("The door is locked again.");
+  else if (!said.moved) say("Nothing moved.");
+  state = said.next;
+  if (!said.attempt_over) {
+    state.room.observation = said.outcome;
+    return occupied(false);
+  }
+  if (!opened) say(`${$("said").textContent} The attempt is over; the room goes back.`.trim());
+  await wait(LOOK);
+  if (!said.trial_over) {
+    await room.reset(state.room.observation);
+    console_(state.room);
+    return occupied(false);
+  }
+  if (state.stage === "practice") {
+    await room.reset(state.room.observation);
+    return begin(true);
+  }
+  const left = said.solutions_left, last = state.stage === "end";
+  await pause(
+    left ? "No attempts are left" : "You found every combination!",
+    left ? `${count(left, "combination")} stayed hidden. Never mind: on to what comes next.` : `It took you ${count(before.attempt, "attempt")}.`,
+    last ? "Finish" : "Next room",
+  );
+  if (last) return end();
+  await room.reset(state.room.observation);
+  return begin(false);
+}
+
+// The server says that this is not how things are: take over how they are.
+async function adopt(status, said) {
+  if (status === 409) {
+    state = said.now;
+    await enter();
+    return say("This session went on elsewhere; this is where it is now.");
+  }
+  return lost();
+}
+
+function lost() {
+  const own = stored() !== session; // a wrong address does not end this browser's own session
+  state = null;
+  if (own) history.replaceState(null, "", location.pathname);
+  else remember(null);
+  session = null;
+  trouble(
+    "This session is not known here",
+    "The page was opened with an address that belongs to no session, or to one that is kept elsewhere.",
+    own && stored() ? "Go on where you were" : "Begin anew",
+    own && stored() ? () => location.reload() : intro,
+  );
+}
+
+// -- what can be pressed ----------------------------------------------------------------------
+
+$("begin").onclick = async () => {
+  if (!state) {
+    $("begin").disabled = true;
+    const { status, said } = await call("/join", {});
+    $("begin").disabled = false;
+    if (status !== 200) return trouble("Nobody else can join now", "Please tell the person who invited you.");
+    remember(said.id);
+    state = (await call("/state")).said;
+  }
+  await enter();
+};
+$("help").onclick = () => {
+  busy = true;
+  intro();
+};
+$("proceed").onclick = async () => {
+  if (busy && !state.room.over) return;
+  occupied(true);
+  const { status, said } = await call("/proceed", { turn: state.turn });
+  if (status !== 200) return adopt(status, said);
+  state = said;
+  await enter();
+};
+$("another").onclick = () => {
+  remember(null);
+  state = null;
+  intro();
+};
+$("keys").onchange = () => room?.number($("keys").checked);
+document.addEventListener("keydown", (event) => {
+  if (busy || $("play").hidden || !$("keys").checked) return;
+  if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+  const place = KEYS.indexOf(event.code), many = state.positions;
+  if (event.key === "d") act(2 * many);
+  else if (place >= 0 && place < many) act(event.shiftKey ? many + place : place);
+});
+
+async function start() {
+  session = location.hash.slice(1) || stored();
+  brief = (await call("/brief")).said;
+  if (!session) return intro();
+  const { status, said } = await call("/state");
+  if (status !== 200) return lost();
+  remember(session);
+  state = said;
+  return enter();
+}
+
+window.addEventListener("hashchange", () => location.reload());
+await start();

@@ -1,0 +1,296 @@
+// The room as a drawing: levers on their tracks, the door, the arm; what of it can be clicked; and
+// how the arm moves. It knows what is seen and nothing else.
+
+import { between, jointPoints, reaching } from "/arm.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const GAP = 0.03; // between the arm's end and what it is about to touch
+const PRESS = 0.05; // how far it presses on where nothing gives way
+const SWING = 380, REACH = 240, MOVE = 300, BACK = 360; // milliseconds
+
+const still = window.matchMedia("(prefers-reduced-motion: reduce)");
+
+function make(name, attributes, parent) {
+  const node = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+  parent?.append(node);
+  return node;
+}
+
+const along = ([x, y], [dx, dy], far) => [x + dx * far, y + dy * far];
+const ease = (share) => (share < 0.5 ? 2 * share * share : 1 - 2 * (1 - share) ** 2);
+
+// How far to turn so that "up" points along a direction, in SVG's degrees.
+const turned = ([x, y]) => (Math.atan2(x, y) * 180) / Math.PI;
+
+// Call frame(share) with shares that grow from 0 to 1.
+function animate(duration, frame) {
+  if (still.matches || document.hidden) {
+    frame(1);
+    return Promise.resolve();
+  }
+  return new Promise((done) => {
+    const began = performance.now();
+    const tick = (now) => {
+      const share = Math.min(Math.max((now - began) / duration, 0), 1);
+      frame(ease(share));
+      if (share < 1) requestAnimationFrame(tick);
+      else done();
+    };
+    requestAnimationFrame(tick);
+  });
+}
+
+export class Room {
+  // svg: the element to draw into. geometry: as the server describes it. act(action): called when
+  // something is clicked; without it, the drawing is only to be looked at.
+  constructor(svg, geometry, act) {
+    Object.assign(this, { svg, geometry, act });
+    this.many = geometry.tracks.length;
+    this.levers = [];
+    this.pushed = new Array(this.many).fill(0);
+    this.opened = 0;
+    this.draw();
+    this.pose(geometry.arm.rest);
+  }
+
+  draw() {
+    const { svg, geometry: g } = this;
+    svg.replaceChildren();
+    const far = Math.max(...g.tracks.map((t) => Math.hypot(...t.start))) + 0.95;
+    const top = far, left = far;
+    const right = Math.max(g.door.hinge[0] + g.door.length * Math.sin(g.door.swing), g.button.centre[0]) + 0.5;
+    svg.setAttribute("viewBox", `${-left} ${-top} ${left + right} ${2 * top}`);
+    g.tracks.forEach((track, place) => this.levers.push(this.drawLever(track, place)));
+    this.drawDoor();
+    this.arm = make("g", { "aria-hidden": "true", "pointer-events": "none" }, svg);
+    // What can be clicked lies above everything that is drawn.
+    if (this.act) this.drawTargets();
+  }
+
+  drawLever(track, place) {
+    const g = this.geometry, half = g.bar.width / 2, wide = g.trackWidth;
+    const [x, y] = track.start;
+    // In its own coordinates a lever's bar lies at the origin and "up" is outward.
+    const at = `translate(${x} ${-y}) rotate(${turned(track.outward)})`;
+    const group = make("g", { transform: at, "aria-hidden": "true" }, this.svg);
+    const middle = -track.travel / 2, inner = half, outer = -track.travel - half;
+    const box = { x: -wide / 2, width: wide, class: "track" };
+    const tracks = [
+      make("rect", { ...box, y: outer, height: middle - outer }, group),
+      make("rect", { ...box, y: middle, height: inner - middle }, group),
+    ];
+    const bar = make("rect", { x: -g.bar.length / 2, y: -half, width: g.bar.length, height: 2 * half, class: "bar" }, group);
+    // The number stands upright, beside the outer end of the track.
+    const [nx, ny] = along(track.start, track.outward, track.travel + 0.42);
+    const number = make("text", { x: nx, y: -ny, class: "number", "aria-hidden": "true" }, this.svg);
+    number.textContent = place + 1;
+    return { at, bar, tracks, number };
+  }
+
+  drawDoor() {
+    const { hinge: [x, y], length, thickness } = this.geometry.door;
+    const group = make("g", { "aria-hidden": "true" }, this.svg);
+    this.door = make("rect", { x: x - thickness / 2, y: -y, width: thickness, height: length, class: "door" }, group);
+    make("circle", { cx: x, cy: -y, r: 0.11, class: "hinge" }, group);
+    this.lock = make("circle", { cx: x, cy: -(y - length), r: 0.15 }, group);
+    const { centre: [bx, by], side } = this.geometry.button;
+    this.square = { x: bx - side / 2, y: -by - side / 2, width: side, height: side, class: "square" };
+    if (!this.act) make("rect", this.square, group);
+  }
+
+  // For each lever the outer part of its track and the inner one, and the green button.
+  drawTargets() {
+    const g = this.geometry;
+    this.targets = [];
+    const target = (action, group) => {
+      group.setAttribute("role", "button");
+      group.setAttribute("tabindex", "0");
+      group.dataset.action = action;
+      group.addEventListener("click", () => this.act(action));
+      group.addEventListener("keydown", (event) => {
+        if (event.key !== "Enter" && event.key !== " ") return;
+        event.preventDefault();
+        if (!event.repeat) this.act(action);
+      });
+      this.targets[action] = group;
+    };
+    g.tracks.forEach((track, place) => {
+      const middle = -track.travel / 2, wide = 0.76;
+      const zones = [[place, middle - 0.56, 0.56], [this.many + place, middle, 0.56]];
+      for (const [action, y, height] of zones) {
+        const group = make("g", { transform: this.levers[place].at }, this.svg);
+        make("rect", { x: -wide / 2, y, width: wide, height, class: "hit" }, group);
+        // An arrow in the direction in which the lever would go, shown where the pointer is.
+        const out = action < this.many ? 1 : -1, head = y + height / 2 - 0.14 * out;
+        const arrow = `M0 ${head} l-.16 ${0.16 * out} h.1 v${0.14 * out} h.12 v${-0.14 * out} h.1 z`;
+        make("path", { d: arrow, class: "arrow" }, group);
+        target(action, group);
+      }
+    });
+    const group = make("g", { "aria-label": "Push the door" }, this.svg);
+    make("rect", this.square, group);
+    const { x, y, width, height } = this.square;
+    make("rect", { x: x - 0.08, y: y - 0.08, width: width + 0.16, height: height + 0.16, class: "hit" }, group);
+    target(2 * this.many, group);
+  }
+
+  // Write beside a lever, the door, its lock and the button what they are.
+  annotate() {
+    const g = this.geometry;
+    const upright = ({ outward: [x, y] }) => y - Math.abs(x);
+    const place = g.tracks.reduce((best, track, i) => (upright(track) > upright(g.tracks[best]) ? i : best), 0);
+    const { at } = this.levers[place], [x, y] = g.tracks[place].start;
+    const zones = make("g", { transform: at }, this.svg), middle = -g.tracks[place].travel / 2;
+    make("rect", { x: -0.3, y: middle - 0.46, width: 0.6, height: 0.46, class: "zone" }, zones);
+    make("rect", { x: -0.3, y: middle, width: 0.6, height: 0.46, class: "zone" }, zones);
+    const { hinge, length } = g.door, [bx, by] = g.button.centre;
+    const notes = [
+      [x + 0.45, y + 0.5, "outer part: push", "start"],
+      [x, y - 0.62, "inner part: pull", "middle"],
+      [hinge[0] + 0.3, hinge[1] - length / 2, "door", "start"],
+      [hinge[0] + 0.3, hinge[1] - length, "lock", "start"],
+      [bx + 0.45, by, "button", "start"],
+    ];
+    for (const [nx, ny, text, anchor] of notes) {
+      const note = make("text", { x: nx, y: -ny, class: "note", "text-anchor": anchor }, this.svg);
+      note.textContent = text;
+    }
+  }
+
+  // Show the numbers of the levers, or do not.
+  number(shown) {
+    for (const lever of this.levers) lever.number.style.display = shown ? "" : "none";
+  }
+
+  // Draw what is seen, at once.
+  show(bits) {
+    const n = this.many;
+    this.seen = bits;
+    for (let place = 0; place < n; place++) {
+      const { bar, tracks } = this.levers[place];
+      for (const part of [bar, ...tracks]) part.classList.remove("grey", "white");
+      for (const part of [bar, ...tracks]) part.classList.add(bits[n + place] ? "grey" : "white");
+      this.slide(place, bits[place]);
+    }
+    this.lock.style.display = bits[2 * n] ? "" : "none";
+    this.swing(bits[2 * n + 1]);
+    this.label();
+  }
+
+  label() {
+    if (!this.act) return;
+    const n = this.many, bits = this.seen;
+    this.geometry.names.forEach((name, place) => {
+      const told = `lever ${place + 1}, ${name}, ${bits[n + place] ? "grey" : "white"}, ${bits[place] ? "pushed" : "pulled"}`;
+      this.targets[place].setAttribute("aria-label", `Push ${told}`);
+      this.targets[n + place].setAttribute("aria-label", `Pull ${told}`);
+    });
+    const lock = bits[2 * n] ? "locked" : "unlocked";
+    this.targets[2 * n].setAttribute("aria-label", `Push the door, ${lock}`);
+  }
+
+  slide(place, share) {
+    this.pushed[place] = share;
+    const far = -share * this.geometry.tracks[place].travel;
+    this.levers[place].bar.setAttribute("transform", `translate(0 ${far})`);
+  }
+
+  swing(share) {
+    this.opened = share;
+    const { hinge: [x, y], swing } = this.geometry.door;
+    const degrees = (-share * swing * 180) / Math.PI;
+    this.door.setAttribute("transform", `rotate(${degrees} ${x} ${-y})`);
+  }
+
+  pose(angles) {
+    const { arm, geometry: { arm: { link, width } } } = this;
+    this.angles = angles;
+    const points = jointPoints(angles, link);
+    if (!arm.childElementCount) {
+      for (let i = 0; i < points.length - 1; i++) make("rect", { y: -width / 2, height: width, width: link, class: "link" }, arm);
+      for (let i = 0; i < points.length - 1; i++) make("circle", { r: 0.09, class: "joint" }, arm);
+      make("circle", { r: 0.125, class: "tip" }, arm);
+    }
+    let heading = 0;
+    points.forEach(([x, y], i) => {
+      const joint = arm.children[points.length - 1 + i];
+      joint.setAttribute("cx", x);
+      joint.setAttribute("cy", -y);
+      if (i === points.length - 1) return;
+      heading += angles[i];
+      const degrees = (-heading * 180) / Math.PI;
+      arm.children[i].setAttribute("transform", `translate(${x} ${-y}) rotate(${degrees})`);
+    });
+  }
+
+  // -- movements ------------------------------------------------------------------------------
+
+  turnTo(angles, duration) {
+    const from = this.angles;
+    return animate(duration, (share) => this.pose(between(from, angles, share)));
+  }
+
+  // Where the arm's end touches what an action is about, if that has moved by some share.
+  contact(action, share) {
+    const g = this.geometry, reach = g.arm.width / 2 + GAP;
+    if (action < 2 * this.many) {
+      const track = g.tracks[action % this.many];
+      return along(track.start, track.outward, share * track.travel - g.bar.width / 2 - reach);
+    }
+    const { hinge, handle, swing, thickness } = g.door, angle = share * swing;
+    const down = [Math.sin(angle), -Math.cos(angle)], outward = [Math.cos(angle), Math.sin(angle)];
+    return along(along(hinge, down, handle), outward, -thickness / 2 - reach);
+  }
+
+  // Swing round to what an action is about and touch it. What comes of it need not be known yet.
+  async approach(action) {
+    const { arm: { link, ready } } = this.geometry;
+    this.share = action < 2 * this.many ? this.pushed[action % this.many] : this.opened;
+    const to = this.contact(action, this.share);
+    const heading = Math.atan2(to[1], to[0]);
+    const clear = [ready * Math.cos(heading), ready * Math.sin(heading)];
+    await this.turnTo(reaching(clear, link), SWING);
+    await this.turnTo(reaching(to, link), REACH);
+  }
+
+  // Do it, see what came of it, and draw back.
+  async carryOut(action, outcome) {
+    const n = this.many, { arm: { link, ready } } = this.geometry;
+    const lever = action < 2 * n, place = action % n, from = this.share;
+    const to = lever ? outcome[place] : outcome[2 * n + 1];
+    const reach = (share) => this.pose(reaching(this.contact(action, share), link));
+    if (to !== from) {
+      await animate(MOVE, (share) => {
+        const now = from + (to - from) * share;
+        if (lever) this.slide(place, now);
+        else this.swing(now);
+        reach(now);
+      });
+    } else {
+      // It presses, and nothing gives way.
+      const [x, y] = this.contact(action, from), far = Math.hypot(x, y);
+      const way = lever && action >= n ? -PRESS : PRESS / 2;
+      await animate(MOVE, (share) => {
+        const beyond = 1 + (way * Math.sin(2 * Math.PI * share) ** 2) / far;
+        this.pose(reaching([x * beyond, y * beyond], link));
+      });
+    }
+    this.show(outcome);
+    const end = jointPoints(this.angles, link).at(-1), heading = Math.atan2(end[1], end[0]);
+    await this.turnTo(reaching([ready * Math.cos(heading), ready * Math.sin(heading)], link), REACH);
+  }
+
+  // Everything goes back to where an attempt begins.
+  async reset(bits) {
+    const pushed = [...this.pushed], opened = this.opened, from = this.angles;
+    const rest = this.geometry.arm.rest;
+    await animate(BACK, (share) => {
+      pushed.forEach((was, place) => this.slide(place, was + (bits[place] - was) * share));
+      this.swing(opened * (1 - share));
+      this.pose(between(from, rest, share));
+    });
+    this.pose(rest);
+    this.show(bits);
+  }
+}

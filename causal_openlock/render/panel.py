@@ -1,0 +1,205 @@
+"""The console beside a room: what a subject is shown, and in a film what it did.
+
+A panel is laid out once, as shapes and labels, and is then painted as pixels or written as SVG. It
+is as high as the picture of the room; lengths are in 1/7.6 of that height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from causal_openlock.render.raster import Bytes, paint
+from causal_openlock.render.scene import Colour, Frame, Shape, rod
+
+WIDTH, HEIGHT = 5.1, 7.6
+PADDING = 0.28
+ROW, SPACE = 0.335, 0.2
+BACKGROUND: Colour = (246, 246, 246)
+INK: Colour = (30, 30, 30)
+FAINT: Colour = (105, 105, 105)
+DONE: Colour = (0, 120, 62)
+TEXT, HEADING = 0.235, 0.29
+MOST_SOLUTIONS = 5
+
+
+class Label(NamedTuple):
+    """A line of text.
+
+    Attributes:
+        x: Where it begins.
+        y: Its baseline.
+        text: What it says.
+        height: Height of the type.
+        colour: Its colour.
+        bold: Whether it is bold.
+    """
+
+    x: float
+    y: float
+    text: str
+    height: float = TEXT
+    colour: Colour = INK
+    bold: bool = False
+
+
+@dataclass(frozen=True)
+class Done:
+    """An action of the attempt in progress.
+
+    Attributes:
+        name: Such as ``push UPPER``.
+        outcome: What came of it, in words; empty while it is carried out.
+        good: Whether that was progress.
+    """
+
+    name: str
+    outcome: str = ""
+    good: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What stands beside a room.
+
+    Attributes:
+        solutions: For each solution how it was found, such as ``LEFT, UPPER, door``; empty for
+            each that is not found yet. ``None`` for found ones of which nothing is to be said.
+        attempts_left: Attempts left in the trial, the present one included.
+        actions_left: Actions left in the attempt.
+        heading: Who plays what.
+        lines: More about it.
+        actions: What was done in this attempt; ``None`` leaves it out.
+        remark: A last line.
+    """
+
+    solutions: tuple[str | None, ...]
+    attempts_left: int
+    actions_left: int
+    heading: str = ""
+    lines: tuple[str, ...] = ()
+    actions: tuple[Done, ...] | None = None
+    remark: str = ""
+
+    def layout(self) -> tuple[list[Shape], list[Label]]:
+        """Everything on it; the origin is its lower left corner."""
+        return _Layout(self).result()
+
+
+class _Layout:
+    """Lays a panel out from the top."""
+
+    def __init__(self, panel: Panel) -> None:
+        self._panel = panel
+        self._shapes: list[Shape] = []
+        self._labels: list[Label] = []
+        self._y = HEIGHT - PADDING
+
+    def result(self) -> tuple[list[Shape], list[Label]]:
+        panel = self._panel
+        if panel.heading:
+            self._write(panel.heading, height=HEADING, bold=True, row=0.42)
+            for line in panel.lines:
+                self._write(line, colour=FAINT)
+            self._y -= SPACE
+        self._solutions()
+        self._y -= SPACE
+        self._write(f"Attempts left: {panel.attempts_left}", bold=True)
+        self._y += ROW
+        self._write(f"Actions left: {panel.actions_left}", x=WIDTH / 2 + 0.2, bold=True)
+        if panel.actions is not None:
+            self._y -= SPACE
+            self._actions(panel.actions)
+        if panel.remark:
+            self._labels.append(_fitted(Label(PADDING, PADDING, panel.remark, bold=True)))
+        return self._shapes, self._labels
+
+    def _write(self, text: str, *, x: float = PADDING, row: float = ROW, **style: Any) -> None:
+        self._y -= row
+        self._labels.append(_fitted(Label(x, self._y + 0.1, text, **style)))
+
+    def _solutions(self) -> None:
+        solutions = self._panel.solutions
+        found = [how for how in solutions if how != ""]
+        self._write(f"Solutions found: {len(found)} of {len(solutions)}", bold=True)
+        # Those found last, and a few boxes that are still empty.
+        first = max(0, min(len(found) - MOST_SOLUTIONS + 1, len(solutions) - MOST_SOLUTIONS))
+        boxes = [*found, *[""] * (len(solutions) - len(found))]
+        for how in boxes[first : first + MOST_SOLUTIONS]:
+            self._y -= ROW
+            self._box(how != "")
+            if how:
+                text = Label(PADDING + 0.42, self._y + 0.1, how, TEXT, DONE)
+                self._labels.append(_fitted(text))
+
+    def _box(self, ticked: bool) -> None:
+        left, bottom, side = PADDING + 0.02, self._y + 0.07, 0.23
+        middle = bottom + side / 2
+        self._shapes.append(rod((left, middle), (left + side, middle), side, (255, 255, 255)))
+        if ticked:
+            low = left + 0.10, bottom + 0.06
+            for end in ((left + 0.03, bottom + 0.14), (left + 0.25, bottom + 0.28)):
+                self._shapes.append(rod(low, end, 0.055, DONE, rounded=True, line=0.0))
+
+    def _actions(self, actions: tuple[Done, ...]) -> None:
+        self._write("This attempt", bold=True)
+        # As many as there is room for above the last line, the latest ones.
+        most = int((self._y - PADDING - ROW) / (2 * ROW))
+        first = max(0, len(actions) - most)
+        for number, action in enumerate(actions[first:], first + 1):
+            running = not action.outcome
+            self._write(str(number), bold=running)
+            self._y += ROW
+            self._write(action.name, x=PADDING + 0.36, bold=running)
+            said = action.outcome or "..."
+            self._write(said, x=PADDING + 0.36, colour=DONE if action.good else FAINT)
+
+
+def _fitted(label: Label) -> Label:
+    """A label in smaller type if it is too long for the panel, and cut if it is much too long."""
+    room = WIDTH - PADDING / 2 - label.x
+    wide = _width(label)
+    if wide <= room:
+        return label
+    label = label._replace(height=label.height * max(room / wide, 0.72))
+    while _width(label) > room:
+        label = label._replace(text=label.text.removesuffix("…")[:-1].rstrip() + "…")
+    return label
+
+
+def _width(label: Label) -> float:
+    return float(font(100, label.bold).getlength(label.text)) / 100 * label.height
+
+
+@cache
+def font(pixels: int, bold: bool) -> Any:
+    """The typeface of the panel, matplotlib's own, in some size."""
+    import matplotlib as mpl
+    from PIL import ImageFont
+
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(f"{mpl.get_data_path()}/fonts/ttf/{name}", pixels)
+
+
+@lru_cache(maxsize=8)
+def panel_picture(panel: Panel, size: int) -> Bytes:
+    """``[size, width, 3]`` a panel as pixels; not to be written to."""
+    from PIL import Image, ImageDraw
+
+    shapes, labels = panel.layout()
+    scale = size / HEIGHT
+    shown = Frame(0.0, HEIGHT, scale, round(WIDTH * scale), size)
+    picture = np.full((size, shown.width, 3), BACKGROUND, np.uint8)
+    paint(picture, shapes, shown)
+    image = Image.fromarray(picture)
+    on = ImageDraw.Draw(image)
+    for label in labels:
+        x, y = shown.pixel((label.x, label.y))
+        type_ = font(max(1, round(label.height * scale)), label.bold)
+        on.text((x, y), label.text, label.colour, type_, anchor="ls")
+    drawn = np.array(image)
+    drawn.flags.writeable = False
+    return drawn

@@ -1,0 +1,268 @@
+"""One trial as it was played, read from the record: by a learner now, or by a subject long ago.
+
+Both ways lead through the same rows, so a film of a recorded subject is the film that its learner
+would give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock.errors import ProtocolError, StoreError, nearest
+from causal_openlock.fsm import compile
+from causal_openlock.learner import InformedLearner, Learner
+from causal_openlock.protocol import Condition, Protocol
+from causal_openlock.reference import room_facts
+from causal_openlock.rewards import PAPER_REWARD, RewardFunction
+from causal_openlock.room import Layout, Room, position_names, positions_for
+from causal_openlock.schema import Schema
+from causal_openlock.session import Session
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pyarrow as pa
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One attempt.
+
+    Attributes:
+        actions: What was done, by action index.
+        moved: Whether each action moved something.
+        solution: Index of the solution that opened the door, -1 for none.
+        new: Whether it was found for the first time.
+    """
+
+    actions: tuple[int, ...]
+    moved: tuple[bool, ...]
+    solution: int
+    new: bool
+
+
+@dataclass(frozen=True)
+class PlayedTrial:
+    """One trial of one subject.
+
+    Attributes:
+        learner: Label of the learner.
+        condition: Name of the condition.
+        protocol: Its budgets.
+        subject: Number of the subject.
+        trial: Number of the trial in the whole condition, from 1.
+        trials: How many trials the condition has.
+        schema: What governs the room.
+        layout: Where its levers stand.
+        attempts: What was done.
+    """
+
+    learner: str
+    condition: str
+    protocol: Protocol
+    subject: int
+    trial: int
+    trials: int
+    schema: Schema
+    layout: Layout
+    attempts: tuple[Attempt, ...]
+
+    @property
+    def room(self) -> Room:
+        """The room."""
+        return Room(compile(self.schema), self.layout)
+
+    @property
+    def action_limit(self) -> int:
+        """Actions in an attempt."""
+        return self.protocol.actions_for(self.schema)
+
+    @property
+    def found(self) -> int:
+        """How many solutions were found."""
+        return sum(attempt.new for attempt in self.attempts)
+
+
+def play_trial(
+    learner: Learner,
+    condition: Condition,
+    protocol: Protocol,
+    *,
+    trial: int = 1,
+    subject: int = 0,
+    seed: int = 0,
+    reward: RewardFunction | str = PAPER_REWARD,
+    label: str = "learner",
+) -> PlayedTrial:
+    """Let one subject play up to the end of a trial.
+
+    The subject does what it does in any :class:`~causal_openlock.session.Session` with the same
+    condition, protocol, number, seed and label.
+
+    Args:
+        learner: What plays; it must not have begun.
+        condition: Which rooms are visited.
+        protocol: With what budgets.
+        trial: Number of the trial in the whole condition, from 1.
+        subject: Number of the subject.
+        seed: Seed of the experiment.
+        reward: The reward of each action.
+        label: Label of the learner; it keys the learner's randomness.
+
+    Raises:
+        ProtocolError: If there is no such trial, or a schema does not fit the protocol.
+    """
+    session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
+    trials = session.brief.trials
+    _check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
+    learner.begin(session.brief)
+    informed = learner if isinstance(learner, InformedLearner) else None
+    if informed:
+        informed.inform(session.truth)
+    over = 0
+    while over < trial:
+        step = session.step(learner.act(session.view))
+        learner.learn(step)
+        over += bool(step.trial_over[0])
+        if informed and step.trial_over[0]:
+            informed.inform(session.truth)
+    schemas = {schema.name: schema for schema in condition.schemas}
+    rows = _trials(session.record())[trial - 1]
+    return _played(rows, label, condition.name, protocol, subject, trial, trials, schemas)
+
+
+def recorded_trial(
+    folder: Path | str, learner: str, condition: str, subject: int = 0, trial: int = 1
+) -> PlayedTrial:
+    """A trial of a recorded subject.
+
+    Args:
+        folder: What ``compare`` wrote to.
+        learner: Label of the learner in the experiment.
+        condition: Name of the condition.
+        subject: Number of the subject.
+        trial: Number of the trial in the whole condition, from 1.
+
+    Raises:
+        StoreError: If the folder does not hold it.
+        ProtocolError: If there is no such trial.
+    """
+    import pyarrow.compute as pc
+
+    from causal_openlock.schema_file import schema_from_dict
+    from causal_openlock.store import Store
+
+    store = Store(folder)
+    held = store.description()
+    entry = _named(held["learners"], learner, f"{folder} holds no learner")
+    told = _named(held["conditions"], condition, f"{folder} holds no condition")
+    begins = f"{learner}_{condition}_"
+    for name in held["cells"]:
+        path = store.cells / name
+        if not (name.startswith(begins) and path.exists()):
+            continue
+        record = store.read(path)
+        mine = pc.equal(record["subject"], subject)
+        for column, value in (("learner", learner), ("condition", condition)):
+            mine = pc.and_(mine, pc.equal(record[column].cast("string"), value))
+        if pc.any(mine).as_py():
+            trials = _trials(record.filter(mine))
+            break
+    else:
+        raise StoreError(
+            f"{folder} holds no subject {subject} of {learner} in {condition}; subjects are 0 to "
+            f"{entry.get('subjects', 1) - 1}, and compare completes what is missing"
+        )
+    _check_trial(trial, len(trials), f"subject {subject} of {learner} in {condition}")
+    schemas = {
+        schema.name: schema
+        for part in (*told["train"], *told["test"])
+        for schema in [schema_from_dict(part["schema"])]
+    }
+    protocol = Protocol(**entry["protocol"])
+    rows = trials[trial - 1]
+    return _played(rows, learner, condition, protocol, subject, trial, len(trials), schemas)
+
+
+def _named(entries: Sequence[dict[str, Any]], name: str, otherwise: str) -> dict[str, Any]:
+    known = {entry["name"]: entry for entry in entries}
+    if name not in known:
+        raise StoreError(f"{otherwise} {name!r}; {nearest(name, known)}")
+    return known[name]
+
+
+def _check_trial(trial: int, trials: int, where: str) -> None:
+    if not 1 <= trial <= trials:
+        raise ProtocolError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
+
+
+def _trials(record: pa.Table) -> list[list[dict[str, Any]]]:
+    """The attempts of one subject, trial by trial."""
+    rows = record.select(
+        [
+            "phase",
+            "loop",
+            "trial",
+            "schema",
+            "layout",
+            "attempt",
+            "actions",
+            "moved",
+            "solution",
+            "new_solution",
+        ]
+    ).to_pylist()
+    return [
+        list(run)
+        for _, run in groupby(rows, key=lambda row: (row["phase"], row["loop"], row["trial"]))
+    ]
+
+
+def _played(
+    rows: Sequence[dict[str, Any]],
+    learner: str,
+    condition: str,
+    protocol: Protocol,
+    subject: int,
+    trial: int,
+    trials: int,
+    schemas: dict[str, Schema],
+) -> PlayedTrial:
+    schema = schemas[rows[0]["schema"]]
+    positions = max(map(positions_for, schemas.values()))
+    return PlayedTrial(
+        learner=learner,
+        condition=condition,
+        protocol=protocol,
+        subject=subject,
+        trial=trial,
+        trials=trials,
+        schema=schema,
+        layout=_layout(schema, rows[0]["layout"], positions),
+        attempts=tuple(
+            Attempt(
+                actions=tuple(row["actions"]),
+                moved=tuple(row["moved"]),
+                solution=row["solution"],
+                new=row["new_solution"],
+            )
+            for row in rows
+        ),
+    )
+
+
+def _layout(schema: Schema, name: str, positions: int) -> Layout:
+    """A layout by its name in the record: a published one, or its positions in order."""
+    if name in room_facts()["layouts"]:
+        return Layout.of(schema, name, positions)
+    names = position_names(positions)
+    places = name.split()
+    if len(places) != len(schema.levers) or not set(places) <= set(names):
+        raise StoreError(
+            f"the layout {name!r} in the record does not say where the {len(schema.levers)} "
+            f"levers of {schema.name} stand; compare again to make a record that does"
+        )
+    return Layout(tuple(map(names.index, places)), positions)

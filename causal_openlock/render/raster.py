@@ -1,0 +1,149 @@
+"""Shapes as pixels, smooth at any size.
+
+How much of a pixel a shape covers is told by the pixel's distance to the shape's border, which for
+a bar with rounded corners is a short formula. So nothing is drawn larger and shrunk, and a shape
+costs as much as the pixels around it.
+
+Most of a picture is the same as in the one before. A lever, the door and the lock change pixels of
+their own, so what each of them changes is painted once for each state and kept; a picture is a copy
+of the empty room with a few of these pieces on top. An arm that is not at rest lies above them and
+is painted anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.render.scene import (
+    Frame,
+    Look,
+    Shape,
+    arm,
+    button,
+    colour,
+    door,
+    frame,
+    lever,
+    resting,
+)
+
+if TYPE_CHECKING:
+    from causal_openlock.render.panel import Panel
+
+Bytes = NDArray[np.uint8]
+Piece = tuple[NDArray[np.int32], Bytes]
+
+STEPS = 256
+"""How finely the places of levers and the door are told apart: parts of a track, or of a radian."""
+THINNEST = 0.8
+"""The least width of an outline, in pixels."""
+
+
+def draw(look: Look, size: int, panel: Panel | None = None) -> Bytes:
+    """A picture of a room.
+
+    Args:
+        look: The room.
+        size: Height of the picture in pixels.
+        panel: The console to show beside it, if any.
+
+    Returns:
+        ``[size, width, 3]`` red, green, blue; a new array each time.
+    """
+    positions = look.positions
+    picture = _empty_room(positions, size, look.pressed).copy()
+    flat = picture.reshape(-1, 3)
+    for place, (slid, grey) in enumerate(zip(look.levers, look.grey, strict=True)):
+        where, colours = _lever(positions, size, place, round(slid * STEPS), grey)
+        flat[where] = colours
+    where, colours = _door(positions, size, round(look.door * STEPS), look.locked)
+    flat[where] = colours
+    if look.joints == resting(positions):
+        where, colours = _resting_arm(positions, size)
+        flat[where] = colours
+    else:
+        paint(picture, arm(look.joints), frame(positions, size))
+    if panel is None:
+        return picture
+    from causal_openlock.render.panel import panel_picture
+
+    return np.hstack([picture, panel_picture(panel, size)])
+
+
+def paint(picture: Bytes, shapes: Iterable[Shape], shown: Frame) -> None:
+    """Paint shapes onto a picture, each above those before it."""
+    for shape in shapes:
+        _paint(picture, shape, shown)
+
+
+def _paint(picture: Bytes, shape: Shape, shown: Frame) -> None:
+    scale = shown.scale
+    line = max(shape.line * scale, THINNEST) / 2 if shape.line else 0.0
+    # The pixels around it: those that it can cover a part of.
+    x, y = (shape.x - shown.left) * scale, (shown.top - shape.y) * scale
+    length, width = shape.length * scale, shape.width * scale
+    cos, sin = math.cos(shape.angle), math.sin(shape.angle)
+    wide = abs(cos) * length + abs(sin) * width + line + 1
+    high = abs(sin) * length + abs(cos) * width + line + 1
+    left, right = max(0, math.floor(x - wide)), min(shown.width, math.ceil(x + wide))
+    top, bottom = max(0, math.floor(y - high)), min(shown.height, math.ceil(y + high))
+    if left >= right or top >= bottom:
+        return
+    dx = np.arange(left, right, dtype=np.float32) + np.float32(0.5 - x)
+    dy = (np.arange(top, bottom, dtype=np.float32) + np.float32(y * -1 + 0.5))[:, None]
+    # Distance to the border, negative inside; rows go down where y goes up.
+    corner = shape.corner * scale
+    u = np.abs(dx * np.float32(cos) - dy * np.float32(sin)) - np.float32(length - corner)
+    v = np.abs(dx * np.float32(sin) + dy * np.float32(cos)) - np.float32(width - corner)
+    away = np.minimum(np.maximum(u, v), 0)
+    away += np.sqrt(np.maximum(u, 0) ** 2 + np.maximum(v, 0) ** 2)
+    away -= np.float32(corner)
+    whole = np.clip(np.float32(0.5 + line) - away, 0, 1)[..., None]
+    inner = np.clip(np.float32(0.5 - line) - away, 0, 1)[..., None] if line else whole
+    under = picture[top:bottom, left:right]
+    # The outline is black and adds nothing.
+    under[:] = under * (1 - whole) + np.array(shape.fill, np.float32) * inner + np.float32(0.5)
+
+
+# -- what is kept ---------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=16)
+def _empty_room(positions: int, size: int, pressed: bool) -> Bytes:
+    picture = _blank(frame(positions, size))
+    paint(picture, [button(positions, pressed)], frame(positions, size))
+    return picture
+
+
+@lru_cache(maxsize=512)
+def _lever(positions: int, size: int, place: int, slid: int, grey: bool) -> Piece:
+    return _piece(lever(positions, place, slid / STEPS, grey), frame(positions, size))
+
+
+@lru_cache(maxsize=128)
+def _door(positions: int, size: int, angle: int, locked: bool) -> Piece:
+    return _piece(door(positions, angle / STEPS, locked), frame(positions, size))
+
+
+@lru_cache(maxsize=16)
+def _resting_arm(positions: int, size: int) -> Piece:
+    return _piece(arm(resting(positions)), frame(positions, size))
+
+
+def _piece(shapes: Iterable[Shape], shown: Frame) -> Piece:
+    """Which pixels of an empty picture shapes change, and to what."""
+    picture = _blank(shown)
+    paint(picture, shapes, shown)
+    flat = picture.reshape(-1, 3)
+    where = np.flatnonzero((flat != np.array(colour("background"))).any(axis=1))
+    return where.astype(np.int32), flat[where]
+
+
+def _blank(shown: Frame) -> Bytes:
+    return np.full((shown.height, shown.width, 3), colour("background"), np.uint8)

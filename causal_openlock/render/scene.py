@@ -1,0 +1,253 @@
+"""What a picture of a room is made of, before it is pixels or SVG.
+
+The room is drawn after the paper's Figure 2a. Everything in it is a :class:`Shape`, a bar with
+more or less rounded ends: a disc is a bar that is all ends, the button one that is as long as it
+is wide. Where things are comes from :class:`~causal_openlock.physics.geometry.RoomGeometry`, which
+the simulated room is built from too; a :class:`Look` says where the parts that move are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from causal_openlock.physics.geometry import (
+    BAR_LENGTH,
+    BAR_WIDTH,
+    DOOR_SWING,
+    Point,
+    RoomGeometry,
+    along,
+)
+from causal_openlock.physics.kinematics import joint_points
+from causal_openlock.reference import room_facts
+
+if TYPE_CHECKING:
+    from causal_openlock.physics.world import Pose
+
+Colour = tuple[int, int, int]
+
+LINE = 0.025
+JOINT_RADIUS = 0.1
+LOCK_RADIUS = 0.15
+MARGIN = 0.3
+OUTLINE: Colour = (0, 0, 0)
+
+
+class Frame(NamedTuple):
+    """What part of the plane a picture shows, in arm links, and at how many pixels per link."""
+
+    left: float
+    top: float
+    scale: float
+    width: int
+    height: int
+
+    def pixel(self, point: ArrayLike) -> Point:
+        """Column and row of a point of the room."""
+        x, y = np.asarray(point, dtype=float).tolist()
+        return (x - self.left) * self.scale, (self.top - y) * self.scale
+
+
+@cache
+def frame(positions: int, size: int) -> Frame:
+    """What a picture of a room shows.
+
+    Args:
+        positions: P, 7 to 12.
+        size: Height of the picture in pixels; it is about a quarter wider.
+
+    Raises:
+        LayoutError: If no room has so many positions.
+    """
+    geometry = RoomGeometry.of(positions)
+    reach = max(abs(x) for track in geometry.tracks for x in track.end) + BAR_WIDTH / 2
+    half = max(reach, 3.5) + MARGIN
+    right = max(geometry.door_end(DOOR_SWING)[0], button(positions).x + 0.4) + MARGIN
+    scale = size / (2 * half)
+    return Frame(-half, half, scale, round((half + right) * scale), size)
+
+
+class Shape(NamedTuple):
+    """A bar, perhaps turned and rounded; lengths in arm links, y up.
+
+    Attributes:
+        x: Of its centre.
+        y: Of its centre.
+        length: Half of it.
+        width: Half of it.
+        angle: Direction of its length, in radians.
+        corner: Radius of its corners.
+        fill: Its colour.
+        line: Width of its black outline, which lies half inside and half outside; 0 for none.
+    """
+
+    x: float
+    y: float
+    length: float
+    width: float
+    angle: float
+    corner: float
+    fill: Colour
+    line: float = LINE
+
+
+def rod(
+    start: Point, end: Point, width: float, fill: Colour, rounded: bool = False, line: float = LINE
+) -> Shape:
+    """A bar between two points; rounded ends reach beyond them by half the width."""
+    half = width / 2
+    length = math.dist(start, end) / 2 + half * rounded
+    angle = math.atan2(end[1] - start[1], end[0] - start[0])
+    x, y = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
+    return Shape(x, y, length, half, angle, half * rounded, fill, line)
+
+
+def disc(centre: Point, radius: float, fill: Colour, line: float = LINE / 2) -> Shape:
+    """A disc."""
+    return Shape(centre[0], centre[1], radius, radius, 0.0, radius, fill, line)
+
+
+@cache
+def colour(name: str) -> Colour:
+    """A colour of the figure by its name in ``room.yaml``."""
+    red, green, blue = room_facts()["rgb"][name]
+    return red, green, blue
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a room looks like at one moment; P positions.
+
+    Attributes:
+        joints: The arm's base, its four joints and its free end.
+        levers: ``[P]`` how far each lever has slid: 0 pulled, 1 pushed.
+        grey: ``[P]`` whether it is active.
+        door: Angle of the door in radians: 0 closed.
+        locked: Whether the lock indicator is there.
+        pressed: Whether the green button is held down.
+    """
+
+    joints: tuple[Point, ...]
+    levers: tuple[float, ...]
+    grey: tuple[bool, ...]
+    door: float = 0.0
+    locked: bool = True
+    pressed: bool = False
+
+    @property
+    def positions(self) -> int:
+        """Number of positions, P."""
+        return len(self.levers)
+
+    @classmethod
+    def of_observation(cls, observation: ArrayLike, positions: int) -> Look:
+        """A symbolic room: nothing is between two states, and the arm is at rest.
+
+        Args:
+            observation: ``[2P + 2]`` bits: levers pushed, levers grey, door locked, door open.
+            positions: P.
+
+        Raises:
+            ValueError: If the observation has another length.
+        """
+        bits = bits_of(observation, positions)
+        return cls(
+            joints=resting(positions),
+            levers=tuple(map(float, bits[:positions])),
+            grey=tuple(map(bool, bits[positions:-2])),
+            door=DOOR_SWING * bits[-1],
+            locked=bool(bits[-2]),
+        )
+
+    @classmethod
+    def of_pose(cls, pose: Pose, grey: Sequence[bool], pressed: bool = False) -> Look:
+        """A physical room, as its bodies are."""
+        return cls(pose.joints, pose.levers, tuple(grey), pose.door, pose.locked, pressed)
+
+    def shapes(self) -> dict[str, list[Shape]]:
+        """Everything that is drawn, part by part, each part above those before it."""
+        levers = zip(self.levers, self.grey, strict=True)
+        return {
+            "button": [button(self.positions, self.pressed)],
+            **{
+                f"lever {place}": lever(self.positions, place, slid, grey)
+                for place, (slid, grey) in enumerate(levers)
+            },
+            "door": door(self.positions, self.door, self.locked),
+            "arm": arm(self.joints),
+        }
+
+
+def bits_of(observation: ArrayLike, positions: int) -> list[int]:
+    """An observation as a list, its length checked."""
+    bits = np.asarray(observation)
+    if bits.shape != (2 * positions + 2,):
+        raise ValueError(
+            f"a room of {positions} positions is seen as {2 * positions + 2} bits, and this "
+            f"observation has the shape {bits.shape}; pass positions="
+        )
+    return [int(bit) for bit in bits]
+
+
+@cache
+def resting(positions: int) -> tuple[Point, ...]:
+    """The arm's joints before it has moved."""
+    geometry = RoomGeometry.of(positions)
+    return joint_points(geometry.rest, geometry.link)
+
+
+def button(positions: int, pressed: bool = False) -> Shape:
+    """The green button beside the door's hinge, darker while it is pressed."""
+    facts = room_facts()
+    x, y = facts["button"]["centre"]
+    x += RoomGeometry.of(positions).hinge[0] - facts["door"]["hinge"][0]
+    half = facts["button"]["side"] / 2
+    return Shape(x, y, half, half, 0.0, 0.0, colour("button_pressed" if pressed else "button"))
+
+
+def lever(positions: int, place: int, slid: float, grey: bool) -> list[Shape]:
+    """A lever: its track, parted into an inner and an outer end, and its bar across it."""
+    track = RoomGeometry.of(positions).tracks[place]
+    fill = colour("active_lever_arm_door" if grey else "inactive_lever")
+    width = float(room_facts()["track"]["width"])
+    inner, outer = track.line()
+    middle = (inner[0] + outer[0]) / 2, (inner[1] + outer[1]) / 2
+    inner = along(inner, track.outward, LINE)  # its outline is not to peep out below the bar's
+    across = -track.outward[1], track.outward[0]
+    centre = track.centre(slid)
+    start, end = (along(centre, across, side * BAR_LENGTH / 2) for side in (-1, 1))
+    return [
+        rod(inner, middle, width, fill),
+        rod(middle, outer, width, fill),
+        rod(start, end, BAR_WIDTH, fill),
+    ]
+
+
+def door(positions: int, angle: float, locked: bool) -> list[Shape]:
+    """The door on its red hinge, and the black lock where its end is when it is closed."""
+    geometry = RoomGeometry.of(positions)
+    grey = colour("active_lever_arm_door")
+    shapes = [
+        rod(geometry.hinge, geometry.door_end(angle), geometry.door_thickness, grey),
+        disc(geometry.hinge, 1.2 * JOINT_RADIUS, colour("joint_and_hinge")),
+    ]
+    if locked:
+        shapes.append(disc(geometry.lock, LOCK_RADIUS, OUTLINE, line=0.0))
+    return shapes
+
+
+def arm(joints: Sequence[Point]) -> list[Shape]:
+    """The arm: its links, red joints, and a free end without one."""
+    grey = colour("active_lever_arm_door")
+    width = float(room_facts()["arm"]["width"])
+    links = [rod(start, end, width, grey, rounded=True) for start, end in pairwise(joints)]
+    red = [disc(joint, JOINT_RADIUS, colour("joint_and_hinge")) for joint in joints[:-1]]
+    return [*links, *red, disc(joints[-1], 1.3 * JOINT_RADIUS, grey, line=LINE)]
