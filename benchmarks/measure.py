@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import Any, Literal
 
-Unit = Literal["steps/s", "actions/s", "pairs/s", "subjects/s", "s", "bytes/attempt"]
+Unit = Literal["steps/s", "actions/s", "pairs/s", "subjects/s", "frames/s", "s", "bytes/attempt"]
 Measurement = Callable[[], float]
 """Does some work and returns what was measured, in the unit of the row."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -78,14 +79,18 @@ def compare(
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="Folder that compare wrote to.")],
+    folder: Annotated[Path, typer.Argument(help="Folder that compare or play wrote to.")],
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(help="Another folder whose learners or people the report shows as well."),
+    ] = None,
 ) -> None:
-    """Write the report of a comparison anew, from its record."""
+    """Write the report of a comparison anew, or of what people played, from its record."""
     from rich.console import Console
 
     from causal_openlock.store import Store
 
-    _report(Store(folder), Console())
+    _report(Store(folder), Console(), [Store(other) for other in beside or ()])
 
 
 def _run(
@@ -144,11 +149,12 @@ def _warn(console: Console, sentence: str) -> None:
     console.print(f"warning: {sentence}", style="yellow", soft_wrap=True, highlight=False)
 
 
-def _report(store: Store, console: Console) -> None:
+def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
+    from causal_openlock.analysis.beside import beside
     from causal_openlock.analysis.report import write_report
     from causal_openlock.analysis.summary import headline_table
 
-    record, description = store.record()
+    record, description = beside([one.record() for one in (store, *others)])
     missing = description.get("missing_cells", [])
     if missing:
         _warn(

@@ -17,9 +17,28 @@ them in one space, and a :class:`Pose` of them to draw), :mod:`~causal_openlock.
 
 from __future__ import annotations
 
-from causal_openlock.physics.controller import Movement
-from causal_openlock.physics.geometry import RoomGeometry
-from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.physics.world import Pose, World
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from causal_openlock.physics.controller import Movement
+    from causal_openlock.physics.geometry import RoomGeometry
+    from causal_openlock.physics.room import PhysicalRoom
+    from causal_openlock.physics.world import Pose, World
 
 __all__ = ["Movement", "PhysicalRoom", "Pose", "RoomGeometry", "World"]
+
+# pymunk is loaded with the first of these that needs it: where things are is told without.
+_HOMES = {
+    "Movement": "controller",
+    "PhysicalRoom": "room",
+    "Pose": "world",
+    "RoomGeometry": "geometry",
+    "World": "world",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
