@@ -13,9 +13,11 @@ import sys
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
+from rich.console import Console
 
-from causal_openlock.cli import main
+from causal_openlock.cli import comparison, main
 from causal_openlock.store import Store
 
 SLOW = """\
@@ -361,3 +363,22 @@ def test_starting_loads_nothing_heavy(statement: str, tmp_path: Path) -> None:
     loaded = {line.rsplit("|", 1)[-1].strip().split(".")[0] for line in done.stderr.splitlines()}
     assert "causal_openlock" in loaded
     assert not loaded & {"torch", "pgmpy", "matplotlib", "pandas", "scipy", "networkx", "pyarrow"}
+
+
+def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> None:
+    names = [f"condition_{number}" for number in range(12)]
+    rows = pd.DataFrame(
+        [
+            {
+                "learner": "somebody", "protocol": "human", "condition": name, "measured": "test",
+                "attempts": 12.0, "ci_low": 11.0, "ci_high": 13.0, "share_solved": 1.0,
+                "human_attempts": float("nan"), "model_attempts": float("nan"),
+                "ideal_attempts": 3.0,
+            }
+            for name in names
+        ]
+    )  # fmt: skip
+    console = Console(width=60, file=io.StringIO())
+    comparison._print_headline(rows, ["somebody"], names, console)
+    printed = console.file.getvalue()
+    assert all(name in printed for name in [*names, "somebody", "ideal observer"])

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from causal_openlock.store import Store
     from causal_openlock.worker import Watching
 
+MOST_COLUMNS = 1000
+
 
 def compare(
     experiment: Annotated[
@@ -198,7 +200,11 @@ def _print_headline(
                 cells = [_cell(own[own["condition"] == condition]) for condition in order]
                 shown.add_row(learner, *cells)
         # A column that is cut off would be lost; a line that wraps is only ugly.
-        console.print(shown, width=max(console.width, console.measure(shown).maximum), crop=False)
+        wide = console.measure(shown, options=console.options.update(max_width=MOST_COLUMNS))
+        usual = console.width
+        console.width = max(usual, wide.maximum)
+        console.print(shown, crop=False)
+        console.width = usual
     console.print(
         "\nMeans over subjects, the solving attempt included, with 95% bootstrap intervals; a "
         "trial not solved counts as its limit.",
