@@ -15,7 +15,7 @@ from measure import Measurement, Row, Target, in_turns, stopwatch
 
 import causal_openlock
 from causal_openlock.physics import PhysicalRoom, Pose
-from causal_openlock.render.raster import draw
+from causal_openlock.render.panel import draw
 from causal_openlock.render.scene import Look
 from causal_openlock.room import Room
 from causal_openlock.schema_file import find_schema

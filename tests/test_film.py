@@ -25,8 +25,8 @@ from causal_openlock.learner_registry import create
 from causal_openlock.physics import PhysicalRoom
 from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, Moment, moments, save_film
 from causal_openlock.render.gif import GifWriter
+from causal_openlock.render.panel import draw
 from causal_openlock.render.played import PlayedTrial, play_trial, recorded_trial
-from causal_openlock.render.raster import draw
 from causal_openlock.render.scene import Look, frame
 from causal_openlock.room import Layout
 from causal_openlock.runner import run

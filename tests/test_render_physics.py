@@ -17,8 +17,8 @@ from PIL import Image, ImageDraw
 from causal_openlock.physics import PhysicalRoom, Pose, RoomGeometry
 from causal_openlock.physics.geometry import along
 from causal_openlock.reference import room_facts
-from causal_openlock.render.panel import HEIGHT, WIDTH, Done, Panel, font, panel_picture
-from causal_openlock.render.raster import draw, paint
+from causal_openlock.render.panel import HEIGHT, WIDTH, Done, Panel, draw, font, panel_picture
+from causal_openlock.render.raster import paint
 from causal_openlock.render.scene import Frame, Look, Shape, frame
 from causal_openlock.render.stills import look_after
 from causal_openlock.render.svg import room_svg

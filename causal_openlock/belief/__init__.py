@@ -17,7 +17,8 @@ Looking inside: :mod:`~causal_openlock.belief.believer` (learners that let other
 :mod:`~causal_openlock.belief.insight` (levers and arrows),
 :mod:`~causal_openlock.belief.networks` (pgmpy),
 :mod:`~causal_openlock.belief.trace`, :mod:`~causal_openlock.belief.story` and
-:mod:`~causal_openlock.belief.likeness` (a trial as a table, in words, and beside the truth).
+:mod:`~causal_openlock.belief.likeness` (a trial as a table, in words, and beside the truth; the
+words are in :mod:`~causal_openlock.belief.words`).
 
 The best that can be done: :mod:`~causal_openlock.belief.placements` (a known schema anywhere),
 :mod:`~causal_openlock.belief.symmetry` (levers that are alike) and

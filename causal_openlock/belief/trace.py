@@ -23,6 +23,7 @@ from causal_openlock.belief.believer import Believer, situation_of
 from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
 from causal_openlock.belief.evidence import Event, likelihood
 from causal_openlock.belief.likeness import by_position
+from causal_openlock.belief.words import told
 from causal_openlock.errors import LearnerError, ProtocolError
 from causal_openlock.fsm import FloatArray
 from causal_openlock.learner import InformedLearner, Learner, Step, View
@@ -173,8 +174,6 @@ class Trace:
             probability after the action.
         """
         import pandas as pd
-
-        from causal_openlock.belief.story import told
 
         nodes = self.nodes
         edges = self.edges

@@ -378,7 +378,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             from causal_openlock.render.room import room_text
 
             return room_text(seen, positions)
-        from causal_openlock.render.raster import draw
+        from causal_openlock.render.panel import draw
         from causal_openlock.render.scene import Look
 
         if self._bodies is None:

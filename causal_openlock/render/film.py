@@ -17,9 +17,8 @@ from causal_openlock.files import replacing, write_bytes, write_text
 from causal_openlock.physics import PhysicalRoom, Pose
 from causal_openlock.physics.world import STEP
 from causal_openlock.render.gif import GifWriter
-from causal_openlock.render.panel import Done, Panel
+from causal_openlock.render.panel import Done, Panel, draw
 from causal_openlock.render.played import Attempt, PlayedTrial
-from causal_openlock.render.raster import draw
 from causal_openlock.render.scene import Look
 from causal_openlock.render.svg import room_svg
 from causal_openlock.room import Room, action_names, published_layouts

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from causal_openlock.render.raster import Bytes, paint
-from causal_openlock.render.scene import Colour, Frame, Shape, rod
+from causal_openlock.render.raster import Bytes, draw_room, paint
+from causal_openlock.render.scene import Colour, Frame, Look, Shape, rod
 
 WIDTH, HEIGHT = 5.1, 7.6
 PADDING = 0.28
@@ -182,6 +182,21 @@ def font(pixels: int, bold: bool) -> Any:
 
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(f"{mpl.get_data_path()}/fonts/ttf/{name}", pixels)
+
+
+def draw(look: Look, size: int, panel: Panel | None = None) -> Bytes:
+    """A picture of a room, the console beside it if there is one to show.
+
+    Args:
+        look: The room.
+        size: Height of the picture in pixels.
+        panel: The console.
+
+    Returns:
+        ``[size, width, 3]`` red, green, blue; a new array each time.
+    """
+    room = draw_room(look, size)
+    return room if panel is None else np.hstack([room, panel_picture(panel, size)])
 
 
 @lru_cache(maxsize=8)

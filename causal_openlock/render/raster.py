@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +32,6 @@ from causal_openlock.render.scene import (
     resting,
 )
 
-if TYPE_CHECKING:
-    from causal_openlock.render.panel import Panel
-
 Bytes = NDArray[np.uint8]
 Piece = tuple[NDArray[np.int32], Bytes]
 
@@ -45,13 +41,12 @@ THINNEST = 0.8
 """The least width of an outline, in pixels."""
 
 
-def draw(look: Look, size: int, panel: Panel | None = None) -> Bytes:
+def draw_room(look: Look, size: int) -> Bytes:
     """A picture of a room.
 
     Args:
         look: The room.
         size: Height of the picture in pixels.
-        panel: The console to show beside it, if any.
 
     Returns:
         ``[size, width, 3]`` red, green, blue; a new array each time.
@@ -69,11 +64,7 @@ def draw(look: Look, size: int, panel: Panel | None = None) -> Bytes:
         flat[where] = colours
     else:
         paint(picture, arm(look.joints), frame(positions, size))
-    if panel is None:
-        return picture
-    from causal_openlock.render.panel import panel_picture
-
-    return np.hstack([picture, panel_picture(panel, size)])
+    return picture
 
 
 def paint(picture: Bytes, shapes: Iterable[Shape], shown: Frame) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from causal_openlock.physics.geometry import Point, RoomGeometry
-from causal_openlock.render.raster import Bytes, draw
+from causal_openlock.render.panel import draw
+from causal_openlock.render.raster import Bytes
 from causal_openlock.render.scene import Frame, Look, bits_of, frame
 from causal_openlock.room import position_coordinates
 
