@@ -313,6 +313,21 @@ def plan(condition: Condition, protocol: Protocol, generator: np.random.Generato
     return visits
 
 
+def check_trial(trial: int, trials: int, where: str) -> None:
+    """Refuse a number that no trial has.
+
+    Args:
+        trial: The number, counted over a whole condition from 1.
+        trials: How many trials there are.
+        where: In what, for the message.
+
+    Raises:
+        ProtocolError: If there is no such trial.
+    """
+    if not 1 <= trial <= trials:
+        raise ProtocolError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
+
+
 def _with_test_layout(groups: tuple[Trials, ...], protocol: Protocol) -> tuple[Trials, ...]:
     if protocol.test_layout is None:
         return groups

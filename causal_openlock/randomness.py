@@ -36,6 +36,18 @@ def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.
     )
 
 
+def pick(odds: FloatArray, draw: float) -> int:
+    """An index, as probable as its odds are high.
+
+    Args:
+        odds: ``[N]``, not all zero; they need not add up to 1.
+        draw: A number in [0, 1), which decides.
+    """
+    ladder = odds.cumsum()
+    # Rounding may take the draw to the top of the ladder.
+    return min(int(np.searchsorted(ladder, draw * ladder[-1], side="right")), len(ladder) - 1)
+
+
 class Streams:
     """Uniform numbers for B subjects at once, each from its own generator.
 

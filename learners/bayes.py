@@ -38,7 +38,7 @@ from causal_openlock.belief.prior import Count, Prior, Share
 from causal_openlock.belief.space import Space
 from causal_openlock.fsm import FloatArray, IntArray
 from causal_openlock.learner import Brief, Step, View
-from causal_openlock.randomness import Streams
+from causal_openlock.randomness import Streams, pick
 
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
@@ -105,9 +105,7 @@ class Bayes(Believer):
                 odds = np.exp((values - best) / self.parameters.temperature)
         else:
             odds = (values >= best - TIE).astype(float)
-        ladder = odds.cumsum()
-        at = int(np.searchsorted(ladder, draw * ladder[-1], side="right"))
-        return min(at, len(ladder) - 1)
+        return pick(odds, draw)
 
     def _values(self, belief: Belief, situation: Situation) -> FloatArray:
         """``[P + 1]`` what pushing each lever is worth to the policy, and the door."""

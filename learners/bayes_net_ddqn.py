@@ -21,6 +21,7 @@ from causal_openlock.belief.planning import TIE
 from causal_openlock.belief.prior import Prior
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.learner import Brief, Step, View
+from causal_openlock.randomness import pick
 from learners.ddqn import DDQN, DDQNParameters
 
 
@@ -45,10 +46,9 @@ class BayesNetDDQN(DDQN, Believer):
         self.beliefs.enter(view)
         actions = super()._explore(view, explores, draw)
         for subject in np.flatnonzero(explores & view.playing).tolist():
-            ladder = self.gains(subject, view).cumsum()
-            if ladder[-1] > TIE:
-                at = np.searchsorted(ladder, draw[subject] * ladder[-1], side="right")
-                actions[subject] = min(at, len(ladder) - 1)
+            gains = self.gains(subject, view)
+            if gains.sum() > TIE:
+                actions[subject] = pick(gains, float(draw[subject]))
         return actions
 
     def learn(self, step: Step) -> None:

@@ -12,6 +12,7 @@ Meta-training has a single network in many rooms; subjects that go on learning h
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -61,7 +62,7 @@ def split(inputs: Tensor, positions: int) -> tuple[Tensor, Tensor]:
     return torch.stack([pushed, grey, push, pull], dim=-1), torch.cat([door, rest], dim=-1)
 
 
-class Memory(nn.Module):
+class Memory(nn.Module, ABC):
     """N recurrent networks that tell what to do next and what is still to come.
 
     Attributes:
@@ -72,10 +73,11 @@ class Memory(nn.Module):
     sizes: Sizes
     positions: int | None = None
 
+    @abstractmethod
     def state_size(self, positions: int) -> int:
         """Numbers that are remembered in a room of so many positions, S."""
-        raise NotImplementedError
 
+    @abstractmethod
     def forward(
         self, inputs: Tensor, state: Tensor, fresh: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
@@ -90,7 +92,6 @@ class Memory(nn.Module):
             ``[N, T, M, A]`` logits of the actions, ``[N, T, M]`` values, and ``[N, M, S]`` what is
             remembered in the end.
         """
-        raise NotImplementedError
 
 
 class LeverMemory(Memory):

@@ -10,6 +10,7 @@ slower.
 from __future__ import annotations
 
 import copy
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, Literal
@@ -44,7 +45,7 @@ class StackedLinear(nn.Module):
         return torch.baddbmm(self.bias, inputs, self.weight)
 
 
-class StackedCell(nn.Module):
+class StackedCell(nn.Module, ABC):
     """N recurrent layers; a subclass says what one step of time does.
 
     Weights and biases are laid out as in torch's own cells, transposed.
@@ -100,6 +101,7 @@ class StackedCell(nn.Module):
             outputs.append(state[..., : self.hidden])
         return torch.stack(outputs, dim=1), state
 
+    @abstractmethod
     def step(self, projected: Tensor, recalled: Tensor, state: Tensor) -> Tensor:
         """``[N, M, S]`` the next state.
 
@@ -108,7 +110,6 @@ class StackedCell(nn.Module):
             recalled: ``[N, M, gates * H]`` what the last output contributes.
             state: ``[N, M, S]`` the last state.
         """
-        raise NotImplementedError
 
 
 class StackedGRU(StackedCell):

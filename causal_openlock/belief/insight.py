@@ -21,16 +21,6 @@ from causal_openlock.room import position_names
 from causal_openlock.schema import DOOR, Gate, Schema
 
 
-def active_probabilities(belief: Belief) -> FloatArray:
-    """``[P]`` probability that the lever at each position is active."""
-    space = belief.space
-    blocks = np.searchsorted(space.ends, belief.which, side="right")
-    held = np.bincount(blocks, belief.weight, minlength=len(space.blocks))
-    active = (space.active[:, None] >> belief.slots & 1).astype(float)
-    probabilities: FloatArray = held @ active
-    return probabilities
-
-
 def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
     """``[P, P + 1]`` probability that the lever at a position enables another, or the door (last).
 
@@ -47,12 +37,6 @@ def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
             causes = (part.structures.causes >> np.uint16(lever) & 1).astype(float)
             edges[position, to] += probability @ causes
     return edges
-
-
-def strength_probabilities(belief: Belief) -> FloatArray:
-    """``[G]`` probability of each strength of the space."""
-    many = len(belief.space.strengths)
-    return np.bincount(belief.which % many, belief.weight, minlength=many).astype(float)
 
 
 def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:

@@ -12,6 +12,7 @@ import numpy as np
 from causal_openlock.belief.planning import Situation, achievable
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.fsm import FloatArray
+from causal_openlock.randomness import pick
 
 
 def draw_intention(
@@ -43,13 +44,13 @@ def draw_intention(
         if not fitting.any():
             return None
     if by_weight:
-        which = _pick(weight * fitting.any(axis=1), draws[0])
-        solution = int(hypotheses.solutions[which, _pick(fitting[which] * 1.0, draws[1])])
+        which = pick(weight * fitting.any(axis=1), draws[0])
+        solution = int(hypotheses.solutions[which, pick(fitting[which] * 1.0, draws[1])])
     else:
         choices = np.unique(hypotheses.solutions[fitting])
         solution = int(choices[int(draws[0] * len(choices))])
         allows = (fitting & (hypotheses.solutions == solution)).any(axis=1)
-        which = _pick(weight * allows, draws[1])
+        which = pick(weight * allows, draws[1])
     return _in_order(hypotheses, which, solution, situation.pushed)
 
 
@@ -67,8 +68,3 @@ def _in_order(hypotheses: Hypotheses, which: int, solution: int, pushed: int) ->
         missing.discard(ready[0])
         pushed |= 1 << ready[0]
     return tuple(order)
-
-
-def _pick(odds: FloatArray, draw: float) -> int:
-    ladder = odds.cumsum()
-    return min(int(np.searchsorted(ladder, draw * ladder[-1], side="right")), len(odds) - 1)

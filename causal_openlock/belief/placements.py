@@ -13,8 +13,9 @@ from itertools import combinations
 
 import numpy as np
 
+from causal_openlock.belief.catalogue import solution_masks
 from causal_openlock.belief.space import Hypotheses
-from causal_openlock.belief.structures import NEVER, Structures, merge
+from causal_openlock.belief.structures import NEVER, Structures, merge, renamed_sets
 from causal_openlock.fsm import FloatArray
 from causal_openlock.schema import DOOR, Schema
 
@@ -54,12 +55,11 @@ def placements(schema: Schema, action_limit: int) -> Hypotheses:
     )
     first, _ = merge(structures.behaviour(action_limit))
     structures = structures[np.sort(first)]
-    solutions = np.nonzero(structures.solutions())[1].reshape(len(structures), -1)
     return Hypotheses(
         structures.causes,
         structures.threshold,
         structures.inert(),
-        solutions.astype(np.uint16),
+        solution_masks(structures),
         np.zeros(len(structures), dtype=np.uint8),
     )
 
@@ -104,9 +104,7 @@ def on_slots(own: Hypotheses, slots: tuple[int, ...], room: int) -> Hypotheses:
         slots: The slot of each of them.
         room: Levers of the room.
     """
-    renamed = np.zeros(1 << len(slots), dtype=np.uint16)
-    for lever, slot in enumerate(slots):
-        renamed |= (np.arange(1 << len(slots)) >> lever & 1).astype(np.uint16) << np.uint16(slot)
+    renamed = renamed_sets(slots)
     causes = np.zeros((len(own), room + 1), dtype=np.uint16)
     threshold = np.full((len(own), room + 1), NEVER, dtype=np.uint8)
     where = [*slots, room]

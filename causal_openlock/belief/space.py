@@ -12,6 +12,7 @@ ones first, then the white ones, each in the order of their positions.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -26,7 +27,7 @@ from causal_openlock.belief.catalogue import (
     feasible,
 )
 from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import NEVER, Counts, Masks
+from causal_openlock.belief.structures import NEVER, Counts, Masks, renamed_sets
 from causal_openlock.fsm import FloatArray, IntArray
 
 RULES = ("grey", "white", "position")
@@ -227,7 +228,7 @@ def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, l
     for levers in range(1, min(FREE_FORM_LEVERS, positions) + 1):
         # All sets of a size or none, so that no position is preferred.
         own = catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity, limit)
-        if taken + len(own) * len(list(combinations(range(positions), levers))) <= limit:
+        if taken + len(own) * math.comb(positions, levers) <= limit:
             for slots in combinations(range(positions), levers):
                 take(sum(1 << slot for slot in slots), always=True)
     parts = [placed(block, positions, sight.solutions) for block in blocks]
@@ -238,10 +239,8 @@ def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, l
 def placed(block: Block, positions: int, solutions: int) -> Hypotheses:
     """The behaviours of a block, each as its first structure, on the room's slots."""
     own = block.catalogue
-    slots, levers = block.slots, own.members.levers
-    renamed = np.zeros(1 << levers, dtype=np.uint16)
-    for lever, slot in enumerate(slots):
-        renamed |= (np.arange(1 << levers) >> lever & 1).astype(np.uint16) << np.uint16(slot)
+    slots = block.slots
+    renamed = renamed_sets(slots)
     causes = np.zeros((len(own), positions + 1), dtype=np.uint16)
     threshold = np.full((len(own), positions + 1), NEVER, dtype=np.uint8)
     where = [*slots, positions]

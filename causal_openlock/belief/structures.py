@@ -13,6 +13,7 @@ tell them apart.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -97,9 +98,7 @@ class Structures:
     def relabelled(self, order: IntArray) -> Structures:
         """All structures with lever i called ``order[i]``."""
         n = self.levers
-        renamed = np.zeros(1 << n, dtype=np.uint16)
-        for lever in range(n):
-            renamed |= (np.arange(1 << n) >> lever & 1).astype(np.uint16) << np.uint16(order[lever])
+        renamed = renamed_sets(order.tolist())
         causes, threshold = np.empty_like(self.causes), np.empty_like(self.threshold)
         where = [*order, n]
         causes[:, where] = renamed[self.causes]
@@ -144,6 +143,15 @@ class Structures:
             credited = solutions[np.arange(len(self)), relevant] & holds[:, n] & acting[:, pushed]
             parts += [moves, np.where(credited, relevant, 0).astype(np.uint16)[:, None]]
         return np.concatenate([part.view(np.uint8) for part in parts], axis=1)
+
+
+def renamed_sets(names: Sequence[int]) -> Masks:
+    """``[2^n]`` what each set of n levers is called if lever i is called ``names[i]``."""
+    sets = np.arange(1 << len(names))
+    renamed = np.zeros(len(sets), dtype=np.uint16)
+    for lever, name in enumerate(names):
+        renamed |= (sets >> lever & 1).astype(np.uint16) << np.uint16(name)
+    return renamed
 
 
 def merge(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:

@@ -24,10 +24,10 @@ from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
 from causal_openlock.belief.evidence import Event, likelihood
 from causal_openlock.belief.likeness import by_position
 from causal_openlock.belief.words import told
-from causal_openlock.errors import LearnerError, ProtocolError
+from causal_openlock.errors import LearnerError
 from causal_openlock.fsm import FloatArray
 from causal_openlock.learner import InformedLearner, Learner, Step, View
-from causal_openlock.protocol import Condition, Protocol
+from causal_openlock.protocol import Condition, Protocol, check_trial
 from causal_openlock.rewards import PAPER_REWARD, RewardFunction
 from causal_openlock.room import position_names
 from causal_openlock.schema import DOOR, Schema
@@ -245,15 +245,9 @@ def trace_trial(
         )
     session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
     trials = session.brief.trials
-    if not 1 <= trial <= trials:
-        raise ProtocolError(
-            f"{condition.name} under protocol {protocol.name} has no trial {trial}; choose one "
-            f"from 1 to {trials}"
-        )
-    learner.begin(session.brief)
+    check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
+    session.begin(learner)
     informed = learner if isinstance(learner, InformedLearner) else None
-    if informed:
-        informed.inform(session.truth)
     actions: list[TracedAction] = []
     while True:
         view = session.view

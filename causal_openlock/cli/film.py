@@ -3,37 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from causal_openlock.render.played import PlayedTrial
+from causal_openlock.cli.one_trial import (
+    ConditionName,
+    ExperimentName,
+    ProtocolName,
+    Seed,
+    Subject,
+    one_trial,
+)
 
 Size = Annotated[int, typer.Option(min=120, max=2160, help="Height in pixels.")]
 
 
 def film(
-    condition: Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4, my.yaml, ...")],
+    condition: ConditionName,
     learner: Annotated[str, typer.Option("--learner", "-l", help="Who plays.")] = "bayes",
     trial: Annotated[
         int, typer.Option(min=1, help="The trial to show, counted over the whole condition.")
     ] = 1,
-    subject: Annotated[int, typer.Option(min=0, help="Number of the subject.")] = 0,
-    seed: Annotated[
-        int | None, typer.Option(min=0, max=2**63 - 1, help="Seed of all randomness.")
-    ] = None,
-    protocol: Annotated[
-        str | None, typer.Option(help="human, rl, or one that the experiment declares.")
-    ] = None,
-    experiment: Annotated[
-        str,
-        typer.Option(
-            "--experiment",
-            "-e",
-            help="An experiment to take part in: its seed, its protocols, its learners by name.",
-        ),
-    ] = "default",
+    subject: Subject = 0,
+    seed: Seed = None,
+    protocol: ProtocolName = None,
+    experiment: ExperimentName = "default",
     recorded: Annotated[
         Path | None,
         typer.Option(
@@ -58,11 +53,12 @@ def film(
 
     from causal_openlock.errors import OpenLockError
     from causal_openlock.render.film import STILLS, check_suffix, save_film
-    from causal_openlock.render.played import recorded_trial
+    from causal_openlock.render.played import play_trial, recorded_trial
 
     path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))
     if recorded is None:
-        played = _play(condition, learner, trial, subject, seed, protocol, experiment)
+        who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
+        played = play_trial(*who, **how)
     elif seed is not None or protocol is not None or experiment != "default":
         raise OpenLockError(
             "--from shows what was recorded; leave out --seed, --protocol and --experiment, "
@@ -85,34 +81,6 @@ def film(
     cut = f", the first {shown} of {len(played.attempts)} attempts (--attempts shows more)"
     found = f"{played.found} of {len(played.schema.solutions)} solutions found in the trial"
     typer.echo(f"{path} written{what}{cut * (shown < len(played.attempts))}; {found}")
-
-
-def _play(
-    condition: str,
-    learner: str,
-    trial: int,
-    subject: int,
-    seed: int | None,
-    protocol: str | None,
-    experiment: str,
-) -> PlayedTrial:
-    from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
-    from causal_openlock.learner_registry import create
-    from causal_openlock.render.played import play_trial
-
-    changes = Changes([condition], [learner], protocol, None, seed)
-    chosen = read_experiment(find_experiment(experiment), changes)
-    (entry,), (played,) = chosen.entries, chosen.conditions
-    return play_trial(
-        create(entry.learner, entry.parameters),
-        played,
-        entry.protocol,
-        trial=trial,
-        subject=subject,
-        seed=chosen.seed,
-        reward=entry.reward,
-        label=entry.name,
-    )
 
 
 def room(

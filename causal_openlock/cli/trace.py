@@ -7,30 +7,28 @@ from typing import Annotated
 
 import typer
 
+from causal_openlock.cli.one_trial import (
+    ConditionName,
+    ExperimentName,
+    ProtocolName,
+    Seed,
+    Subject,
+    one_trial,
+)
+
 
 def trace(
-    condition: Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4, my.yaml, ...")],
+    condition: ConditionName,
     learner: Annotated[
         str, typer.Option("--learner", "-l", help="Who plays; it must hold beliefs, as bayes does.")
     ] = "bayes",
     trial: Annotated[
         int, typer.Option(min=1, help="The trial to tell, counted over the whole condition.")
     ] = 1,
-    subject: Annotated[int, typer.Option(min=0, help="Number of the subject.")] = 0,
-    seed: Annotated[
-        int | None, typer.Option(min=0, max=2**63 - 1, help="Seed of all randomness.")
-    ] = None,
-    protocol: Annotated[
-        str | None, typer.Option(help="human, rl, or one that the experiment declares.")
-    ] = None,
-    experiment: Annotated[
-        str,
-        typer.Option(
-            "--experiment",
-            "-e",
-            help="An experiment to take part in: its seed, its protocols, its learners by name.",
-        ),
-    ] = "default",
+    subject: Subject = 0,
+    seed: Seed = None,
+    protocol: ProtocolName = None,
+    experiment: ExperimentName = "default",
     attempts: Annotated[int, typer.Option(min=1, help="Attempts to tell at most.")] = 30,
     actions: Annotated[int, typer.Option(min=1, help="Actions to draw at most.")] = 36,
     out: Annotated[
@@ -45,24 +43,11 @@ def trace(
     from causal_openlock.analysis.belief import check_suffix, save_trace_figure
     from causal_openlock.belief.story import story
     from causal_openlock.belief.trace import trace_trial
-    from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
     from causal_openlock.files import write_text
-    from causal_openlock.learner_registry import create
 
-    changes = Changes([condition], [learner], protocol, None, seed)
-    chosen = read_experiment(find_experiment(experiment), changes)
-    (entry,), (played,) = chosen.entries, chosen.conditions
-    path = check_suffix(out or Path(f"trace_{played.name}.svg"))
-    traced = trace_trial(
-        create(entry.learner, entry.parameters),
-        played,
-        entry.protocol,
-        trial=trial,
-        subject=subject,
-        seed=chosen.seed,
-        reward=entry.reward,
-        label=entry.name,
-    )
+    who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
+    path = check_suffix(out or Path(f"trace_{who[1].name}.svg"))
+    traced = trace_trial(*who, **how)
     for line in story(traced, attempts):
         typer.echo(line)
     save_trace_figure(traced, path, actions)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.errors import ProtocolError, StoreError, nearest
+from causal_openlock.errors import StoreError, nearest
 from causal_openlock.fsm import compile
 from causal_openlock.learner import InformedLearner, Learner
-from causal_openlock.protocol import Condition, Protocol
+from causal_openlock.protocol import Condition, Protocol, check_trial
 from causal_openlock.reference import room_facts
 from causal_openlock.rewards import PAPER_REWARD, RewardFunction
 from causal_openlock.room import Layout, Room, position_names, positions_for
@@ -117,11 +117,9 @@ def play_trial(
     """
     session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
     trials = session.brief.trials
-    _check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
-    learner.begin(session.brief)
+    check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
+    session.begin(learner)
     informed = learner if isinstance(learner, InformedLearner) else None
-    if informed:
-        informed.inform(session.truth)
     over = 0
     while over < trial:
         step = session.step(learner.act(session.view))
@@ -176,7 +174,7 @@ def recorded_trial(
             f"{folder} holds no subject {subject} of {learner} in {condition}; subjects are 0 to "
             f"{entry.get('subjects', 1) - 1}, and compare completes what is missing"
         )
-    _check_trial(trial, len(trials), f"subject {subject} of {learner} in {condition}")
+    check_trial(trial, len(trials), f"subject {subject} of {learner} in {condition}")
     schemas = {
         schema.name: schema
         for part in (*told["train"], *told["test"])
@@ -192,11 +190,6 @@ def _named(entries: Sequence[dict[str, Any]], name: str, otherwise: str) -> dict
     if name not in known:
         raise StoreError(f"{otherwise} {name!r}; {nearest(name, known)}")
     return known[name]
-
-
-def _check_trial(trial: int, trials: int, where: str) -> None:
-    if not 1 <= trial <= trials:
-        raise ProtocolError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
 
 
 def _trials(record: pa.Table) -> list[list[dict[str, Any]]]:
