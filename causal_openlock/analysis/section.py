@@ -1,0 +1,84 @@
+"""What an analysis hands to the report: a section of words, tables and drawings, as data.
+
+An analysis computes with pure functions; at its end stands one function ``section(material)`` that
+puts what it found into a :class:`Section`, or returns ``None`` where the record holds nothing that
+it is about. The report lays sections out and knows nothing of what is in them; the same tables
+become HTML on the page, CSV and LaTeX beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from causal_openlock.analysis.bounds import Bounds
+from causal_openlock.analysis.comparable import Pairs
+from causal_openlock.analysis.style import Drawing
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(frozen=True)
+class Material:
+    """What every section is made of.
+
+    Attributes:
+        record: Columns as in :func:`causal_openlock.record.record_schema`.
+        experiment: What was run, as :meth:`causal_openlock.experiment.Experiment.as_dict` gives it.
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        learners: Labels in the order in which they are shown.
+        pairs: Which learners in which conditions compare with people.
+        bounds: What the ideal observer needs.
+    """
+
+    record: pa.Table
+    experiment: Mapping[str, Any]
+    trials: pd.DataFrame
+    learners: tuple[str, ...]
+    pairs: Pairs
+    bounds: Bounds
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that is shown, and kept as a file.
+
+    Attributes:
+        name: File name without ending.
+        title: What it is.
+        frame: Its values as they were computed, unrounded; columns are headed by their names.
+        formats: How to print a column (``.2f``, ``+.2f``, ``.1%``, ``,``); others as text.
+        caption: What a reader needs to know, in whole sentences.
+    """
+
+    name: str
+    title: str
+    frame: pd.DataFrame
+    formats: Mapping[str, str] = field(default_factory=dict)
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the report.
+
+    Attributes:
+        name: Anchor within the page; letters, digits and underscores.
+        title: Its heading.
+        text: Paragraphs that say what was found, in plain words.
+        tables: Shown after the text.
+        drawings: Shown after the tables.
+    """
+
+    name: str
+    title: str
+    text: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    drawings: tuple[Drawing, ...] = ()
+
+
+__all__ = ["Material", "Section", "Table"]
