@@ -45,6 +45,8 @@ class Distribution:
         trials: The fewest and the most trials in a life.
         change: Chance that a trial's schema is drawn anew, and not that of the one before.
         excluded: Sets of positions at which a room's grey levers never stand.
+        placements: In how many ways levers are placed at all, whatever their number, drawn once;
+            ``None`` draws each room's anew.
     """
 
     schemas: tuple[Schema, ...]
@@ -54,6 +56,7 @@ class Distribution:
     trials: tuple[int, int] = (1, 7)
     change: float = 0.15
     excluded: frozenset[frozenset[int]] = frozenset()
+    placements: int | None = None
 
 
 class MetaRooms:
@@ -93,6 +96,9 @@ class MetaRooms:
         self._forbidden = np.zeros(1 << POSITIONS, dtype=bool)
         for places in distribution.excluded:
             self._forbidden[sum(1 << place for place in places)] = True
+        # By the number of levers, if there are only so many placements: [8, placements, 7].
+        counts = np.repeat(np.arange(POSITIONS + 1), distribution.placements or 0)
+        self._known_places = self._new_places(counts).reshape(POSITIONS + 1, -1, POSITIONS)
         self.brief = Brief(
             subjects=rooms,
             positions=POSITIONS,
@@ -160,6 +166,12 @@ class MetaRooms:
         self._row[who] = self._tables.start[self._listed[schema]]
 
     def _places(self, levers: IntArray) -> IntArray:
+        """``[n, 7]`` positions for rooms of so many levers, ``[n]``."""
+        if (known := self._known_places.shape[1]) == 0:
+            return self._new_places(levers)
+        return self._known_places[levers, self.generator.integers(known, size=len(levers))]
+
+    def _new_places(self, levers: IntArray) -> IntArray:
         """``[n, 7]`` random positions; the first ``levers`` of each row are no excluded set."""
         places = np.empty((len(levers), POSITIONS), dtype=np.int64)
         due = np.arange(len(levers))

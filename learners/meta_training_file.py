@@ -29,6 +29,9 @@ class RandomSchemas(StrictModel):
     levers: Annotated[list[Annotated[int, Field(ge=2, le=7)]], Field(min_length=1)]
     seed: Annotated[int, Field(ge=0)] = 0
     weight: Annotated[float, Field(gt=0, description="Of all of them together.")] = 1.0
+    excluded: Annotated[
+        list[str], Field(description="Schemas that none of them does the same as.")
+    ] = Field(default_factory=list)
 
 
 class RoomsFile(StrictModel):
@@ -43,6 +46,9 @@ class RoomsFile(StrictModel):
         Literal["published"] | list[str],
         Field(description="Where they place their levers, no grey levers ever stand."),
     ] = "published"
+    placements: Annotated[
+        Positive | None, Field(description="In how many ways levers stand at all; null: in any.")
+    ] = None
     attempt_limit: Positive = 30
     trials: Annotated[
         list[Positive],
@@ -93,7 +99,8 @@ class TrainingFile(StrictModel):
         weights = {find_schema(name, [beside]): weight for name, weight in rooms.schemas.items()}
         drawn = rooms.random_schemas
         if drawn:
-            for schema in random_schemas(drawn.number, drawn.levers, drawn.seed):
+            others = [find_schema(name, [beside]) for name in drawn.excluded]
+            for schema in random_schemas(drawn.number, drawn.levers, drawn.seed, others):
                 weights[schema] = drawn.weight / drawn.number
         if not weights:
             raise ExperimentError("there is no schema to train with; add one under rooms: schemas:")
@@ -109,6 +116,7 @@ class TrainingFile(StrictModel):
             trials=(rooms.trials[0], rooms.trials[1]),
             change=rooms.change,
             excluded=excluded_places(rooms.excluded_layouts),
+            placements=rooms.placements,
         )
 
 

@@ -19,13 +19,14 @@ from causal_openlock.learner_registry import create
 from causal_openlock.protocol import Condition, Protocol, Trials
 from causal_openlock.reference import room_facts
 from causal_openlock.room import PAPER_POSITIONS, Layout
+from causal_openlock.schema import Schema
 from causal_openlock.schema_file import bundled, find_schema
 from causal_openlock.session import Session
 from learners.meta_rooms import Distribution, MetaRooms
 from learners.meta_training import MetaTraining, main
 from learners.meta_training_file import TrainingFile, excluded_places, read_training
 from learners.network_file import read_network
-from learners.random_schemas import random_schemas
+from learners.random_schemas import behaviour, random_schemas
 
 CC3, CE4 = find_schema("CC3"), find_schema("CE4")
 PROTOCOL = Protocol("t", attempt_limit=12, stop_when_solved=False, baseline_trials=3)
@@ -105,6 +106,15 @@ def test_no_room_has_its_levers_where_a_published_layout_has_them() -> None:
     assert len(met) == 70 - len(published)
 
 
+def test_where_levers_stand_in_few_ways_they_stand_in_no_others() -> None:
+    known = Distribution((CC3, CE4), (1, 1), attempt_limit=1, placements=2)
+    rooms, met = MetaRooms(known, 50, rng()), set()
+    for _ in range(60):
+        rooms.step(np.full(50, 14))
+        met |= {tuple(row) for row in rooms.layout.tolist()}
+    assert sorted(max(row) + 1 for row in met) == [3, 3, 4, 4]
+
+
 def test_the_bundled_training_leaves_out_every_layout_that_is_tested() -> None:
     file = read_training(bundled("experiments") / "meta_training" / "rl2.yaml")
     known = file.distribution(Path())
@@ -145,6 +155,18 @@ def test_random_schemas_are_different_and_can_be_solved() -> None:
     assert [s.as_dict() for s in random_schemas(40, [3, 4], seed=3)] == [
         s.as_dict() for s in schemas
     ]
+
+
+def test_schemas_that_do_the_same_under_other_names_are_told_and_can_be_left_out() -> None:
+    one = Schema("one", ["A", "B", "C"], {"C": ["A", "B"], "A": ["door"], "B": ["door"]})
+    assert behaviour(one) == behaviour(CC3)
+    known = [find_schema(name) for name in ("CC3", "CE3", "CC4", "CE4", "chain3")]
+    forms = {behaviour(schema) for schema in known}
+    assert len(forms) == 5
+    drawn = random_schemas(300, [3, 4], 1)
+    assert any(behaviour(schema) in forms for schema in drawn)
+    others = random_schemas(300, [3, 4], 1, known)
+    assert not any(behaviour(schema) in forms for schema in others)
 
 
 # -- meta-training --------------------------------------------------------------------------------

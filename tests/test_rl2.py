@@ -16,7 +16,7 @@ from causal_openlock.learner_registry import create
 from causal_openlock.protocol import PROTOCOLS, Condition, Protocol
 from causal_openlock.schema_file import bundled, find_schema
 from causal_openlock.session import Session
-from learners.meta_training_file import read_training
+from learners.meta_training_file import TrainingFile, read_training
 from learners.network_file import BUNDLED, read_network
 from learners.rl2 import RL2, RL2Parameters
 
@@ -41,7 +41,7 @@ def attempts(learner: Any, name: str, subjects: int = 60) -> dict[Any, float]:
 def test_what_is_shipped_was_trained_by_what_is_shipped() -> None:
     _, about = read_network(BUNDLED)
     file = read_training(bundled("experiments") / "meta_training" / "rl2.yaml")
-    assert about["training"] == file.model_dump()
+    assert TrainingFile.model_validate(about["training"]) == file
     assert about["actions"] >= file.actions
     assert BUNDLED.stat().st_size < 1_000_000
 

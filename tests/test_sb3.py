@@ -22,6 +22,7 @@ from causal_openlock.session import Session
 from learners.sb3 import StableBaselines
 
 sb3 = pytest.importorskip("stable_baselines3")
+sb3_contrib = pytest.importorskip("sb3_contrib")
 
 CC3 = find_schema("CC3")
 ONE_ROOM = Condition("room", (Trials(CC3, (Layout.of(CC3, "trial1"),)),))
@@ -30,6 +31,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "PPO": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
     "A2C": {},
     "DQN": {"learning_starts": 10, "batch_size": 8, "buffer_size": 100, "train_freq": 1},
+    "RecurrentPPO": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
 }
 
 
@@ -57,7 +59,9 @@ class Watched(OpenLockEnv):
 def alone(algorithm: str, seed: int, steps: int, total: int, episode: Any) -> list[int]:
     """What the library does by itself, in our environment."""
     room = Watched(schema="CC3", layout="trial1", reward="basic", episode=episode)
-    model = getattr(sb3, algorithm)("MlpPolicy", room, seed=seed, device="cpu", **QUICK[algorithm])
+    recurrent = algorithm.startswith("Recurrent")
+    library, policy = (sb3_contrib, "MlpLstmPolicy") if recurrent else (sb3, "MlpPolicy")
+    model = getattr(library, algorithm)(policy, room, seed=seed, device="cpu", **QUICK[algorithm])
     before = GlobalRandomness.now()
     model.learn(total)
     before.restore()
@@ -198,12 +202,3 @@ def test_a_failure_while_it_learns_is_told_and_does_not_hang() -> None:
     learner._players[0].model.train = fails
     with pytest.raises(LearnerError, match=r"failed while it learned \(RuntimeError: no such luck"):
         play(learner, session)
-
-
-def test_recurrent_ppo_plays_where_it_is_installed() -> None:
-    pytest.importorskip("sb3_contrib")
-    session = session_of()
-    learner = create(
-        "sb3", {"algorithm": "RecurrentPPO", "settings": {"n_steps": 32, "batch_size": 16}}
-    )
-    assert session.play(learner).num_rows == 30
