@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 import stat
 import subprocess
 import sys
@@ -25,6 +24,7 @@ from causal_openlock.learner_registry import create
 from causal_openlock.physics import PhysicalRoom
 from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, Moment, moments, save_film
 from causal_openlock.render.gif import GifWriter
+from causal_openlock.render.mp4 import find_ffmpeg
 from causal_openlock.render.panel import draw
 from causal_openlock.render.played import PlayedTrial, play_trial, recorded_trial
 from causal_openlock.render.scene import Look, frame
@@ -445,13 +445,21 @@ def test_an_ffmpeg_that_fails_is_quoted_and_the_old_film_stays(
     assert sorted(one.name for one in tmp_path.iterdir()) == ["bin", "film.mp4"]
 
 
-@pytest.mark.skipif(not shutil.which("ffmpeg"), reason="ffmpeg is not installed")
+def ffmpeg() -> str:
+    """Path of ffmpeg, or nothing."""
+    try:
+        return find_ffmpeg()
+    except OpenLockError:
+        return ""
+
+
+@pytest.mark.skipif(not ffmpeg(), reason="ffmpeg is not installed")
 def test_a_real_ffmpeg_makes_a_film_of_that_many_frames(trial: PlayedTrial, tmp_path: Path) -> None:
     count = save_film(trial, tmp_path / "film.mp4", size=160, fps=10, attempts=1)
     assert (tmp_path / "film.mp4").read_bytes()[4:8] == b"ftyp"
     back = ["-i", tmp_path / "film.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     raw = subprocess.run(
-        ["ffmpeg", "-v", "error", *map(str, back)], capture_output=True, check=True
+        [ffmpeg(), "-v", "error", *map(str, back)], capture_output=True, check=True
     ).stdout
     last = list(moments(trial, 10, attempts=1))[-1]
     expected = draw(last.look, 160, last.panel)

@@ -99,8 +99,8 @@ def test_from_any_posture_on_the_way_the_arm_swings_round_inside_the_ring(positi
     faced = [facing(track.start) for track in geometry.tracks] + [facing(geometry.at_door(0.0))]
     first = [posture for end in faced for posture in swing(geometry.rest, end)[::4]]
     later = [posture for start in faced for end in faced for posture in swing(start, end)[::8]]
-    for start in [geometry.rest, *first, *later][:: 1 + positions // 8 * 3]:
-        for end in faced[::3]:
+    for start in [geometry.rest, *first, *later][:: 1 + positions // 8 * 6]:
+        for end in faced:
             path = swing(start, end)
             assert path[-1][1:] == pytest.approx(end[1:])
             assert abs(wrap(path[-1][0] - end[0])) < 1e-9
@@ -242,7 +242,7 @@ def test_after_being_broken_off_anywhere_the_arm_still_reaches_everything(steps:
     full = physical.budget
     solution = room.action_of(["L0", "L1"])
     for broken_off, before in ((solution[0], 0), (solution[2], 2), (3, 0)):
-        for target in (1, 2, 4, 6, 11, 14):
+        for target in (*range(7), 11, 14):
             physical.reset()
             Guard(physical)
             for action in solution[:before]:

@@ -1,6 +1,6 @@
 """A real browser plays: what is clicked is what is recorded.
 
-Debian's Chromium, without a display. Where there is none these tests are skipped, except where
+Chromium, without a display. Where there is none these tests are skipped, except where
 ``OPENLOCK_BROWSER=required`` says that there must be one, as ``.ci/run`` does.
 """
 
@@ -8,27 +8,22 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 from collections.abc import Iterator
 from itertools import permutations
 from pathlib import Path
 from typing import Any
 
+import browsers
 import pytest
 from play_clients import serving
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from causal_openlock.play import read_reactions
 from causal_openlock.store import Store
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 REQUIRED = os.environ.get("OPENLOCK_BROWSER") == "required"
-if CHROMIUM is None and not REQUIRED:
-    pytest.skip(
-        "no browser: install Debian's chromium to run the tests of the page",
-        allow_module_level=True,
-    )
-
-from playwright.sync_api import Browser, Page, expect, sync_playwright  # noqa: E402
+if not REQUIRED and not browsers.installed():
+    pytest.skip(browsers.MISSING, allow_module_level=True)
 
 DOOR = 14
 CC3 = ("--condition", "CC3", "--no-practice")
@@ -37,11 +32,8 @@ READY = "#room:not(.busy)"
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    assert CHROMIUM, "OPENLOCK_BROWSER=required, and there is no chromium"
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox"] if os.geteuid() == 0 else []
-        )
+        launched = browsers.launch(playwright)
         yield launched
         launched.close()
 
@@ -189,12 +181,14 @@ def test_the_keyboard_is_enough(page: Page, tmp_path: Path) -> None:
         page.keyboard.press("Enter")
         expect(page.locator("#said")).to_have_text("The door is unlocked.")
         page.wait_for_selector(READY)
-        page.keyboard.press("d")
+        page.keyboard.press("D")  # as with Caps Lock
         expect(page.locator("#said")).to_have_text("That is all there is to practice.")
+        expect(page.locator("#solutions")).to_have_text("–")  # none of it is still to be found
         page.keyboard.press("Enter")  # the way on has the focus
         expect(page.locator("#pause-title")).to_have_text("Room 1 of 5")
         page.keyboard.press("Enter")
         page.wait_for_selector(READY)
+        assert left(page) == (2, 30, 3)
         page.uncheck("#keys")
         page.keyboard.press("1")
         assert left(page) == (2, 30, 3)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from play_clients import Caller, people, serving, solving, until
 
+from causal_openlock.errors import OpenLockError
 from causal_openlock.play import PlayServer, read_reactions
 from causal_openlock.play.server import MOST_BYTES
 from causal_openlock.reference import room_facts
@@ -132,6 +133,44 @@ def test_calls_of_other_sites_are_refused(server: PlayServer, caller: Caller) ->
     own = {"Origin": f"http://127.0.0.1:{server.port}"}
     assert caller.call("/act", call, name, own)[0] == 200
     assert caller.call("/", None, None, {"Host": f"localhost:{server.port}"})[0] == 200
+
+
+@pytest.mark.parametrize("host", ["study.example.org", "127.0.0.1"])
+def test_behind_a_proxy_the_address_that_people_use_is_ours_and_no_other(
+    tmp_path: Path, host: str
+) -> None:
+    # Proxies either pass the host on that the browser asked for, or put their own name for us.
+    made = PlayServer(people(tmp_path), address="https://Study.example.org")
+    thread = threading.Thread(target=made.serve_forever)
+    thread.start()
+    try:
+        caller = Caller(made.port)
+        passed_on = host if host != "127.0.0.1" else f"{host}:{made.port}"
+        ours = {"Host": passed_on, "Origin": "https://study.example.org"}
+        assert caller.call("/join", {}, None, ours)[0] == 200
+        for wrong in (
+            {"Host": passed_on, "Origin": "https://evil.example"},
+            {"Host": passed_on, "Origin": "null"},
+            {"Host": "evil.example", "Origin": "https://study.example.org"},
+            {"Host": "evil.example", "Origin": "https://evil.example"},
+        ):
+            assert caller.call("/join", {}, None, wrong)[0] == 403
+        assert made.people.number == 1
+    finally:
+        made.shutdown()
+        thread.join()
+        made.finish()
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["study.example.org", "ftp://a.org", "https://a.org/rooms", "https://me@a.org", "://"],
+)
+def test_an_address_that_nobody_can_type_is_refused(tmp_path: Path, address: str) -> None:
+    home = people(tmp_path)
+    with pytest.raises(OpenLockError, match=r"give one such as https://study\.example\.org"):
+        PlayServer(home, address=address)
+    home.close()
 
 
 def test_nothing_latent_is_in_any_answer(server: PlayServer, caller: Caller) -> None:

@@ -30,6 +30,13 @@ def play(
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any that is free.")
     ] = 8630,
+    address: Annotated[
+        str,
+        typer.Option(
+            help="What people type where a reverse proxy passes their requests on, such as "
+            "https://study.example.org."
+        ),
+    ] = "",
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of rooms and luck.")] = 0,
     practice: Annotated[
         bool, typer.Option("--practice/--no-practice", help="Begin with a practice room.")
@@ -59,7 +66,7 @@ def play(
         command=shlex.join(words),
     )
     try:
-        server = PlayServer(people, host, port)
+        server = PlayServer(people, host, port, address)
     except BaseException:
         people.close()
         raise
@@ -85,6 +92,8 @@ def _serve(server: PlayServer, browser: bool) -> None:
     sys.setswitchinterval(0.001)  # a click shall not wait for a record that is being written
     folder = server.people.store.folder
     say(f"play at {server.url}")
+    if server.address:
+        say(f"people reach it at {server.address}, through the proxy")
     if server.people.number:
         say(f"{server.people.number} people have joined before; they go on where they were")
     if not server.loopback:

@@ -16,7 +16,8 @@ is), 400 for what is no such call. None of these changes anything.
 
 It is Python's own threading HTTP server: a thread for each connection, most of them asleep. It
 listens on loopback unless told otherwise, and then also refuses requests that came by another name
-than this machine's own, as those of a page elsewhere whose name was made to point here would.
+than this machine's own, as those of a page elsewhere whose name was made to point here would. Where
+a reverse proxy stands before it, it is told the address that people use, and takes that name too.
 """
 
 from __future__ import annotations
@@ -70,17 +71,22 @@ class PlayServer(ThreadingHTTPServer):
         people: Who plays.
         host: Address to listen on.
         port: Port to listen on; 0 for any that is free.
+        address: What people type, such as ``https://study.example.org``, if a reverse proxy passes
+            their requests on; empty without one.
 
     Raises:
-        OpenLockError: If it cannot listen there.
+        OpenLockError: If it cannot listen there, or the address is none.
     """
 
     daemon_threads = True
     block_on_close = False
     request_queue_size = 256
 
-    def __init__(self, people: People, host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(
+        self, people: People, host: str = "127.0.0.1", port: int = 0, address: str = ""
+    ) -> None:
         self.people = people
+        self.address = _checked(address)
         self._room_for = threading.BoundedSemaphore(MOST_CONNECTIONS)
         self._stop = threading.Event()
         if ":" in host:
@@ -99,6 +105,9 @@ class PlayServer(ThreadingHTTPServer):
         self.names = {f"{name}:{self.port}" for name in names}
         if self.port == 80:  # which browsers leave out
             self.names.update(names)
+        self.public = urlsplit(self.address).netloc
+        if self.public:
+            self.names.add(self.public)
         self._keeper = threading.Thread(target=self._keep, name="keeper", daemon=True)
 
     @property
@@ -165,6 +174,18 @@ def _is_loopback(host: str) -> bool:
         return False
 
 
+def _checked(address: str) -> str:
+    """An address that people can type, with a slash in the end."""
+    parts = urlsplit(address)
+    whole = parts.scheme in ("http", "https") and parts.hostname and parts.path in ("", "/")
+    if address and (not whole or parts.query or parts.fragment or "@" in parts.netloc):
+        raise OpenLockError(
+            f"{address!r} is no address of a server; give one such as https://study.example.org, "
+            "without a path: the page wants a host name of its own"
+        )
+    return f"{parts.scheme}://{parts.netloc.lower()}/" if address else ""
+
+
 class _Malformed(Exception):  # noqa: N818 - an answer to the page
     """This is no call that the page makes."""
 
@@ -227,7 +248,11 @@ class _Handler(BaseHTTPRequestHandler):
         if self.home.loopback and host not in self.home.names:
             return False
         origin = self.headers.get("Origin")
-        return origin is None or urlsplit(origin).netloc == host
+        if origin is None:
+            return True
+        # A proxy may put its own name for us in the place of the host that the browser asked for.
+        asked = urlsplit(origin).netloc
+        return bool(asked) and asked in (host, self.home.public)
 
     def _body(self) -> dict[str, Any] | None:
         """What was sent; ``None`` if that is no JSON object."""

@@ -207,7 +207,7 @@ def panel_picture(panel: Panel, size: int) -> Bytes:
     shapes, labels = panel.layout()
     scale = size / HEIGHT
     shown = Frame(0.0, HEIGHT, scale, round(WIDTH * scale), size)
-    picture = np.full((size, shown.width, 3), BACKGROUND, np.uint8)
+    picture = _blank(shown.width, size).copy()
     paint(picture, shapes, shown)
     image = Image.fromarray(picture)
     on = ImageDraw.Draw(image)
@@ -218,3 +218,8 @@ def panel_picture(panel: Panel, size: int) -> Bytes:
     drawn = np.array(image)
     drawn.flags.writeable = False
     return drawn
+
+
+@lru_cache(maxsize=4)
+def _blank(width: int, height: int) -> Bytes:
+    return np.full((height, width, 3), BACKGROUND, np.uint8)

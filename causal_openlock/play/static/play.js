@@ -172,6 +172,9 @@ async function begin(at_once) {
   say("");
   occupied(true);
   if (practice && now.over) {
+    // The room has gone back, and there is nothing left to count.
+    for (const name of ["solutions", "attempts", "actions"]) $(name).textContent = "–";
+    $("dots").replaceChildren();
     say("That is all there is to practice.");
     $("help").disabled = false;
     $("proceed").focus();
@@ -310,7 +313,7 @@ document.addEventListener("keydown", (event) => {
   if (busy || $("play").hidden || !$("keys").checked) return;
   if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
   const place = KEYS.indexOf(event.code), many = state.positions;
-  if (event.key === "d") act(2 * many);
+  if (event.key.toLowerCase() === "d") act(2 * many);
   else if (place >= 0 && place < many) act(event.shiftKey ? many + place : place);
 });
 
