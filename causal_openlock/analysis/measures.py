@@ -64,6 +64,71 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     return _Trials.of(record).table
 
 
+def attempts_to_find(record: pa.Table, most: int = 3) -> pd.DataFrame:
+    """How many attempts the first solution of every trial took, and the second, and so on.
+
+    Args:
+        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        most: How many solutions of a trial to tell of; those after them are left out.
+
+    Returns:
+        The rows and columns of :func:`attempts_to_solve`, each row once for every solution that
+        the room has, up to ``most``, in order, with ``nth`` (from 1), ``found`` (whether so many
+        were found) and ``attempts``: the number of the attempt that found it, or that of the
+        trial's last attempt if it was not found.
+
+    Raises:
+        StoreError: If a trial has attempts missing or twice.
+        ValueError: If ``most`` is not positive.
+    """
+    if most < 1:
+        raise ValueError(f"most is {most}; it must be at least 1")
+    trials = _Trials.of(record)
+    new = np.flatnonzero(record["new_solution"].to_numpy())
+    nth = record["solutions_found"].to_numpy()[new].astype(np.int64) - 1
+    kept = nth < most
+    new, nth = new[kept], nth[kept]
+    reached = np.full((len(trials.table), most), _NEVER, np.int64)
+    reached[trials.row_trial[new], nth] = record["attempt"].to_numpy()[new]
+
+    solutions = np.minimum(trials.table["solutions"].to_numpy(), most)
+    index = np.repeat(np.arange(len(trials.table)), solutions)
+    number = np.arange(len(index)) - np.repeat(np.cumsum(solutions) - solutions, solutions)
+    table = trials.table.iloc[index].reset_index(drop=True)
+    attempts = reached[index, number]
+    return table.assign(
+        nth=number + 1,
+        found=attempts != _NEVER,
+        attempts=np.minimum(attempts, table["last_attempt"].to_numpy()),
+    )
+
+
+def solutions_per_attempt(record: pa.Table) -> pd.DataFrame:
+    """How often an attempt came to a solution, in every trial.
+
+    Args:
+        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+
+    Returns:
+        The rows and columns of :func:`attempts_to_solve` with two shares, from 0 to 1:
+
+        - ``new_per_attempt``: new solutions for each attempt until the last of them was found, or
+          until the trial ended if it was not solved.
+        - ``opened_per_attempt``: attempts of the whole trial that opened the door, with a new
+          solution or one that was known; the paper's share of attempts that are solutions.
+
+    Raises:
+        StoreError: If a trial has attempts missing or twice.
+    """
+    trials = _Trials.of(record)
+    table = trials.table
+    opened = np.bincount(trials.row_trial[record["opened"].to_numpy()], minlength=len(table))
+    return table.assign(
+        new_per_attempt=table["solutions_found"] / table["attempts"],
+        opened_per_attempt=opened / table["last_attempt"],
+    )
+
+
 def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
     """What attempts came to, over the course of a phase (the paper's Figures 6 and 7).
 
@@ -207,7 +272,8 @@ class _Trials:
 
         last = reduce(np.maximum, attempt)
         solved_at = reduce(np.minimum, np.where(found >= solutions, attempt, _NEVER))
-        rows = reduce(np.add, np.ones(len(attempt), np.int64))
+        length = np.diff(starts, append=len(attempt))
+        rows = np.add.reduceat(length[order], joins) if len(starts) else length
         table = pd.DataFrame(
             {
                 **{
@@ -227,7 +293,7 @@ class _Trials:
 
         run_trial = np.empty(len(starts), np.int64)
         run_trial[order] = np.repeat(np.arange(len(joins)), np.diff(joins, append=len(starts)))
-        return cls(table, np.repeat(run_trial, np.diff(starts, append=len(attempt))))
+        return cls(table, np.repeat(run_trial, length))
 
 
 def _check_complete(table: pd.DataFrame, rows: IntArray) -> None:
@@ -259,12 +325,13 @@ def _encode(
             f"one of {', '.join(names)}; was it written by another version?"
         )
     place = {name: code for code, name in enumerate(names)}
+    kind = np.min_scalar_type(len(names))  # ten million codes of eight bytes would be felt
     codes = [
-        np.array([place[name] for name in dictionary], np.int64)[chunk.indices.to_numpy()]
+        np.array([place[name] for name in dictionary], kind)[chunk.indices.to_numpy()]
         for chunk, dictionary in zip(chunks, dictionaries, strict=True)
         if len(chunk)
     ]
-    return np.concatenate([np.zeros(0, np.int64), *codes]), names
+    return np.concatenate([np.zeros(0, kind), *codes]), names
 
 
 def ordered(names: Iterable[str], first: Sequence[str] = PAPER_CONDITIONS) -> tuple[str, ...]:
@@ -303,10 +370,12 @@ __all__ = [
     "SUBJECT",
     "TRANSFERS",
     "VISIT",
+    "attempts_to_find",
     "attempts_to_solve",
     "by_subject",
     "category_counts",
     "mean_by_trial",
     "number_visits",
     "ordered",
+    "solutions_per_attempt",
 ]

@@ -2,7 +2,8 @@
 
 A percentile bootstrap draws as many subjects as there are, with replacement, over and over, and
 reports between which values the middle 95% of the means lie. It assumes no distribution, which
-suits attempts: they are bounded by a limit that many subjects hit.
+suits attempts: they are bounded by a limit that many subjects hit. A stratified one draws within
+each of several groups, for whatever is computed from all of them.
 """
 
 from __future__ import annotations
@@ -105,4 +106,53 @@ def mean_intervals(
     return result.assign(ci_low=low, ci_high=high)
 
 
-__all__ = ["LEVEL", "RESAMPLES", "SEED", "mean_interval", "mean_intervals"]
+def stratified_interval(
+    strata: Sequence[FloatArray],
+    statistic: Callable[[Sequence[FloatArray]], FloatArray],
+    rng: np.random.Generator,
+    *,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of what is computed from several independent groups.
+
+    Args:
+        strata: ``[n_g]`` values of the subjects of each group, who are resampled among themselves.
+        statistic: From ``[R, n_g]`` values of each group to ``[R]``.
+        rng: Where the resampling takes its random numbers from.
+        level: Probability that the interval is to cover.
+        resamples: How many times to resample.
+
+    Returns:
+        Low and high; NaN if a group has fewer than two subjects. Where all subjects of every group
+        are equal both are the statistic itself.
+    """
+    if not strata or min(map(len, strata)) < 2:
+        return float("nan"), float("nan")
+    values = [np.asarray(one, float) for one in strata]
+    if all((one == one[0]).all() for one in values):
+        alone = float(statistic([one[None] for one in values])[0])
+        return alone, alone
+    batch = max(1, _BATCH // sum(map(len, values)))
+    drawn = [
+        statistic([one[rng.integers(len(one), size=(count, len(one)))] for one in values])
+        for count in np.diff([*range(0, resamples, batch), resamples])
+    ]
+    return percentile_interval(np.concatenate(drawn), level)
+
+
+def percentile_interval(drawn: FloatArray, level: float = LEVEL) -> tuple[float, float]:
+    """Between which values the middle of ``[R]`` resampled values lies."""
+    low, high = np.quantile(drawn, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+__all__ = [
+    "LEVEL",
+    "RESAMPLES",
+    "SEED",
+    "mean_interval",
+    "mean_intervals",
+    "percentile_interval",
+    "stratified_interval",
+]

@@ -1,0 +1,94 @@
+"""How much each action told a learner that reports what it believes.
+
+A record holds what was done and not what was believed, so information is measured from traces
+(:mod:`causal_openlock.belief.trace`), which play a subject's trial again and look inside. Only
+learners that believe have them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import pandas as pd
+
+from causal_openlock.belief.trace import Trace
+
+INFORMATION_COLUMNS = (
+    "learner",
+    "condition",
+    "protocol",
+    "subject",
+    "trial",
+    "attempt",
+    "number",
+    "action",
+    "outcome",
+    "entropy_before",
+    "predicted",
+    "obtained",
+)
+"""Columns of :func:`information_per_action`."""
+
+
+def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
+    """What every action was expected to tell and what it told.
+
+    Args:
+        traces: Of any learners, conditions, subjects and trials.
+
+    Returns:
+        A row for each action, in the order of the traces, with the columns
+        :data:`INFORMATION_COLUMNS`: whose action it was, in which ``attempt`` and as which
+        ``number`` in it (both from 1), ``entropy_before`` it, and the bits that were ``predicted``
+        and ``obtained``. ``obtained`` is NaN where the subject drew its hypotheses anew: entropies
+        of different hypotheses have no difference that means anything.
+    """
+    rows = [
+        (
+            trace.learner,
+            trace.condition,
+            trace.protocol.name,
+            trace.subject,
+            trace.trial,
+            action.attempt,
+            action.number,
+            action.name,
+            action.outcome,
+            action.before.entropy,
+            action.predicted,
+            float("nan") if action.renewed else action.obtained,
+        )
+        for trace in traces
+        for action in trace.actions
+    ]
+    return pd.DataFrame(rows, columns=INFORMATION_COLUMNS)
+
+
+def mean_information(
+    actions: pd.DataFrame, by: Sequence[str] = ("learner", "condition", "trial", "attempt")
+) -> pd.DataFrame:
+    """Mean bits of an action, every subject counting once.
+
+    Args:
+        actions: From :func:`information_per_action`.
+        by: What to keep apart.
+
+    Returns:
+        One row for each group: ``by``, ``subjects``, ``actions`` (how many), ``predicted`` and
+        ``obtained`` (means over subjects of each subject's mean).
+    """
+    whose = ("learner", "condition", "protocol", "subject")
+    of_subject = actions.groupby(list(dict.fromkeys([*by, *whose])), sort=False)
+    each = of_subject.agg(
+        actions=("number", "size"), predicted=("predicted", "mean"), obtained=("obtained", "mean")
+    ).reset_index()
+    grouped = each.groupby(list(by), sort=False)
+    return grouped.agg(
+        subjects=("subject", "size"),
+        actions=("actions", "sum"),
+        predicted=("predicted", "mean"),
+        obtained=("obtained", "mean"),
+    ).reset_index()
+
+
+__all__ = ["INFORMATION_COLUMNS", "information_per_action", "mean_information"]
