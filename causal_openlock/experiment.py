@@ -167,6 +167,11 @@ class Experiment:
         told = ("title", "command")
         return _digest({key: value for key, value in self.as_dict().items() if key not in told})
 
+    def _repr_html_(self) -> str:
+        from causal_openlock.display import experiment_html
+
+        return experiment_html(self)
+
 
 def _digest(data: Any) -> str:
     text = json.dumps(data, sort_keys=True, default=str)

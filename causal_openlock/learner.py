@@ -195,6 +195,11 @@ class Learner(ABC):
         """
         return {}
 
+    def _repr_html_(self) -> str:
+        from causal_openlock.display import learner_html
+
+        return learner_html(type(self), self.parameters)
+
 
 class InformedLearner(Learner):
     """A learner that is told what is latent: a bound to compare others with, never a rival."""

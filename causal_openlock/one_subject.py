@@ -138,3 +138,8 @@ class Chorus(Learner):
         """Give each player back what it held."""
         for player, kept in zip(self._players, pickle.loads(state["players"]), strict=True):
             vars(player).update(kept)
+
+    def _repr_html_(self) -> str:
+        from causal_openlock.display import learner_html
+
+        return learner_html(self._single, self._parameters or self._single.Parameters())

@@ -6,11 +6,13 @@ measures, draws or reports. A record is an Arrow table, kept as one Parquet file
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from causal_openlock.display import show_records
 from causal_openlock.fsm import BoolArray, IntArray
 
 if TYPE_CHECKING:
@@ -25,6 +27,9 @@ at some moment but not opened; ``else`` is the rest.
 """
 
 PHASES = ("train", "test")
+
+if "IPython" in sys.modules:  # a notebook, perhaps
+    show_records()
 
 
 def record_schema() -> pa.Schema:

@@ -286,3 +286,8 @@ class Room:
         """The room's actions that push these levers and then the door."""
         places = dict(zip(self.schema.levers, self.layout.places, strict=True))
         return [*(places[lever] for lever in levers), 2 * self.positions]
+
+    def _repr_html_(self) -> str:
+        from causal_openlock.display import room_html
+
+        return room_html(self)

@@ -356,3 +356,8 @@ class Schema:
 
     def __repr__(self) -> str:
         return f"<Schema {self.name}: {len(self.levers)} levers, {len(self.solutions)} solutions>"
+
+    def _repr_html_(self) -> str:
+        from causal_openlock.display import schema_html
+
+        return schema_html(self)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,15 @@ from nbclient import NotebookClient
 FOLDER = Path(__file__).parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 A_CELL = 240  # seconds
-assert NOTEBOOKS, "there is nothing to test"
-pytestmark = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+PICTURES = ("image/png", "image/gif")
+each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
 def code_cells(notebook: Any) -> list[Any]:
     return [cell for cell in notebook.cells if cell.cell_type == "code"]
 
 
+@each
 def test_it_runs_from_top_to_bottom_and_shows_pictures(path: Path, tmp_path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     # What tests are told about pictures is not for the kernel, which hands them over.
@@ -33,9 +35,18 @@ def test_it_runs_from_top_to_bottom_and_shows_pictures(path: Path, tmp_path: Pat
     outputs = [output for cell in code_cells(notebook) for output in cell.outputs]
     warnings = [output.text for output in outputs if output.get("name") == "stderr"]
     assert warnings == []
-    assert sum("image/png" in output.get("data", {}) for output in outputs) >= 5
+    pictures = [output for output in outputs if is_picture(output)]
+    printed = [output for output in outputs if output.get("name") == "stdout"]
+    assert len(pictures) >= 5
+    assert len(pictures) > len(printed)
 
 
+def is_picture(output: Any) -> bool:
+    data = output.get("data", {})
+    return any(kind in data for kind in PICTURES) or "<svg" in data.get("text/html", "")
+
+
+@each
 def test_it_is_kept_without_outputs(path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
@@ -47,7 +58,26 @@ def test_it_is_kept_without_outputs(path: Path) -> None:
     assert "widgets" not in notebook.metadata
 
 
+@each
 def test_its_cells_are_short(path: Path) -> None:
     cells = code_cells(nbformat.read(path, as_version=4))
     longest = max(cells, key=lambda cell: len(cell.source.splitlines()))
     assert len(longest.source.splitlines()) <= 25, longest.source
+
+
+def test_they_are_numbered_in_the_order_in_which_they_are_read() -> None:
+    numbers = [path.stem.partition("_")[0] for path in NOTEBOOKS]
+    assert numbers == [f"{number:02}" for number in range(1, 8)]
+
+
+@each
+def test_it_begins_with_a_title_and_leads_nowhere_that_does_not_exist(path: Path) -> None:
+    notebook = nbformat.read(path, as_version=4)
+    texts = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
+    assert texts[0].startswith("# ")
+    assert notebook.cells[0].cell_type == "markdown"
+    for text in texts:
+        for link in re.findall(r"\]\(([^)#]+)", text):
+            assert link.startswith("https://") or (FOLDER / link).exists(), link
+        for number in re.findall(r"notebook (\d+)", text):
+            assert 1 <= int(number) <= len(NOTEBOOKS)
