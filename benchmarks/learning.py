@@ -6,7 +6,7 @@ of each agent: a beginning is cheap (random actions, no gradient yet), and what 
 late, such as moments that have decayed to denormal numbers, would stay hidden in a short run.
 
 On all cores, as many processes with one thread each train 20 subjects each, against as many
-processes of the peer's with one agent each.
+processes of the peer's with one agent each. Where there is a GPU, it trains 160 subjects at once.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any
 from measure import Measurement, Row, Target, in_turns, stopwatch
 
 SUBJECTS = 20
+SUBJECTS_ON_GPU = 160
 ATTEMPTS = 210  # in each of five trials: 3,150 steps of each subject
 PEER_STEPS = 3150
 MOST_TURNS = 3  # each takes half a minute
@@ -63,12 +64,24 @@ def ddqn(repeats: int) -> Iterator[Row]:
         Target("at least", 12.0) if theirs else None,
         note=note,
     )
+    import torch
+
+    if torch.cuda.is_available():
+        _ours(20, SUBJECTS_ON_GPU, "cuda")
+        yield Row(
+            "ddqn",
+            f"DDQN, {SUBJECTS_ON_GPU} subjects at once on a GPU",
+            "steps/s",
+            [_ours(ATTEMPTS, SUBJECTS_ON_GPU, "cuda") for _ in range(turns)],
+            target=Target("at least", 200_000, on="ours"),
+            note=torch.cuda.get_device_name(),
+        )
 
 
 def _everywhere(
     pool: ProcessPoolExecutor, measure: Callable[..., float], cores: int
 ) -> Measurement:
-    """What processes that work at the same time do together; each has imported torch before."""
+    """What processes that work at the same time do together; each has loaded all it needs."""
 
     def together() -> float:
         list(pool.map(_warm_up, range(cores)))
@@ -81,15 +94,15 @@ def _warm_up(_: int) -> float:
     return _ours(20)
 
 
-def _ours(attempts: int = ATTEMPTS) -> float:
+def _ours(attempts: int = ATTEMPTS, subjects: int = SUBJECTS, device: Any = "cpu") -> float:
     from causal_openlock import Condition, Protocol, Session, find_schema
     from learners.ddqn import DDQN, DDQNParameters
 
     condition = Condition.named("CC4", find_schema)
     protocol = Protocol("benchmark", attempt_limit=attempts, stop_when_solved=False)
-    session = Session(condition, protocol, SUBJECTS)
+    session = Session(condition, protocol, subjects)
     with stopwatch() as seconds:
-        record = session.play(DDQN(DDQNParameters(device="cpu")))
+        record = session.play(DDQN(DDQNParameters(device=device)))
         took = seconds()
     return len(record["actions"].combine_chunks().flatten()) / took
 

@@ -17,7 +17,8 @@ How it picks actions is a parameter, so that rules can be compared:
 * ``random_consistent``: carry out any solution that some hypothesis still allows.
 
 Bounded rationality is a parameter too, and off by default: noise in decisions, lapses of attention,
-forgetting, and how readily a prior gives way.
+forgetting (of everything, or of failures alone), the expectation that levers act on the door
+themselves, and how readily a prior gives way.
 """
 
 from __future__ import annotations
@@ -134,8 +135,9 @@ class Bayes(Believer):
         # What was tried last and does not stand pushed has failed.
         if intended is None or len(intended) - len(missing) < self._tried[subject]:
             policy = self.parameters.policy
+            hypotheses = belief.space.hypotheses
             intended = draw_intention(
-                belief.space.hypotheses[belief.which],
+                hypotheses if belief.whole else hypotheses[belief.which],
                 belief.weight,
                 situation,
                 draws,

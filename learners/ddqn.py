@@ -8,7 +8,9 @@ target network, whether values reach over the end of an attempt) is a parameter 
 
 :class:`DDQN` sees the room and nothing of what came before in the trial: it cannot know which
 solutions it has found. :class:`SemiMarkovDDQN` is told in a few more bits how many. All subjects of
-a cell are trained at once, each with a network, a replay memory and randomness of its own.
+a cell are trained at once, each with a network, a replay memory and randomness of its own: on a CPU
+by compiled loops (:mod:`learners.compiled`), on a GPU by torch, replayed as a CUDA graph
+(:mod:`learners.captured`).
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from causal_openlock.randomness import Streams
 from learners.denormals import denormals_flushed
 
 if TYPE_CHECKING:
+    import torch
     from torch import Tensor
 
     from learners.replay import PrioritisedReplay, Replay
@@ -92,6 +95,17 @@ class DDQNParameters:
             )
 
 
+def double_q(device: torch.device) -> type[StackedDoubleQ]:
+    """What trains there: on a CPU compiled loops, elsewhere torch's, captured as a CUDA graph."""
+    if device.type == "cpu":
+        from learners.compiled import CompiledDoubleQ
+
+        return CompiledDoubleQ
+    from learners.captured import CapturedDoubleQ
+
+    return CapturedDoubleQ
+
+
 class DDQN(Learner):
     """Double Q-learning with experience replay, one gradient step with every action."""
 
@@ -103,7 +117,7 @@ class DDQN(Learner):
         import torch
 
         from learners.replay import ObservationTable, PrioritisedReplay, Replay
-        from learners.stacked import StackedDoubleQ, find_device
+        from learners.stacked import find_device
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
@@ -116,7 +130,7 @@ class DDQN(Learner):
         self._exploration = Streams(exploration, width=2)
         self._batches = Streams(batches, width=settings.batch_size, block=64)
         hidden = [settings.hidden_units] * settings.hidden_layers
-        self.q: StackedDoubleQ = StackedDoubleQ(
+        self.q: StackedDoubleQ = double_q(self._device)(
             [self._inputs, *hidden, brief.actions],
             weights,
             settings.learning_rate,

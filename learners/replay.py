@@ -111,15 +111,13 @@ class Replay:
             Where they are in the flattened rings.
         """
         slot = self._next[who]
-        where = torch.from_numpy(who * self.capacity + slot).to(self.before.device)
-        for ring, values in (
-            (self.before, before),
-            (self.action, action),
-            (self.reward, reward),
-            (self.after, after),
-            (self.goes_on, goes_on),
-        ):
-            ring.view(-1).index_copy_(0, where, torch.from_numpy(values).to(ring))
+        # In one piece, which goes to a GPU in one copy; double precision holds all integers here.
+        told = np.array([who * self.capacity + slot, before, action, reward, after, goes_on])
+        places, *columns = torch.from_numpy(told.astype(np.float64)).to(self.before.device)
+        where = places.long()
+        rings = (self.before, self.action, self.reward, self.after, self.goes_on)
+        for ring, values in zip(rings, columns, strict=True):
+            ring.view(-1).index_copy_(0, where, values.to(ring.dtype))
         self._next[who] = (slot + 1) % self.capacity
         self.length[who] = np.minimum(self.length[who] + 1, self.capacity)
         return where

@@ -14,7 +14,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -195,11 +195,17 @@ class StackedDoubleQ:
         self.loss = loss
         self.updates = 0
         parameters = [self.online.parameters]
+        # On a GPU it counts its steps there, so that nobody has to wait for the count.
+        self._capturable = parameters[0].device.type == "cuda"
         self.optimiser: torch.optim.Optimizer
         if optimiser == "adam":
-            self.optimiser = torch.optim.Adam(parameters, lr=learning_rate, fused=True)
+            self.optimiser = torch.optim.Adam(
+                parameters, lr=learning_rate, fused=True, capturable=self._capturable
+            )
         elif optimiser == "rmsprop":
-            self.optimiser = torch.optim.RMSprop(parameters, lr=learning_rate)
+            self.optimiser = torch.optim.RMSprop(
+                parameters, lr=learning_rate, capturable=self._capturable
+            )
         else:
             self.optimiser = torch.optim.SGD(parameters, lr=learning_rate)
         self.observe(torch.zeros(0, self.online.sizes[0]))
@@ -220,7 +226,7 @@ class StackedDoubleQ:
 
     def _evaluate(self, batch: Batch) -> tuple[Tensor, list[Tensor], Tensor]:
         """TD errors; the trace of the distinct observations; ``[N, M]`` which output was meant."""
-        lookup = look_up(batch, len(self._table))
+        lookup = self._look_up(batch)
         given = self.online.trace(self._table[lookup.rows])
         values, actions = given[-1], self.online.sizes[-1]
         # Double Q: the online network chooses, the target network judges.
@@ -229,6 +235,10 @@ class StackedDoubleQ:
         target = batch.reward + batch.goes_on * judged * self.gamma
         meant = lookup.before * actions + batch.action
         return values.flatten(1).gather(1, meant) - target, given, meant
+
+    def _look_up(self, batch: Batch) -> Lookup:
+        """Which observations to evaluate."""
+        return look_up(batch, len(self._table))
 
     def _judge(self, lookup: Lookup, action: Tensor) -> Tensor:
         """``[N, M]`` the target network's values of actions in what followed."""
@@ -246,36 +256,56 @@ class StackedDoubleQ:
         Args:
             batch: The minibatches. An agent's loss is the mean over its transitions, each times
                 its weight.
-            trains: ``[N]`` which agents take the step; the networks of the others stay as they
-                are, whatever their minibatches hold. By default all do.
+            trains: ``[N]`` which agents take the step; the networks of the others, and what the
+                optimiser remembers of them, stay as they are, whatever their minibatches hold. By
+                default all do.
 
         Returns:
             ``[N, M]`` the TD errors before the step.
         """
+        errors = self._train(batch, trains)
+        self._after_step()
+        return errors
+
+    def _train(self, batch: Batch, trains: Tensor | None) -> Tensor:
+        """The update on the device; counting and the target network are :meth:`_after_step`'s."""
         errors, given, meant = self._evaluate(batch)
         # The slope of half the square is the error; Huber's never exceeds 1.
         slope = errors.clamp(-1.0, 1.0) if self.loss == "huber" else errors
         slope = slope * batch.weight / errors.shape[1]
         gradient = torch.zeros_like(given[-1])
         gradient.flatten(1).scatter_add_(1, meant, slope)
-        if trains is not None:
-            self._stop(~trains, gradient)
         self.online.backward(given, gradient)
+        kept = [] if trains is None else [part.clone() for part in self._of_agents()]
         self.optimiser.step()
+        if trains is not None:
+            self._put_back(kept, trains)
+        return errors
+
+    def _of_agents(self) -> list[Tensor]:
+        """Networks and what the optimiser remembers of them, all laid out alike."""
+        parameters = self.online.parameters
+        held = self.optimiser.state.get(parameters, {}).values()
+        return [parameters, *(part for part in held if part.shape == parameters.shape)]
+
+    def _put_back(self, kept: list[Tensor], trains: Tensor) -> None:
+        """Undo the step of the agents that do not train."""
+        for now, before in zip_longest(self._of_agents(), kept):
+            # What the optimiser began to remember with this step was nothing before.
+            before = torch.zeros_like(now) if before is None else before
+            for parts in zip(*map(self.online.layers_of, (now, before)), strict=True):
+                for part, old in zip(*parts, strict=True):
+                    part.copy_(torch.where(trains[:, None, None], part, old))
+
+    def _after_step(self) -> None:
         self.updates += 1
         if self.target_period and self.updates % self.target_period == 0:
             self.target.parameters.copy_(self.online.parameters)
-            self._judged = None
-        return errors
+            self._forget_judged()
 
-    def _stop(self, agents: Tensor, gradient: Tensor) -> None:
-        """Without gradient and momentum, no optimiser moves anything."""
-        gradient[agents] = 0.0
-        for state in self.optimiser.state.values():
-            if "exp_avg" in state:
-                for parts in self.online.layers_of(state["exp_avg"]):
-                    for part in parts:
-                        part[agents] = 0.0
+    def _forget_judged(self) -> None:
+        """Called whenever the target network has changed."""
+        self._judged = None
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimiser and counters as they are now."""
@@ -291,6 +321,10 @@ class StackedDoubleQ:
         self.online.parameters.copy_(state["online"])
         self.target.parameters.copy_(state["target"])
         # Unlike the networks, the optimiser would take over the checkpoint's own tensors.
-        self.optimiser.load_state_dict(copy.deepcopy(state["optimiser"]))
+        optimiser = copy.deepcopy(state["optimiser"])
+        for group in optimiser["param_groups"]:
+            if "capturable" in group:  # depends on where it goes on, and not on where it was
+                group["capturable"] = self._capturable
+        self.optimiser.load_state_dict(optimiser)
         self.updates = state["updates"]
-        self._judged = None
+        self._forget_judged()

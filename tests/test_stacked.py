@@ -12,6 +12,7 @@ from plain_ddqn import distance, plain_network
 from torch import nn
 
 import learners.stacked
+from learners.compiled import CompiledDoubleQ
 from learners.replay import Batch
 from learners.stacked import StackedDoubleQ, StackedMLP, find_device
 
@@ -35,6 +36,12 @@ def double_precision() -> Iterator[None]:
     torch.set_default_dtype(torch.float32)
 
 
+@pytest.fixture(params=[StackedDoubleQ, CompiledDoubleQ], ids=["torch", "compiled"])
+def kind(request: pytest.FixtureRequest) -> type[StackedDoubleQ]:
+    """What holds of the one must hold of the other."""
+    return request.param
+
+
 def generators(agents: int, first: int = 0) -> list[np.random.Generator]:
     return [np.random.default_rng(first + agent) for agent in range(agents)]
 
@@ -45,9 +52,10 @@ def double_q(
     first: int = 0,
     period: int | None = 7,
     optimiser: Any = "adam",
+    kind: type[StackedDoubleQ] = StackedDoubleQ,
 ) -> StackedDoubleQ:
     rate = 0.1 if optimiser == "sgd" else 1e-3
-    return StackedDoubleQ(sizes, generators(agents, first), rate, 0.8, period, optimiser=optimiser)
+    return kind(sizes, generators(agents, first), rate, 0.8, period, optimiser=optimiser)
 
 
 def minibatch(rng: np.random.Generator, agents: int, many: int, rows: int) -> Batch:
@@ -101,9 +109,9 @@ def test_agents_start_with_weights_of_their_own() -> None:
 # -- the loss -------------------------------------------------------------------------------------
 
 
-def by_hand(**settings: Any) -> StackedDoubleQ:
+def by_hand(kind: type[StackedDoubleQ], **settings: Any) -> StackedDoubleQ:
     """One linear layer over two one-hot observations: the values are the weights."""
-    q = StackedDoubleQ([2, 3], generators(1), 0.1, 0.5, None, **settings)
+    q = kind([2, 3], generators(1), 0.1, 0.5, None, **settings)
     for network, values in (
         (q.online, [[1.0, 5.0, 2.0], [3.0, 2.0, -1.0]]),
         (q.target, [[10.0, 20.0, 30.0], [40.0, 50.0, 60.0]]),
@@ -126,19 +134,23 @@ def three_transitions(goes_on: float = 1.0) -> Batch:
     )
 
 
-def test_the_online_network_chooses_and_the_target_network_judges() -> None:
+def test_the_online_network_chooses_and_the_target_network_judges(
+    kind: type[StackedDoubleQ],
+) -> None:
     # After the first, action 0 looks best (3) and is judged 40: the target is 1 + .5 * 40 = 21,
     # and the value 5. After the second, action 1 (5), judged 20: 2 + .5 * 20 = 12, the value 3.
     # The third ends: 2.5, the value 2.
-    assert by_hand().errors(three_transitions()).tolist() == [[5 - 21, 3 - 12, 2 - 2.5]]
-    assert by_hand().errors(three_transitions(0.0)).tolist() == [[5 - 1, 3 - 2, 2 - 2.5]]
+    assert by_hand(kind).errors(three_transitions()).tolist() == [[5 - 21, 3 - 12, 2 - 2.5]]
+    assert by_hand(kind).errors(three_transitions(0.0)).tolist() == [[5 - 1, 3 - 2, 2 - 2.5]]
 
 
 @pytest.mark.parametrize(
     ("loss", "slopes"), [("huber", [-1, -0.5, -0.5]), ("squared", [-16, -4.5, -0.5])]
 )
-def test_each_error_pulls_at_the_value_of_its_own_action(loss: Any, slopes: list[float]) -> None:
-    q = by_hand(loss=loss, optimiser="sgd")
+def test_each_error_pulls_at_the_value_of_its_own_action(
+    kind: type[StackedDoubleQ], loss: Any, slopes: list[float]
+) -> None:
+    q = by_hand(kind, loss=loss, optimiser="sgd")
     before, judged = q.online.weights[0].clone(), q.target.parameters.clone()
     q.update(three_transitions())
     # The slope of the loss at each transition, with its weight, over the three of them; rate .1.
@@ -188,12 +200,14 @@ def test_the_gradient_is_the_one_that_autograd_finds(
 
 
 @pytest.mark.parametrize("optimiser", ["adam", "rmsprop", "sgd"])
-def test_agents_trained_together_are_the_agents_trained_alone(optimiser: Any) -> None:
+def test_agents_trained_together_are_the_agents_trained_alone(
+    kind: type[StackedDoubleQ], optimiser: Any
+) -> None:
     rng = np.random.default_rng(1)
     table = some_observations(rng, 30)
     sizes = [16, 32, 32, 15]
-    together = double_q(sizes, 4, optimiser=optimiser)
-    alone = [double_q(sizes, 1, first=agent, optimiser=optimiser) for agent in range(4)]
+    together = double_q(sizes, 4, optimiser=optimiser, kind=kind)
+    alone = [double_q(sizes, 1, agent, optimiser=optimiser, kind=kind) for agent in range(4)]
     for q in (together, *alone):
         q.observe(table)
     start = together.online.copy()
@@ -209,9 +223,11 @@ def test_agents_trained_together_are_the_agents_trained_alone(optimiser: Any) ->
 
 
 @pytest.mark.parametrize("optimiser", ["adam", "rmsprop", "sgd"])
-def test_an_agent_that_does_not_train_stays_as_it_is(optimiser: Any) -> None:
+def test_an_agent_that_does_not_train_stays_as_it_is(
+    kind: type[StackedDoubleQ], optimiser: Any
+) -> None:
     rng = np.random.default_rng(2)
-    q, undisturbed = (double_q([16, 8, 15], 3, optimiser=optimiser) for _ in range(2))
+    q, undisturbed = (double_q([16, 8, 15], 3, optimiser=optimiser, kind=kind) for _ in range(2))
     table = some_observations(rng, 9)
     trains = torch.tensor([True, False, True])
     for step in range(40):
@@ -230,10 +246,10 @@ def test_an_agent_that_does_not_train_stays_as_it_is(optimiser: Any) -> None:
         assert distance(plain_network(undisturbed.online, agent), q.online, agent) == 0.0
 
 
-def test_the_target_network_is_updated_at_exactly_its_period() -> None:
+def test_the_target_network_is_updated_at_exactly_its_period(kind: type[StackedDoubleQ]) -> None:
     rng = np.random.default_rng(3)
     for period in (5, 1, None):
-        q = double_q([16, 8, 15], 2, period=period)
+        q = double_q([16, 8, 15], 2, period=period, kind=kind)
         start = q.target.copy()
         q.observe(some_observations(rng, 9))
         for update in range(1, 21):
@@ -247,11 +263,13 @@ def test_the_target_network_is_updated_at_exactly_its_period() -> None:
         assert (distance_between(q.target, start) == 0.0) == (period is None)
 
 
-def test_loaded_networks_replace_all_that_was_known_of_the_old_ones() -> None:
+def test_loaded_networks_replace_all_that_was_known_of_the_old_ones(
+    kind: type[StackedDoubleQ],
+) -> None:
     rng = np.random.default_rng(4)
     batch = minibatch(rng, 2, 8, 9)
     table = some_observations(rng, 9)
-    q, other = double_q([16, 8, 15], 2), double_q([16, 8, 15], 2, first=10)
+    q, other = (double_q([16, 8, 15], 2, first, kind=kind) for first in (0, 10))
     for each in (q, other):
         each.observe(table)
         each.update(batch)

@@ -1,0 +1,187 @@
+"""Double Q-learning for N agents on a CPU, by compiled loops.
+
+:class:`CompiledDoubleQ` is a :class:`~learners.stacked.StackedDoubleQ`, keeps its parameters and
+its optimiser's moments in the same tensors, and so writes and reads the same checkpoints; only how
+it evaluates and trains is its own (:mod:`learners.kernels`). An agent's numbers do not depend on
+which others there are.
+
+The first call compiles for some seconds; the machine code is kept beside the module (or, where that
+cannot be written to, in the user's cache) for all later processes of the installation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import scipy.linalg.cython_blas  # noqa: F401 (the BLAS that compiled code calls)
+import torch
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
+from torch import Tensor
+
+from learners import kernels
+from learners.replay import Batch
+from learners.stacked import Loss, Optimiser, StackedDoubleQ, StackedMLP
+
+RULES = {"adam": kernels.ADAM, "rmsprop": kernels.RMSPROP, "sgd": kernels.SGD}
+LOSSES = {"huber": kernels.HUBER, "squared": kernels.SQUARED}
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """The loaded libraries for linear algebra, to set how many threads they use."""
+    return ThreadpoolController().select(user_api="blas")
+
+
+def networks_of(stack: StackedMLP) -> kernels.Networks:
+    """The same parameters as compiled code takes them."""
+    sizes = np.array(stack.sizes, dtype=np.int64)
+    lengths = stack.agents * (sizes[:-1] + 1) * sizes[1:]
+    begins = np.concatenate([[0], lengths.cumsum()[:-1]])
+    return kernels.Networks(stack.parameters.numpy(), sizes, begins, stack.agents)
+
+
+class CompiledDoubleQ(StackedDoubleQ):
+    """A :class:`~learners.stacked.StackedDoubleQ` on a CPU, in compiled code.
+
+    Args:
+        sizes: As for :class:`~learners.stacked.StackedDoubleQ`, with all others.
+        generators: One source of initial weights for each agent.
+        learning_rate: Of the optimiser.
+        gamma: Discount factor.
+        target_period: Updates between copies of the network to the target network.
+        loss: Huber's loss, or half the squared error.
+        optimiser: By torch's rules and with torch's defaults.
+        device: A CPU.
+    """
+
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        generators: Sequence[np.random.Generator],
+        learning_rate: float,
+        gamma: float,
+        target_period: int | None,
+        loss: Loss = "huber",
+        optimiser: Optimiser = "adam",
+        device: torch.device | str | None = None,
+    ) -> None:
+        super().__init__(
+            sizes, generators, learning_rate, gamma, target_period, loss, optimiser, device
+        )
+        self._networks = networks_of(self.online), networks_of(self.target)
+        self._rule = RULES[optimiser]
+        self._loss = LOSSES[loss]
+
+    @property
+    def _type(self) -> np.dtype[Any]:
+        return self.online.parameters.numpy().dtype
+
+    def observe(self, table: Tensor) -> None:
+        """As for :class:`~learners.stacked.StackedDoubleQ`."""
+        super().observe(table)
+        judged = (self.online.agents, len(table), self.online.sizes[-1])
+        self._known = kernels.Table(
+            self._table.numpy(), np.zeros(judged, self._type), np.zeros(judged[:2], dtype=bool)
+        )
+        self._scratch = self._room_for(1)
+
+    def _room_for(self, observations: int) -> kernels.Scratch:
+        sizes, widest = self.online.sizes, max(self.online.sizes[1:])
+        layer = max(one * other for one, other in pairwise(sizes))
+        return kernels.Scratch(
+            given=np.zeros(observations * sum(sizes), self._type),
+            slope=np.zeros(2 * observations * widest, self._type),
+            gradient=np.zeros(max(layer, widest), self._type),
+            rows=np.zeros(observations, dtype=np.int64),
+            inputs=np.zeros((observations, sizes[0]), self._type),
+            column=np.full(len(self._table), -1),
+        )
+
+    def greedy(self, observations: Tensor) -> Tensor:
+        """``[N]`` the best action for each agent's observation, ``[N, in]``."""
+        inputs = observations.to(self.online.parameters).numpy()
+        with _blas().limit(limits=1):
+            return torch.from_numpy(kernels.greedy(self._networks[0], inputs, self._scratch))
+
+    def errors(self, batch: Batch) -> Tensor:
+        """``[N, M]`` TD errors: the value of each transition's action, less its double-Q target."""
+        nothing = np.zeros(0, self._type)
+        idle = kernels.Optimiser(kernels.SGD, np.zeros(6, self._type), nothing, nothing)
+        return self._run(batch, np.zeros(self.online.agents, dtype=bool), idle)
+
+    def update(self, batch: Batch, trains: Tensor | None = None) -> Tensor:
+        """As for :class:`~learners.stacked.StackedDoubleQ`."""
+        everyone = np.ones(self.online.agents, dtype=bool)
+        errors = self._run(batch, everyone if trains is None else trains.numpy(), self._step())
+        self._after_step()
+        return errors
+
+    def _run(self, batch: Batch, trains: NDArray[np.bool_], optimiser: kernels.Optimiser) -> Tensor:
+        most = min(2 * batch.before.shape[1], len(self._table))
+        if len(self._scratch.rows) < most:
+            self._scratch = self._room_for(most)
+        batches = kernels.Minibatch(
+            np.ascontiguousarray(batch.before.numpy()),
+            np.ascontiguousarray(batch.action.numpy()),
+            np.ascontiguousarray(batch.reward.numpy(), self._type),
+            np.ascontiguousarray(batch.after.numpy()),
+            np.ascontiguousarray(batch.goes_on.numpy(), self._type),
+            np.ascontiguousarray(batch.weight.numpy(), self._type),
+        )
+        with _blas().limit(limits=1):
+            errors = kernels.update(
+                *self._networks,
+                batches,
+                trains,
+                self._known,
+                optimiser,
+                self.gamma,
+                self._loss,
+                self._scratch,
+            )
+        return torch.from_numpy(errors)
+
+    def _forget_judged(self) -> None:
+        super()._forget_judged()
+        self._known.is_judged[:] = False
+
+    def _remembered(self) -> dict[str, Tensor]:
+        """What torch's optimiser remembers; like torch, we begin to at the first step."""
+        parameters = self.online.parameters
+        if self._rule == kernels.SGD:
+            return {}
+        state = self.optimiser.state[parameters]
+        if not state:
+            state["step"] = torch.zeros((), dtype=torch.float32)
+            adam = self._rule == kernels.ADAM
+            for name in ("exp_avg", "exp_avg_sq") if adam else ("square_avg",):
+                state[name] = torch.zeros_like(parameters)
+        return state
+
+    def _step(self) -> kernels.Optimiser:
+        """Count one more step, and state the optimiser as it takes it."""
+        settings, state = self.optimiser.param_groups[0], self._remembered()
+        first = second = np.zeros(0, self._type)
+        kept = kept_square = 0.0
+        if state:
+            state["step"] += 1
+        if self._rule == kernels.ADAM:
+            kept, kept_square = settings["betas"]
+            first, second = state["exp_avg"].numpy(), state["exp_avg_sq"].numpy()
+        elif self._rule == kernels.RMSPROP:
+            kept_square, second = settings["alpha"], state["square_avg"].numpy()
+        count = float(state.get("step", 1.0))
+        numbers = (
+            settings["lr"] / (1 - kept**count),
+            1 - kept,
+            kept_square,
+            1 - kept_square,
+            settings.get("eps", 0.0),
+            (1 - kept_square**count) ** -0.5,
+        )
+        return kernels.Optimiser(self._rule, np.array(numbers, self._type), first, second)
