@@ -242,15 +242,22 @@ class DDQN(Learner):
         self.q.observe(self._torch.from_numpy(self._table.rows))
 
     def metrics(self) -> dict[str, float]:
-        """Epsilon, the loss of the last minibatch, and what the observations met are worth."""
+        """Epsilon, the loss of the last minibatch, what the observations met are worth, dead units.
+
+        A unit is dead if no observation met so far switches it on: its ReLU passes nothing on, and
+        nothing back that could change it (Sokar et al. 2023, "dormant neurons").
+        """
         told = {"epsilon": float(self.epsilon.mean())}
         if self._errors is not None:
             size = self._errors.abs()
             square = size.square() / 2
             huber = self._torch.where(size < 1, square, size - 0.5)
             told["loss"] = float((huber if self.parameters.loss == "huber" else square).mean())
-            values = self.q.online(self._torch.from_numpy(self._table.rows).to(self._errors))
+            rows = self._torch.from_numpy(self._table.rows).to(self._errors)
+            *layers, values = self.q.online.trace(rows)
             told["max_q"] = float(values.amax(dim=2).mean())
+            dead = [(layer <= 0).all(dim=1).float().mean() for layer in layers[1:]]
+            told["dead_units"] = float(self._torch.stack(dead).mean())
         return told
 
     def state_dict(self) -> dict[str, Any]:

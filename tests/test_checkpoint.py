@@ -632,7 +632,11 @@ def test_curves_show_what_the_record_holds_and_change_nothing(
     if (trials.found < trials["all"]).all():
         assert {value for _, value in decided} == {12}
     told = {tag.removeprefix("learner/") for tag in shown if tag.startswith("learner/")}
-    assert told == (set() if learner == "random" else {"epsilon", "loss", "max_q"})
+    deep = {
+        "ddqn": {"epsilon", "loss", "max_q", "dead_units"},
+        "recurrent": {"epsilon", "loss", "max_q"},
+    }
+    assert told == deep.get(learner, set())
 
 
 def test_curves_go_on_from_a_checkpoint(experiment: Experiment, tmp_path: Path) -> None:

@@ -238,6 +238,21 @@ def test_several_gradient_steps_may_follow_an_action() -> None:
     assert learner.q.updates == 9
 
 
+def test_units_that_nothing_switches_on_are_counted_as_dead() -> None:
+    learner = DDQN(DDQNParameters(device="cpu", hidden_layers=2, hidden_units=8, batch_size=4))
+    session = Session(one_room(), HUMAN, 2)
+    learner.begin(session.brief)
+    for _ in range(12):
+        learner.learn(session.step(learner.act(session.view)))
+    with torch.no_grad():
+        for bias in learner.q.online.biases[:-1]:
+            bias[:] = 100.0
+        assert learner.metrics()["dead_units"] == 0.0
+        # Three of eight units in one of two layers, for one of two subjects.
+        learner.q.online.biases[0][1, 0, :3] = -100.0
+    assert learner.metrics()["dead_units"] == 3 / 32
+
+
 def test_epsilon_is_the_share_of_random_actions() -> None:
     session = Session(one_room(), replace(HUMAN, stop_when_solved=False), 200)
     settings = DDQNParameters(epsilon_start=0.3, hidden_units=4, hidden_layers=1)
