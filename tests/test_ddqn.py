@@ -245,11 +245,12 @@ def test_units_that_nothing_switches_on_are_counted_as_dead() -> None:
     for _ in range(12):
         learner.learn(session.step(learner.act(session.view)))
     with torch.no_grad():
+        learner.q.online.parameters.zero_()
         for bias in learner.q.online.biases[:-1]:
-            bias[:] = 100.0
+            bias[:] = 1.0
         assert learner.metrics()["dead_units"] == 0.0
         # Three of eight units in one of two layers, for one of two subjects.
-        learner.q.online.biases[0][1, 0, :3] = -100.0
+        learner.q.online.biases[0][1, 0, :3] = -1.0
     assert learner.metrics()["dead_units"] == 3 / 32
 
 
