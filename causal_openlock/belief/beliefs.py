@@ -13,7 +13,6 @@ inference in the limit of a vanishing prior probability of noise.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -22,7 +21,9 @@ import numpy as np
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
 from causal_openlock.belief.knowledge import Knowledge, rule_prior
+from causal_openlock.belief.one_belief import Belief as Belief
 from causal_openlock.belief.prior import Prior
+from causal_openlock.belief.recall import evidence, evidence_of_all, in_mind
 from causal_openlock.belief.sampling import Happened, Sampler, listed, sampled, with_sampled
 from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import strengths
@@ -34,48 +35,6 @@ enumerated = lru_cache(maxsize=64)(enumerate_space)
 STRENGTH_NODES = 10
 FEW = 40
 """So few draws are all that there is to draw; drawing again would bring the same."""
-
-
-@dataclass(eq=False, repr=False)
-class Belief:
-    """What one subject holds possible in the room that it is in.
-
-    Attributes:
-        space: The hypotheses.
-        slots: ``[P]`` the slot of each position.
-        which: ``[E]`` indices of hypotheses that are still possible, in ascending order.
-        weight: ``[E]`` their probabilities; they add up to 1.
-        start: ``[E]`` the same when the trial began, kept by subjects that forget.
-        found: What stood pushed when solutions were found, as masks of slots.
-        drawn: How many hypotheses were sampled, because there are too many to list.
-        possible: Whether any hypothesis explains what happened.
-        events: How often what happened in this trial.
-    """
-
-    space: Space
-    slots: IntArray
-    which: IntArray
-    weight: FloatArray
-    start: FloatArray | None = None
-    found: tuple[int, ...] = ()
-    drawn: int = 0
-    possible: bool = True
-    events: Counter[tuple[Any, ...]] = field(default_factory=Counter)
-
-    @property
-    def positions(self) -> IntArray:
-        """``[P]`` the position of each slot."""
-        return np.argsort(self.slots)
-
-    def __repr__(self) -> str:
-        """Short, as there can be a million hypotheses."""
-        return f"Belief({len(self.which):,} hypotheses, {self.entropy:.2f} bits)"
-
-    @property
-    def entropy(self) -> float:
-        """Bits that are missing to certainty."""
-        weight = self.weight[self.weight > 0]
-        return float(-(weight * np.log2(weight)).sum())
 
 
 class Beliefs:
@@ -146,7 +105,11 @@ class Beliefs:
         known = self.knowledge
         places = np.take_along_axis(known.places(who), order, axis=1)
         surely = known.strengths[who] if len(space.strengths) > 1 else np.ones((len(who), 1))
-        return space.prior(known.classes(who), known.rules[who], places, surely)
+        weights = space.prior(known.classes(who), known.rules[who], places, surely)
+        if self.prior.directness:
+            direct = np.bitwise_count(space.hypotheses.causes[:, -1])
+            weights *= np.exp(self.prior.directness * direct)
+        return weights
 
     def _fresh(self, space: Space, slots: IntArray, weight: FloatArray) -> Belief:
         which = np.flatnonzero(weight > 0)
@@ -197,6 +160,8 @@ class Beliefs:
             belief = self._belief(subject)
             happened = (*(int(value[row]) for value in events[:-1]), belief.found)
             belief.events[happened] += 1
+            if belief.start is not None:
+                belief.attempt = (*belief.attempt, happened)
             spaces.setdefault(id(belief.space), []).append(row)
         for rows in spaces.values():
             self._update(who[rows], events.take(np.array(rows)))
@@ -206,10 +171,8 @@ class Beliefs:
                 belief.found = (*belief.found, int(events.pushed[row]))
         if self.prior.forgetting:
             for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
-                belief = self._belief(subject)
-                if belief.start is not None:
-                    lost = self.prior.forgetting
-                    belief.weight = (1.0 - lost) * belief.weight + lost * belief.start
+                keeps = bool(step.new_solution[subject]) and self.prior.forgets == "failures"
+                self._belief(subject).forget(self.prior.forgetting, keeps)
         for subject in np.flatnonzero(step.trial_over & step.view.playing).tolist():
             self.leave(subject)
 
@@ -250,6 +213,21 @@ class Beliefs:
     def _update(self, who: IntArray, event: Event) -> None:
         """One event for each of some subjects that share a space."""
         beliefs = [self._belief(subject) for subject in who]
+        # Who forgets rules nothing out, and asks the same of the same hypotheses again and again.
+        whole = [belief.start is not None and belief.whole for belief in beliefs]
+        for row in np.flatnonzero(whole).tolist():
+            belief = beliefs[row]
+            seen = (*(int(value[row]) for value in event[:-1]), belief.found)
+            weight = belief.weight * evidence_of_all(belief.space, seen)
+            if (all_ := weight.sum()) > 0:
+                belief.weight = weight / all_
+            else:
+                self._reconsider(int(who[row]))
+        if any(whole):
+            rest = np.flatnonzero(~np.array(whole))
+            if len(rest):
+                self._update(who[rest], event.take(rest))
+            return
         sizes = [len(belief.which) for belief in beliefs]
         of = np.repeat(np.arange(len(who)), sizes)
         which = np.concatenate([belief.which for belief in beliefs])
@@ -305,32 +283,20 @@ class Beliefs:
             weight = self._weights(space, np.array([subject]), past.positions[None])[0]
             fresh = self._fresh(space, past.slots, weight)
         fresh.events, fresh.found = past.events, past.found
+        fresh.attempt, fresh.kept = past.attempt, past.kept
         with np.errstate(divide="ignore"):
             log = np.log(fresh.weight)
-            for (*one, found), times in past.events.items():
-                log += times * np.log(self._likelihood(fresh, one, found))
+            for seen, times in past.events.items():
+                log += times * np.log(evidence(fresh.space, fresh.which, seen))
         best = log.max(initial=-np.inf)
         fresh.possible = bool(np.isfinite(best))
         if fresh.possible:
             weight = np.exp(log - best)
             kept = weight > 0 if fresh.start is None else np.ones(len(weight), dtype=bool)
             fresh.which, fresh.weight = fresh.which[kept], weight[kept] / weight.sum()
+            if fresh.start is not None:
+                fresh.start = in_mind(fresh.space, fresh.which, fresh.start, fresh.kept)
         return fresh
-
-    @staticmethod
-    def _likelihood(belief: Belief, one: list[int], found: tuple[int, ...]) -> FloatArray:
-        many = len(belief.which)
-        slot, pushed, took_effect, unlocked, new = one
-        event = Event(
-            slot=np.full(many, slot),
-            pushed=np.full(many, pushed, dtype=np.uint16),
-            took_effect=np.full(many, bool(took_effect)),
-            unlocked=np.full(many, bool(unlocked)),
-            new=np.full(many, bool(new)),
-            found=np.tile(np.array(found, dtype=np.uint16), (many, 1)),
-        )
-        space = belief.space
-        return likelihood(space.hypotheses, belief.which, space.strengths, event)
 
     # -- checkpoints ----------------------------------------------------------------------------
 
@@ -357,6 +323,8 @@ class Beliefs:
             "found": belief.found,
             "possible": belief.possible,
             "events": list(belief.events.items()),
+            "attempt": belief.attempt,
+            "kept": belief.kept,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -385,4 +353,6 @@ class Beliefs:
             drawn,
             kept["possible"],
             Counter(dict(kept["events"])),
+            kept["attempt"],
+            kept["kept"],
         )

@@ -11,7 +11,7 @@ import numpy as np
 
 from causal_openlock.belief.planning import Situation, achievable
 from causal_openlock.belief.space import Hypotheses
-from causal_openlock.fsm import FloatArray
+from causal_openlock.fsm import BoolArray, FloatArray
 from causal_openlock.randomness import pick
 
 
@@ -44,14 +44,20 @@ def draw_intention(
         if not fitting.any():
             return None
     if by_weight:
-        which = pick(weight * fitting.any(axis=1), draws[0])
+        which = pick(weight * _any_of(fitting), draws[0])
         solution = int(hypotheses.solutions[which, pick(fitting[which] * 1.0, draws[1])])
     else:
         choices = np.unique(hypotheses.solutions[fitting])
         solution = int(choices[int(draws[0] * len(choices))])
-        allows = (fitting & (hypotheses.solutions == solution)).any(axis=1)
+        allows = _any_of(fitting & (hypotheses.solutions == solution))
         which = pick(weight * allows, draws[1])
     return _in_order(hypotheses, which, solution, situation.pushed)
+
+
+def _any_of(table: BoolArray) -> BoolArray:
+    """``[h]`` whether anything in each row holds; over few columns faster than row by row."""
+    found: BoolArray = np.logical_or.reduce(np.ascontiguousarray(table.T))
+    return found
 
 
 def _in_order(hypotheses: Hypotheses, which: int, solution: int, pushed: int) -> tuple[int, ...]:

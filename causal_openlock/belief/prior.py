@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -42,4 +42,11 @@ class Prior:
     particles: Annotated[
         Count, "hypotheses sampled where a room has too many levers to enumerate every structure"
     ] = 500
+    directness: Annotated[
+        float, "how much levers are expected to act on the door themselves, in nats for each"
+    ] = 0.0
     forgetting: Annotated[Share, "share of a trial's evidence lost with every attempt"] = 0.0
+    forgets: Annotated[
+        Literal["everything", "failures"],
+        "what is lost: all evidence, or only that of attempts that found nothing new",
+    ] = "everything"

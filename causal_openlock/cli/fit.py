@@ -1,0 +1,153 @@
+"""``causal-openlock fit``: which parameters make a learner do what people did?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+    from causal_openlock.fitting.outcome import Outcome
+    from causal_openlock.fitting.study import Fit, Plan
+
+
+def fit(
+    learner: Annotated[str, typer.Argument(help="Registered name of a learner.")] = "bayes",
+    space: Annotated[
+        Path | None, typer.Option(help="File with the search space; bayes has one of its own.")
+    ] = None,
+    search: Annotated[
+        list[str] | None,
+        typer.Option("--search", "-s", help="Search this instead: name=low:high, or ...:log."),
+    ] = None,
+    fix: Annotated[
+        list[str] | None, typer.Option("--fix", "-f", help="Set a parameter: name=value.")
+    ] = None,
+    hold_out: Annotated[
+        str,
+        typer.Option(
+            help="Points that are not fitted to but predicted: transfer (the four tests), "
+            "alternate (every other one) or none."
+        ),
+    ] = "transfer",
+    candidates: Annotated[int, typer.Option(min=1, help="Parameter settings to try.")] = 60,
+    subjects: Annotated[
+        int, typer.Option(min=2, help="Subjects that each of them plays in each condition.")
+    ] = 40,
+    finalists: Annotated[
+        int, typer.Option(min=1, help="The best so many play again, and the nearest is taken.")
+    ] = 5,
+    final_subjects: Annotated[
+        int, typer.Option(min=2, help="Subjects in each condition then, and in the end.")
+    ] = 200,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**62, help="Seed of the search and of all play.")
+    ] = 2018,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; default: one for each core.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder; by default results/fit-LEARNER.")
+    ] = None,
+) -> None:
+    """Search a learner's parameters for the best likeness to people; goes on where it was."""
+    from rich.console import Console
+
+    from causal_openlock.errors import Interrupted, LearnerError
+    from causal_openlock.fitting.objective import conditions_to_fit
+    from causal_openlock.fitting.outcome import outcome, write_outcome
+    from causal_openlock.fitting.search import bundled_search, changed, read_search
+    from causal_openlock.fitting.study import Plan, require_optuna
+    from causal_openlock.runner import _cores
+
+    require_optuna()
+    known = read_search(space) if space else bundled_search(learner)
+    if known is not None and known.learner != learner:
+        raise LearnerError(f"{space} is for the learner {known.learner}, and not for {learner}")
+    chosen = changed(known, learner, search or (), fix or ())
+    conditions_to_fit(hold_out)  # says at once if there is no such way
+    plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed)
+    folder = out or Path("results") / f"fit-{learner.replace(':', '.')}"
+    console = Console()
+    try:
+        fitted, trials = _fit(plan, folder, workers or _cores(), console)
+    except KeyboardInterrupt:
+        raise Interrupted("stopped; the same command goes on where it was") from None
+    found = outcome(fitted, trials)
+    files = write_outcome(fitted, found, folder)
+    _print(fitted, found, console)
+    console.print(f"\nto play it: causal-openlock compare {files[0]}", soft_wrap=True)
+    console.print(f"figure: {folder / 'fit.svg'}", soft_wrap=True, highlight=False)
+
+
+def _fit(plan: Plan, folder: Path, workers: int, console: Console) -> tuple[Fit, pd.DataFrame]:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeElapsedColumn as Elapsed
+
+    from causal_openlock.fitting.study import fit as run
+
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("candidates"),
+        Elapsed(),
+        console=console,
+    )
+    with bar:
+        task = bar.add_task("searching", total=plan.candidates)
+
+        def tell(done: int, total: int, what: str) -> None:
+            bar.update(task, completed=done, total=total, description=what)
+
+        return run(plan, folder, workers=workers, tell=tell)
+
+
+def _print(fitted: Fit, found: Outcome, console: Console) -> None:
+    """The best candidates, the distances, the effects and the entry to paste."""
+    from rich.table import Table
+
+    from causal_openlock.fitting.outcome import entry
+    from causal_openlock.yaml_file import dump_yaml
+
+    def table(*columns: str) -> Table:
+        shown = Table(box=None, padding=(0, 2, 0, 0))
+        for name in columns:
+            shown.add_column(name, justify="left" if name == columns[0] else "right", no_wrap=True)
+        return shown
+
+    plan = fitted.plan
+    console.print("\n[bold]The nearest candidates[/bold], RMSE in attempts on what is fitted")
+    names = list(plan.space.ranges)
+    nearest = table("number", *names, "RMSE", "again")
+    for row in fitted.table().head(plan.finalists).to_dict("records"):
+        again = f"{row['again']:.2f}" if row["again"] == row["again"] else ""
+        values = [f"{row[name]:.4g}" for name in names]
+        nearest.add_row(str(row["number"]), *values, f"{row['rmse']:.2f}", again)
+    console.print(nearest)
+
+    console.print(
+        f"\n[bold]Distance from people[/bold], RMSE in attempts, {plan.final_subjects} subjects on "
+        "a seed that nothing was chosen by"
+    )
+    apart = table("", "fitted", "held out", "all 14 points")
+    for name, one in ((found.label, found.score), ("published model", found.model)):
+        numbers = [one.fitted, one.held_out, one.all]
+        apart.add_row(name, *(f"{n:.2f}" if n == n else "" for n in numbers))
+    console.print(apart)
+
+    console.print("\n[bold]What people show[/bold], differences in attempts")
+    effects = table("", "difference", "t", "p", "people's sign")
+    for row in found.effects.to_dict("records"):
+        sign = "yes" if row["like_people"] else "no"
+        effects.add_row(
+            row["effect"], f"{row['difference']:+.2f}", f"{row['t']:.1f}", f"{row['p']:.2g}", sign
+        )
+    console.print(effects)
+    console.print("\n[bold]For an experiment file[/bold], under learners:")
+    text = dump_yaml([entry(found, plan.space.learner)])
+    console.print(text, highlight=False, markup=False, soft_wrap=True, end="")

@@ -1,0 +1,166 @@
+"""What a candidate plays, and how far it is from people: on what it is fitted to, and on the rest.
+
+A fit that is judged by what it was fitted to says little. Some of people's fourteen points are
+therefore held out of the search, which does not even play them if it can do without:
+
+* ``transfer``: fitted to the ten points of the baselines; the four transfer tests are predicted.
+* ``alternate``: fitted to every other point, seven of them.
+* ``none``: fitted to all.
+
+All candidates meet the same rooms and the same random numbers, so that they differ by their
+parameters rather than by luck.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.human_likeness import distance, points_of, published_points
+from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
+from causal_openlock.errors import OpenLockError, nearest
+from causal_openlock.fsm import BoolArray
+from causal_openlock.learner_registry import create
+from causal_openlock.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
+from causal_openlock.schema_file import find_schema
+from causal_openlock.session import Session
+
+HOLD_OUT = ("transfer", "alternate", "none")
+CHUNK = 40
+"""Subjects that are played at once."""
+
+
+def held_out(points: pd.DataFrame, how: str) -> BoolArray:
+    """``[N]`` which points are held out of a fit.
+
+    Args:
+        points: Rows with the columns of :data:`~causal_openlock.analysis.human_likeness.POINT`.
+        how: One of :data:`HOLD_OUT`.
+
+    Raises:
+        OpenLockError: If there is no such way.
+    """
+    if how not in HOLD_OUT:
+        raise OpenLockError(f"points cannot be held out by {how!r}; {nearest(how, HOLD_OUT)}")
+    tests: BoolArray = points["condition"].isin(list(TRANSFERS)).to_numpy(bool)
+    if how == "transfer":
+        return tests
+    place = {
+        (row.condition, row.trial): index
+        for index, row in enumerate(published_points().itertuples())
+    }
+    odd = [place[row.condition, row.trial] % 2 == 1 for row in points.itertuples()]
+    return np.array(odd, dtype=bool) & (how == "alternate")
+
+
+def conditions_to_fit(how: str) -> tuple[str, ...]:
+    """The conditions that have any point to fit."""
+    points = published_points()
+    fitted = points[~held_out(points, how)]
+    return tuple(name for name in PAPER_CONDITIONS if (fitted["condition"] == name).any())
+
+
+@dataclass(frozen=True)
+class Job:
+    """Some subjects of one candidate in one condition.
+
+    Attributes:
+        learner: Registered name of the learner.
+        parameters: Those that differ from their defaults.
+        condition: Name of one of the paper's conditions.
+        first: Number of the first subject.
+        subjects: How many.
+        seed: Seed of all randomness.
+    """
+
+    learner: str
+    parameters: dict[str, Any]
+    condition: str
+    first: int
+    subjects: int
+    seed: int
+
+
+def jobs(
+    learner: str,
+    parameters: dict[str, Any],
+    conditions: tuple[str, ...],
+    subjects: int,
+    seed: int,
+) -> list[Job]:
+    """All that one candidate plays."""
+    return [
+        Job(learner, parameters, name, first, min(CHUNK, subjects - first), seed)
+        for name in conditions
+        for first in range(0, subjects, CHUNK)
+    ]
+
+
+def play(job: Job) -> pd.DataFrame:
+    """Play under the human protocol.
+
+    Returns:
+        As :func:`~causal_openlock.analysis.measures.attempts_to_solve` gives it.
+    """
+    session = Session(
+        Condition.named(job.condition, find_schema),
+        PROTOCOLS["human"],
+        range(job.first, job.first + job.subjects),
+        seed=job.seed,
+        learner=job.learner,
+        experiment="fit",
+    )
+    return attempts_to_solve(session.play(create(job.learner, job.parameters)))
+
+
+def joined(played: list[pd.DataFrame]) -> pd.DataFrame:
+    """The trials of several jobs of one candidate."""
+    parts = [
+        part.astype(dict.fromkeys(("learner", "condition", "protocol", "phase"), str))
+        for part in played
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+@dataclass(frozen=True)
+class Score:
+    """How far a candidate is from people, in attempts.
+
+    Attributes:
+        fitted: On the points that it is fitted to.
+        held_out: On the others; NaN if it did not play them.
+        all: On all that it played.
+    """
+
+    fitted: float
+    held_out: float
+    all: float
+
+
+def score(trials: pd.DataFrame, how: str) -> Score:
+    """How far somebody is from people.
+
+    Args:
+        trials: What was played.
+        how: Which points are held out, one of :data:`HOLD_OUT`.
+    """
+    points = points_of(trials)
+    out = held_out(points, how)
+    return Score(distance(points[~out])[0], distance(points[out])[0], distance(points)[0])
+
+
+__all__ = [
+    "CHUNK",
+    "HOLD_OUT",
+    "Job",
+    "Score",
+    "conditions_to_fit",
+    "held_out",
+    "jobs",
+    "joined",
+    "play",
+    "score",
+]

@@ -1,0 +1,117 @@
+"""What came of a fit: tables, a figure, and an experiment that plays the fitted learner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from causal_openlock.analysis import style
+from causal_openlock.analysis.human_likeness import (
+    POINT,
+    distance,
+    effects_of,
+    points_of,
+    points_of_model,
+)
+from causal_openlock.analysis.human_likeness_section import draw_points
+from causal_openlock.files import write_text
+from causal_openlock.fitting.objective import Score, held_out, score
+from causal_openlock.fitting.study import Fit
+from causal_openlock.protocol import PAPER_CONDITIONS
+from causal_openlock.yaml_file import dump_yaml
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The fitted learner.
+
+    Attributes:
+        label: What it is called.
+        parameters: Those that differ from the learner's defaults.
+        score: Its distance from people, on a seed that nothing was chosen by.
+        model: The same of the published model, of which nothing was fitted here.
+        points: Its means at people's points; ``held_out`` says which it was not fitted to.
+        effects: Which of people's effects it shows.
+    """
+
+    label: str
+    parameters: dict[str, Any]
+    score: Score
+    model: Score
+    points: pd.DataFrame
+    effects: pd.DataFrame
+
+
+def outcome(fitted: Fit, trials: pd.DataFrame) -> Outcome:
+    """The fitted learner, from what it did in all six conditions.
+
+    Args:
+        fitted: The fit.
+        trials: From :func:`~causal_openlock.fitting.study.fit`.
+    """
+    plan = fitted.plan
+    label = f"{plan.space.learner.rpartition(':')[2]}_like_people"
+    points = points_of(trials)
+    published = points_of_model()
+    out = held_out(published, plan.hold_out)
+    return Outcome(
+        label=label,
+        parameters=plan.space.parameters(fitted.best.chosen),
+        score=score(trials, plan.hold_out),
+        model=Score(
+            distance(published[~out])[0], distance(published[out])[0], distance(published)[0]
+        ),
+        points=points.assign(learner=label, held_out=held_out(points, plan.hold_out)),
+        effects=effects_of(points, trials),
+    )
+
+
+def entry(found: Outcome, learner: str) -> dict[str, Any]:
+    """The fitted learner as an entry of an experiment file."""
+    return {"learner": learner, "name": found.label, "parameters": found.parameters}
+
+
+def write_outcome(fitted: Fit, found: Outcome, folder: Path | str) -> list[Path]:
+    """Write what came of a fit.
+
+    Args:
+        fitted: The fit.
+        found: From :func:`outcome`.
+        folder: Where to.
+
+    Returns:
+        The files: ``experiment.yaml``, which plays the fitted learner beside the plain one,
+        ``candidates.csv``, ``points.csv``, ``effects.csv``, ``fit.svg`` and ``fit.png``.
+
+    Raises:
+        OpenLockError: If they cannot be written.
+    """
+    folder, plan = Path(folder), fitted.plan
+    experiment = {
+        "name": found.label,
+        "title": f"The learner {plan.space.learner}, fitted to people",
+        "seed": plan.seed + 3,
+        "protocol": "human",
+        "subjects": plan.final_subjects,
+        "conditions": list(PAPER_CONDITIONS),
+        "learners": [plan.space.learner, entry(found, plan.space.learner)],
+    }
+    texts = {
+        "experiment.yaml": dump_yaml(experiment),
+        "candidates.csv": fitted.table().to_csv(index=False),
+        "points.csv": found.points.to_csv(index=False),
+        "effects.csv": found.effects.to_csv(index=False),
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    drawing = draw_points([found.points[["learner", *POINT, *_NUMBERS]], points_of_model()])
+    style.save(drawing.figure, folder / "fit")
+    return [*(folder / name for name in texts), folder / "fit.svg", folder / "fit.png"]
+
+
+_NUMBERS = ("subjects", "mean", "se", "people_mean", "people_se")
+
+__all__ = ["Outcome", "entry", "outcome", "write_outcome"]
