@@ -87,8 +87,8 @@ def run(
                 warn(f"{fault}; its cell is run again")
             pending.append(cell)
         if pending:
-            workers = min(workers or _cores(), len(pending))
-            with _executor(executor, workers) as pool, _telling(store, progress):
+            workers = min(workers or available_cores(), len(pending))
+            with worker_pool(executor, workers) as pool, _telling(store, progress):
                 futures = {
                     pool.submit(play_cell, cell, str(store.folder.resolve()), watching): cell
                     for cell in pending
@@ -143,7 +143,8 @@ def _telling(store: Store, progress: Callable[[float], None] | None) -> Iterator
 
 
 @contextmanager
-def _executor(executor: Executor | None, workers: int) -> Iterator[Executor]:
+def worker_pool(executor: Executor | None, workers: int) -> Iterator[Executor]:
+    """The executor that is given, or so many processes of this machine with one thread each."""
     if executor is not None:
         yield executor
         return
@@ -183,7 +184,8 @@ def _start_worker() -> None:
         threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-def _cores() -> int:
+def available_cores() -> int:
+    """How many cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -62,7 +62,7 @@ def fit(
     from causal_openlock.fitting.outcome import outcome, write_outcome
     from causal_openlock.fitting.search import bundled_search, changed, read_search
     from causal_openlock.fitting.study import Plan, require_optuna
-    from causal_openlock.runner import _cores
+    from causal_openlock.runner import available_cores
 
     require_optuna()
     known = read_search(space) if space else bundled_search(learner)
@@ -74,7 +74,7 @@ def fit(
     folder = out or Path("results") / f"fit-{learner.replace(':', '.')}"
     console = Console()
     try:
-        fitted, trials = _fit(plan, folder, workers or _cores(), console)
+        fitted, trials = _fit(plan, folder, workers or available_cores(), console)
     except KeyboardInterrupt:
         raise Interrupted("stopped; the same command goes on where it was") from None
     found = outcome(fitted, trials)
