@@ -31,6 +31,7 @@ HOMES = {
     "physics": "physics",
     "playing": "playing",
     "rendering": "rendering",
+    "reporting": "reporting",
 }
 SCALES = {
     "steps/s": ((1e6, "M/s"), (1e3, "k/s"), (1, "/s")),

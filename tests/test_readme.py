@@ -4,35 +4,24 @@ from __future__ import annotations
 
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import gymnasium
 import pytest
+from documents import ROOT, broken_links, code, in_a_process, unknown_options, words_of
 
 from causal_openlock.schema_file import parse_schema
 from causal_openlock.store import Store
 
-ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+    return code(README, language)
 
 
 def run(folder: Path, *words: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "causal_openlock", *words],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    return in_a_process(folder, *words).stdout
 
 
 @pytest.fixture
@@ -55,13 +44,7 @@ def test_the_fault_shown_is_the_fault_reported(folder: Path) -> None:
     path.write_text(
         path.read_text(encoding="utf-8").replace("[door]", "[dor]", 1), encoding="utf-8"
     )
-    done = subprocess.run(
-        [sys.executable, "-m", "causal_openlock", "schema", "check", "vault.yaml"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = in_a_process(folder, "schema", "check", "vault.yaml", status=2)
     (shown,) = re.findall(r"`(vault\.yaml:\d+:\d+: [^`]*)`", README)
     assert shown in done.stderr
 
@@ -118,10 +101,13 @@ def test_the_environments_are_made_as_shown() -> None:
 
 
 def test_every_file_that_the_readme_points_to_exists() -> None:
-    linked = re.findall(r"\]\(([^)#]+)\)", README)
-    assert len(linked) > 20
-    missing = [path for path in linked if "//" not in path and not (ROOT / path).exists()]
-    assert missing == []
+    assert README.count("](") > 20
+    assert broken_links(ROOT / "README.md") == []
+
+
+def test_every_option_that_the_readme_names_exists() -> None:
+    for words in words_of(README):
+        assert unknown_options(words) == [], words
 
 
 def test_the_trial_that_is_told_is_the_one_that_is_played(folder: Path) -> None:

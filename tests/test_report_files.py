@@ -37,8 +37,12 @@ def test_files_beside_the_page(report: Path) -> None:
         "transfer_categories",
         "attempts_by_trial_human",
         "attempts_by_trial_loops",
+        "learner_a",
+        "learner_b",
     }
-    assert names == {f"{stem}.{kind}" for stem in stems for kind in ("png", "svg")}
+    assert names >= {f"{stem}.{kind}" for stem in stems for kind in ("png", "svg", "pdf")}
+    tables = {path.name for path in (report.parent / "tables").iterdir()}
+    assert tables >= {f"learner_{name}.{kind}" for name in "ab" for kind in ("csv", "tex")}
     assert (report.parent / "summary.csv").read_text().startswith("learner,condition,protocol,")
 
 
@@ -60,8 +64,9 @@ def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Pat
     assert (figures / "attempts_by_trial_rl.svg").exists()
     write_report(table(rows), tmp_path, {})
     assert {path.name for path in figures.iterdir()} == {
-        *(f"{stem}.{kind}" for stem in ("baseline_attempts", "attempts_by_trial_human")
-          for kind in ("png", "svg")),
+        *(f"{stem}.{kind}"
+          for stem in ("baseline_attempts", "attempts_by_trial_human", "learner_a")
+          for kind in ("png", "svg", "pdf")),
         "mine.png",
         "baseline_attempts_mine.svg",
         "attempts_by_trial_rl.txt",

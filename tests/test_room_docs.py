@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from documents import DOCS, code
 
-from causal_openlock.cli import app
 from causal_openlock.play import read_reactions
 from causal_openlock.play.game import Game
 from causal_openlock.play.log import Log
@@ -19,7 +18,6 @@ from causal_openlock.render.played import recorded_trial
 from causal_openlock.schema_file import find_schema
 from causal_openlock.store import Store
 
-DOCS = Path(__file__).parent.parent / "docs"
 PAGES = {
     name: (DOCS / name).read_text(encoding="utf-8") for name in ("physical_room.md", "play.md")
 }
@@ -27,23 +25,7 @@ EXAMPLE = DOCS / "example_play"
 
 
 def blocks(page: str, language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", PAGES[page], flags=re.DOTALL)
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_whatever_a_page_points_to_is_there(page: str) -> None:
-    linked = re.findall(r"\]\(([^)]+)\)", PAGES[page])
-    assert linked
-    headings = [
-        re.sub(r"[^\w ]", "", line.lstrip("# ").lower()).replace(" ", "-")
-        for line in PAGES[page].splitlines()
-        if line.startswith("#")
-    ]
-    for target in linked:
-        path, _, heading = target.partition("#")
-        if "//" not in target:
-            assert not path or (DOCS / path).exists(), target
-            assert not heading or path or heading in headings, target
+    return code(PAGES[page], language)
 
 
 def test_the_environment_with_bodies_is_made_as_shown() -> None:
@@ -64,18 +46,6 @@ def test_people_are_read_as_shown() -> None:
     exec(block.replace("results/people", EXAMPLE.as_posix()), names)
     assert set(names["attempts"]["learner"]) == {"person"}
     assert len(names["reactions"]) == names["attempts"]["actions"].map(len).sum()
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_every_command_and_option_that_a_page_names_exists(page: str) -> None:
-    text = "\n".join(blocks(page, "console")).replace("\\\n", " ")
-    commands = re.findall(r"^\$ causal-openlock (\w+)([^#\n]*)", text, flags=re.MULTILINE)
-    assert len(commands) > 3
-    for name, rest in commands:
-        shown = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": "200"}).output
-        assert shown.startswith(("Usage", "\n")), name
-        for option in re.findall(r"(?<= )--[\w-]+", rest):
-            assert option in shown, (name, option)
 
 
 def test_the_example_took_as_many_attempts_as_the_page_says() -> None:

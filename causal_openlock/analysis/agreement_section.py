@@ -21,7 +21,7 @@ from causal_openlock.analysis.comparable import paper_conditions
 from causal_openlock.analysis.description import mappings_with
 from causal_openlock.analysis.learning import random_learners
 from causal_openlock.analysis.section import Material, Section, Table
-from causal_openlock.analysis.visits import FINDS_ALL, OPENS, PARTS, many_attempts, shares, visits
+from causal_openlock.analysis.visits import FINDS_ALL, OPENS, PARTS, going_on, shares, visits
 from causal_openlock.protocol import PAPER_CONDITIONS, PROTOCOLS
 
 _POINTS = {"ours": ".3f", "ci_low": ".3f", "ci_high": ".3f", "paper": ".3f", "margin": ".3f"}
@@ -42,12 +42,14 @@ def section(material: Material) -> Section | None:
         None if nobody played what they are about, or baselines alone and those under a shorter
         protocol, which have no course to compare.
     """
-    visited = visits(material.record)
+    record = going_on(material.record, material.experiment)
+    if not record.num_rows:
+        return None
+    visited = visits(record)
     known = paper_conditions(material.experiment)
-    going = many_attempts(material.experiment, sorted(set(visited["protocol"])))
+    going = set(visited["protocol"])
     visited = visited[
         visited["condition"].isin(PAPER_CONDITIONS if known is None else known)
-        & visited["protocol"].isin(going)
         & ~visited["learner"].isin(random_learners(material.experiment))
     ]
     if visited.empty:

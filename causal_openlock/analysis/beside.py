@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import StoreError
@@ -46,7 +46,7 @@ def beside(results: Sequence[tuple[pa.Table, dict[str, Any]]]) -> tuple[pa.Table
     together["conditions"] = list(conditions.values())
     if missing := _listed(results, "missing_cells"):
         together["missing_cells"] = missing
-    together["versions"] = _versions([description["versions"] for _, description in results])
+    together["versions"] = merged_versions([description["versions"] for _, description in results])
     return pa.concat_tables([record for record, _ in results]), together
 
 
@@ -54,7 +54,7 @@ def _listed(results: Sequence[tuple[pa.Table, dict[str, Any]]], key: str) -> lis
     return [one for _, description in results for one in description.get(key, ())]
 
 
-def _versions(all_of_them: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Of each package its version, or a list where there are several."""
     found: dict[str, list[str]] = {}
     for versions in all_of_them:
@@ -65,4 +65,4 @@ def _versions(all_of_them: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {package: one[0] if len(one) == 1 else one for package, one in found.items()}
 
 
-__all__ = ["beside"]
+__all__ = ["beside", "merged_versions"]

@@ -84,7 +84,7 @@ def describe(experiment: Mapping[str, Any]) -> dict[str, Any]:
             for name, schema in met.items()
         ]
     versions = experiment.get("versions") or {}
-    result["versions"] = [f"{name} {_value(version)}" for name, version in versions.items()]
+    result["versions"] = [f"{name} {in_words(version)}" for name, version in versions.items()]
     result["rest"] = {
         key.replace("_", " "): value
         for key, value in rest.items()
@@ -119,7 +119,7 @@ def budgets(protocol: Mapping[str, Any]) -> str:
     if protocol.get("action_limit"):
         said.append(f"An attempt has at most {protocol['action_limit']} actions.")
     known = {*_BUDGETS, "layouts", "test_layout", "action_limit"}
-    said += [f"{key}: {_value(value)}." for key, value in protocol.items() if key not in known]
+    said += [f"{key}: {in_words(value)}." for key, value in protocol.items() if key not in known]
     return " ".join(said)
 
 
@@ -157,7 +157,7 @@ def edges(schema: Mapping[str, Any]) -> str:
     for cause, effects in schema.get("edges", {}).items():
         named = effects if isinstance(effects, Mapping) else dict.fromkeys(effects)
         text = ", ".join(
-            f"{effect} ({_value(values['strength'])})"
+            f"{effect} ({in_words(values['strength'])})"
             if values and "strength" in values
             else effect
             for effect, values in named.items()
@@ -180,7 +180,9 @@ def _learner(one: Mapping[str, Any]) -> dict[str, Any]:
         "package": one.get("package") or "",
         "protocol": one["protocol"]["name"],
         "subjects": one.get("subjects"),
-        "reward": reward["name"] if mappings_with([reward], {"name", "terms"}) else _value(reward),
+        "reward": reward["name"]
+        if mappings_with([reward], {"name", "terms"})
+        else in_words(reward),
         "parameters": _pairs(one["parameters"] or {}),
     }
 
@@ -188,12 +190,12 @@ def _learner(one: Mapping[str, Any]) -> dict[str, Any]:
 def _pairs(values: Mapping[str, Any]) -> str:
     """``gamma 0.8, batch_size 64``; a list of reward terms needs no heading."""
     return ", ".join(
-        _value(value) if key == "terms" else f"{key}\u00a0{_value(value)}"
+        in_words(value) if key == "terms" else f"{key}\u00a0{in_words(value)}"
         for key, value in values.items()
     )
 
 
-def _value(value: Any) -> str:
+def in_words(value: Any) -> str:
     """Plain data as a reader would write them."""
     if value is None:
         return "none"
@@ -202,7 +204,7 @@ def _value(value: Any) -> str:
     if isinstance(value, Mapping):
         return "(" + _pairs(value) + ")"
     if isinstance(value, Iterable) and not isinstance(value, str):
-        return ", ".join(map(_value, value))
+        return ", ".join(map(in_words, value))
     return str(value)
 
 
@@ -219,7 +221,7 @@ def _rooms(trials: Mapping[str, Any]) -> str:
     if isinstance(layouts, str):
         said.append(f"{layouts} layouts")
     elif layouts:
-        said.append("layouts " + "; ".join(_value(layout) for layout in layouts))
+        said.append("layouts " + "; ".join(in_words(layout) for layout in layouts))
     if trials.get("shuffle") is False:
         said.append("in this order")
     name = str(trials["schema"]["name"])
@@ -243,4 +245,4 @@ def mappings_with(values: Any, keys: set[str]) -> bool:
     )
 
 
-__all__ = ["budgets", "describe", "edges", "mappings_with", "trials_played"]
+__all__ = ["budgets", "describe", "edges", "in_words", "mappings_with", "trials_played"]

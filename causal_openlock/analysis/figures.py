@@ -23,12 +23,11 @@ from causal_openlock.analysis import style
 from causal_openlock.analysis.bounds import Bound, Bounds, ideal_bounds, said
 from causal_openlock.analysis.categories import baseline_categories, transfer_categories
 from causal_openlock.analysis.comparable import HUMAN_PROTOCOL, comparable, paper_conditions
+from causal_openlock.analysis.counting import Counts, count
 from causal_openlock.analysis.course import attempts_by_trial
 from causal_openlock.analysis.measures import (
     BASELINES,
     TRANSFERS,
-    attempts_to_solve,
-    category_counts,
     mean_by_trial,
     ordered,
 )
@@ -60,24 +59,38 @@ def draw_all(
             drawn beside the paper's results. Without it names decide.
 
     Returns:
+        See :func:`draw_counted`.
+    """
+    return draw_counted(count(record), learners, experiment)
+
+
+def draw_counted(
+    counts: Counts, learners: Sequence[str] = (), experiment: Mapping[str, Any] | None = None
+) -> list[Drawing]:
+    """Every figure of a record that is counted already.
+
+    Args:
+        counts: From :func:`~causal_openlock.analysis.counting.count`.
+        learners: As in :func:`draw_all`.
+        experiment: As there.
+
+    Returns:
         Those of :func:`baseline_attempts`, :func:`transfer_attempts`,
         :func:`~causal_openlock.analysis.categories.baseline_categories`,
         :func:`~causal_openlock.analysis.categories.transfer_categories` and, for each protocol,
         :func:`~causal_openlock.analysis.course.attempts_by_trial` that there are data for.
     """
-    trials = attempts_to_solve(record)
+    trials, blocks = counts.trials, counts.blocks
     bounds = ideal_bounds(experiment or {})
     beside_people = trials[did_what_people_did(trials, comparable(experiment or {}))]
     rooms = paper_conditions(experiment or {})
-    blocks, phases = (
-        counts if rooms is None else counts[counts["condition"].isin(list(rooms))]
-        for counts in (category_counts(record, blocks=5), category_counts(record, blocks=1))
-    )
+    if rooms is not None:
+        blocks = blocks[blocks["condition"].isin(list(rooms))]
     drawings = [
         baseline_attempts(beside_people, learners, bounds),
         transfer_attempts(beside_people, learners, bounds),
         baseline_categories(blocks, learners),
-        transfer_categories(phases, learners),
+        transfer_categories(blocks, learners),
         *(
             attempts_by_trial(trials, protocol, learners, bounds)
             for protocol in trials["protocol"].unique()
@@ -240,4 +253,4 @@ def _ticks(limit: float) -> Any:
     return MultipleLocator(5) if limit <= 40 else MaxNLocator(integer=True)
 
 
-__all__ = ["baseline_attempts", "draw_all", "transfer_attempts"]
+__all__ = ["baseline_attempts", "draw_all", "draw_counted", "transfer_attempts"]

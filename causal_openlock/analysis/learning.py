@@ -26,8 +26,8 @@ from causal_openlock.analysis.visits import (
     PARTS,
     Group,
     each_group,
+    going_on,
     interval,
-    many_attempts,
     matrix,
     shares,
     starts,
@@ -139,11 +139,11 @@ def progress(record: pa.Table, experiment: Mapping[str, Any]) -> pd.DataFrame:
         if rooms are not described); ``random``, the share of the random learner (NaN without one);
         and the ``verdict``. The random learner itself is judged against exact chance alone.
     """
-    visited = visits(record)
-    going = many_attempts(experiment, sorted(set(visited["protocol"])))
-    visited = visited[visited["protocol"].isin(going) & (visited["phase"] == "train")]
-    if visited.empty:
+    record = going_on(record, experiment)
+    if not record.num_rows:
         return pd.DataFrame(columns=_COLUMNS)
+    visited = visits(record)
+    visited = visited[visited["phase"] == "train"]
     table, start = shares(visited), starts(record, visited)
     began = dict(each_group(start))
     by_chance = random_learners(experiment)

@@ -1,15 +1,18 @@
 """All of it in one page: the report of a record.
 
 ``report.html`` is a single file: its style, its figures and its tables are inside it, and it
-fetches nothing. Beside it lie ``summary.csv`` and the figures as PNG and SVG. Nothing in any of
-them depends on when or where the report was written.
+fetches nothing. Beside it lie ``summary.csv``, the figures as PNG, SVG and PDF (``figures/``) and
+the tables of its sections as CSV and LaTeX (``tables/``). Nothing in any of them depends on when or
+where the report was written.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,37 +20,54 @@ import pandas as pd
 
 from causal_openlock.analysis import style
 from causal_openlock.analysis.bounds import ideal_bounds
+from causal_openlock.analysis.cautions import warnings_of
 from causal_openlock.analysis.comparable import Pairs, comparable
+from causal_openlock.analysis.counting import count
 from causal_openlock.analysis.description import describe, trials_played
-from causal_openlock.analysis.figures import draw_all
-from causal_openlock.analysis.measures import CELL, attempts_to_solve, ordered
+from causal_openlock.analysis.figures import draw_counted
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.page import Written, render
+from causal_openlock.analysis.per_learner import learner_pages
 from causal_openlock.analysis.published import did_what_people_did, model, people
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.section import Material
+from causal_openlock.analysis.sections import PROVIDERS, sections_of
 from causal_openlock.analysis.summary import headline, summarise, write_table
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files import write_text
-from causal_openlock.protocol import PAPER_CONDITIONS
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-FEW_SUBJECTS = 20
-"""Groups of fewer subjects than this are warned about."""
-
-FIGURE_NAME = re.compile(r"(baseline|transfer)_(attempts|categories)|attempts_by_trial_\w+")
-"""Names of the figures that a report can have, without the ending."""
-
-_SHOWN = 8  # groups named in a warning before "and n more"
+_FILES = re.compile(r'<meta name="files" content="([^"]*)">')
+_FILE = re.compile(r"figures/\w[\w.-]*\.(png|svg|pdf)|tables/\w[\w.-]*\.(csv|tex)", re.ASCII)
 
 
-def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str, Any]) -> Path:
+@dataclass(frozen=True)
+class Report:
+    """A report that is written.
+
+    Attributes:
+        path: The path of ``report.html``.
+        headline: What it opens with, from :func:`~causal_openlock.analysis.summary.headline`.
+    """
+
+    path: Path
+    headline: pd.DataFrame
+
+
+def write_report(
+    record: pa.Table,
+    out_dir: Path | str,
+    experiment: Mapping[str, Any],
+    providers: Sequence[str] = PROVIDERS,
+) -> Path:
     """Write the report of a record.
 
     Args:
         record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
-        out_dir: The folder to write ``report.html``, ``summary.csv`` and ``figures/`` to; it is
-            made if it does not exist. Figures that an earlier report left there and this one does
-            not have are removed; files of other names stay.
+        out_dir: The folder to write ``report.html``, ``summary.csv``, ``figures/`` and ``tables/``
+            to; it is made if it does not exist. Figures and tables of an earlier report that this
+            one does not have are removed; other files stay.
         experiment: What was run, as plain data (mappings, lists, text, numbers); best as
             :meth:`causal_openlock.experiment.Experiment.as_dict` gives it. Everything in it is
             shown. ``name``, ``title`` and ``seed`` head the page; ``learners`` (a mapping by
@@ -56,6 +76,7 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
             if cells were run with several, which is warned about; ``missing_cells`` names what
             an unfinished folder lacks, and the page opens with that. Published results are shown
             beside whoever did what people did; see :mod:`~causal_openlock.analysis.comparable`.
+        providers: What makes its sections; see :mod:`~causal_openlock.analysis.sections`.
 
     Returns:
         The path of ``report.html``.
@@ -64,21 +85,40 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
         StoreError: If the record has attempts missing or twice.
         OpenLockError: If a file cannot be written; those that were there stay whole.
     """
+    return make_report(record, out_dir, experiment, providers).path
+
+
+def make_report(
+    record: pa.Table,
+    out_dir: Path | str,
+    experiment: Mapping[str, Any],
+    providers: Sequence[str] = PROVIDERS,
+) -> Report:
+    """Write the report of a record, as :func:`write_report` does, and tell what it opens with."""
     folder = Path(out_dir)
-    trials = attempts_to_solve(record)
+    counts = count(record)
+    trials = counts.trials
     learners = ordered(trials["learner"], _labels(experiment.get("learners", ())))
     pairs = comparable(experiment)
     bounds = ideal_bounds(experiment)
-    summary = summarise(trials, pairs, bounds)
-    write_table(summary, folder / "summary.csv")
-    figures = [
-        _inline(drawing, style.save(drawing.figure, folder / "figures" / drawing.name))
-        for drawing in draw_all(record, learners, experiment)
-    ]
-    _remove_others(folder / "figures", {figure["name"] for figure in figures})
-
     described = describe(experiment)
-    page = _template().render(
+    summary = summarise(trials, pairs, bounds)
+    heads = headline(trials, pairs, bounds)
+    compared = _by_name(trials) if pairs is None else pairs
+    material = Material(record, experiment, trials, learners, compared, bounds)
+    path = folder / "report.html"
+    earlier = files_of(path)
+    written = Written(folder)
+
+    write_table(summary, folder / "summary.csv")
+    figures = [written.drawing(one) for one in draw_counted(counts, learners, experiment)]
+    sections = [written.section(one) for one in sections_of(material, providers)]
+    pages = [
+        written.section(one)
+        for one in learner_pages(trials, heads, learners, described["learners"])
+    ]
+    page = render(
+        "report.html.j2",
         title=experiment.get("title") or experiment.get("name") or "Report",
         name=experiment.get("name"),
         seed=experiment.get("seed"),
@@ -88,105 +128,45 @@ def write_report(record: pa.Table, out_dir: Path | str, experiment: Mapping[str,
         people_size=style.sizes(people()),
         model_size=style.sizes(model()),
         missing=[str(name) for name in experiment.get("missing_cells") or ()],
-        headline=_headline_blocks(
-            headline(trials, pairs, bounds), learners, described["protocols"]
-        ),
+        headline=_headline_blocks(heads, learners, described["protocols"]),
         figures=figures,
+        sections=sections,
+        learners=pages,
         summary=_summary_blocks(summary, learners),
         described=described if experiment else None,
         played=trials_played(trials),
         warnings=warnings_of(trials, summary, experiment.get("versions") or {}, pairs),
+        files=written.files,
     )
-    path = folder / "report.html"
     write_text(path, page)
-    return path
+    _remove(folder, earlier - set(written.files))
+    return Report(path, heads)
 
 
-def _remove_others(folder: Path, names: Collection[str]) -> None:
-    """Remove figures of ours that this report does not have, and nothing else."""
+def _by_name(trials: pd.DataFrame) -> Pairs:
+    """Who compares with people where nothing but names tells: whoever played as they did."""
+    played = trials.loc[did_what_people_did(trials), ["learner", "condition"]].drop_duplicates()
+    return frozenset((str(who), str(what)) for who, what in played.itertuples(index=False))
+
+
+def files_of(path: Path) -> set[str]:
+    """The figures and tables that belong to a report that is there already."""
+    with suppress(OSError, ValueError), path.open(encoding="utf-8") as page:
+        if told := _FILES.search(page.read(100_000)):
+            return {name for name in told[1].split() if _FILE.fullmatch(name)}
+    return set()
+
+
+def _remove(folder: Path, files: Collection[str]) -> None:
+    """Remove files of an earlier report."""
     try:
-        for path in folder.glob("*.*"):
-            ours = path.suffix in (".png", ".svg") and FIGURE_NAME.fullmatch(path.stem)
-            if ours and path.stem not in names:
-                path.unlink()
+        for name in files:
+            (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise OpenLockError(
             f"{folder}: the figures of an earlier report cannot be removed ({error.strerror}); "
             "remove them, or choose another folder"
         ) from None
-
-
-def warnings_of(
-    trials: pd.DataFrame,
-    summary: pd.DataFrame,
-    versions: Mapping[str, Any],
-    pairs: Pairs | None = None,
-) -> list[str]:
-    """What a reader should know before believing the numbers, a sentence each.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        summary: From :func:`~causal_openlock.analysis.summary.summarise`.
-        versions: Versions of packages; a list where cells were run with several.
-        pairs: Whom people compare with; None if names decide.
-    """
-    found = []
-    named = summary[did_what_people_did(summary) & summary["condition"].isin(PAPER_CONDITIONS)]
-    others = named.loc[~did_what_people_did(named, pairs), CELL].drop_duplicates()
-    if len(others):
-        names = [_group(key) for key in others.itertuples(index=False)]
-        found.append(
-            "Some conditions are called like the paper's and have other rooms, trials or budgets, "
-            f"so published results are not shown beside them ({_some(names)})."
-        )
-    grouped = summary.groupby(CELL, observed=True)["subjects"]
-    who = ["learner", "protocol"]
-    least = summary.groupby(who, observed=True)["subjects"].min().sort_values(kind="stable")
-    few = least[least < FEW_SUBJECTS]
-    if len(few):
-        names = [f"{_group(key)}: {count}" for key, count in few.items()]
-        found.append(
-            f"Fewer than {FEW_SUBJECTS} subjects, so intervals are unreliable ({_some(names)})."
-        )
-    uneven = grouped.min()[grouped.min() != grouped.max()]
-    if len(uneven):
-        names = [_group(key) for key in uneven.index]
-        found.append(
-            "Not every subject played every trial, so means of different trials are about "
-            f"different subjects ({_some(names)})."
-        )
-    solved = trials.groupby(who, observed=True)["solved"].mean().sort_values(kind="stable")
-    if len(unsolved := solved[solved < 1]):
-        names = [f"{_group(key)}: {_percent(1 - share)}" for key, share in unsolved.items()]
-        found.append(
-            "Some trials were not solved, so means there are lower than what solving them would "
-            f"have taken (share of trials not solved: {_some(names)})."
-        )
-    for package, version in versions.items():
-        several = _several(version)
-        if len(several) > 1:
-            found.append(
-                f"Cells were run with different versions of {package} ({', '.join(several)})."
-            )
-    return found
-
-
-def _several(version: Any) -> list[str]:
-    if isinstance(version, str) or not isinstance(version, Iterable):
-        return [str(version)]
-    return sorted({str(one) for one in version})
-
-
-def _group(key: Any) -> str:
-    """``ddqn, CC4 (human)``: a learner, perhaps a condition, and a protocol."""
-    *names, protocol = map(str, key)
-    return f"{', '.join(names)} ({protocol})"
-
-
-def _some(names: Sequence[str]) -> str:
-    more = len(names) - _SHOWN
-    shown = "; ".join(names[:_SHOWN])
-    return f"{shown}; and {more} more" if more > 0 else shown
 
 
 def _labels(learners: Any) -> list[str]:
@@ -278,71 +258,4 @@ def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
     ]
 
 
-def _inline(drawing: Drawing, svg: str) -> dict[str, Any]:
-    """A figure for inside the page: sized by it, and with names of its own."""
-    from markupsafe import Markup, escape
-
-    svg = re.sub(r"<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.DOTALL)
-    svg = re.sub(r'\bid="', f'id="{drawing.name}-', svg)
-    svg = re.sub(r'((?:xlink:)?href="|url\()#', rf"\1#{drawing.name}-", svg)
-    box = re.search(r'viewBox="0 0 ([\d.]+) [\d.]+"', svg)
-    assert box is not None
-    wide = float(box[1]) / 12
-    root = (
-        f'<svg {box[0]} role="img" aria-label="{escape(drawing.title)}" '
-        f'style="min-width: {min(wide, 34):.1f}rem; max-width: {wide:.1f}rem">'
-    )
-    return {
-        "name": drawing.name,
-        "title": drawing.title,
-        "caption": drawing.caption,
-        "svg": Markup(root + svg[svg.index(">") + 1 :]),  # matplotlib has escaped its text
-    }
-
-
-def _template() -> Any:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("causal_openlock.analysis", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-    )
-    environment.filters.update(
-        decimals=_decimals,
-        signed=_signed,
-        percent=_percent,
-        interval=_interval,
-        plain=_plain,
-        some=_some,
-    )
-    return environment.get_template("report.html.j2")
-
-
-def _decimals(value: float) -> str:
-    return f"{value + 0.0:.2f}"
-
-
-def _signed(value: float) -> str:
-    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
-
-
-def _percent(share: float) -> str:
-    if 0 < share < 0.0005 or 0.9995 < share < 1:  # some is not none, and not all
-        return "<0.1%" if share < 0.5 else ">99.9%"
-    return f"{100 * share:.1f}%"
-
-
-def _interval(row: Mapping[str, Any]) -> str:
-    """The interval, or nothing where subjects do not differ or there is only one."""
-    if row["ci_low"] is None or row["ci_low"] == row["ci_high"]:
-        return ""
-    return f"{_decimals(row['ci_low'])}–{_decimals(row['ci_high'])}"
-
-
-def _plain(values: Iterable[Any]) -> bool:
-    return all(value is None or isinstance(value, str | int | float) for value in values)
-
-
-__all__ = ["FEW_SUBJECTS", "warnings_of", "write_report"]
+__all__ = ["Report", "files_of", "make_report", "write_report"]

@@ -152,9 +152,6 @@ def headline(
 ) -> pd.DataFrame:
     """The headline of trials that are counted already.
 
-    A condition with a test phase is judged by its test (the mean of a subject's test trials, in
-    the human protocol a single one); one without, by the last trial of its last loop.
-
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         pairs: As in :func:`summarise`.
@@ -166,22 +163,10 @@ def headline(
         ``share_solved``, :data:`~causal_openlock.analysis.published.PUBLISHED_COLUMNS` and
         ``ideal_attempts`` as in :func:`summarise`.
     """
-    cell = trials.groupby(CELL, observed=True)
-    tested = (trials["phase"] == "test").groupby([trials[c] for c in CELL], observed=True)
-    is_test = trials["phase"] == "test"
-    last_loop = trials["loop"] == cell["loop"].transform("max")
-    chosen = trials[is_test | (~tested.transform("any") & last_loop)]
-    last = chosen["trial"] == chosen.groupby(CELL, observed=True)["trial"].transform("max")
-    chosen = chosen[last | (chosen["phase"] == "test")]
-    # People's test is one trial, number 1; a baseline is compared trial by trial.
-    chosen = chosen.assign(trial=np.where(chosen["phase"] == "test", 1, chosen["trial"]))
+    chosen = judged(trials)
     table = beside_published(_means(chosen, ["phase", "trial"]), pairs)
     table = _beside_ideal(table, bounds)
-    measured = [
-        "test" if phase == "test" else f"trial {trial}"
-        for phase, trial in zip(table["phase"], table["trial"], strict=True)
-    ]
-    table = table.assign(measured=measured).sort_values(
+    table = table.assign(measured=measured(table)).sort_values(
         ["learner", "protocol", "condition"], kind="stable", ignore_index=True
     )
     return table[
@@ -198,6 +183,37 @@ def headline(
             *PUBLISHED_COLUMNS,
             "ideal_attempts",
         ]
+    ]
+
+
+def judged(trials: pd.DataFrame) -> pd.DataFrame:
+    """The trials that a condition is judged by.
+
+    A condition with a test phase is judged by its test (the mean of a subject's test trials, in
+    the human protocol a single one); one without, by the last trial of its last loop.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+    Returns:
+        Some of its rows; trials of the test all have number 1.
+    """
+    cell = trials.groupby(CELL, observed=True)
+    tested = (trials["phase"] == "test").groupby([trials[c] for c in CELL], observed=True)
+    is_test = trials["phase"] == "test"
+    last_loop = trials["loop"] == cell["loop"].transform("max")
+    chosen = trials[is_test | (~tested.transform("any") & last_loop)]
+    last = chosen["trial"] == chosen.groupby(CELL, observed=True)["trial"].transform("max")
+    chosen = chosen[last | (chosen["phase"] == "test")]
+    # People's test is one trial, number 1; a baseline is compared trial by trial.
+    return chosen.assign(trial=np.where(chosen["phase"] == "test", 1, chosen["trial"]))
+
+
+def measured(table: pd.DataFrame) -> list[str]:
+    """What a condition was judged by, in words: ``test``, or such as ``trial 5``."""
+    return [
+        "test" if phase == "test" else f"trial {trial}"
+        for phase, trial in zip(table["phase"], table["trial"], strict=True)
     ]
 
 
@@ -219,6 +235,8 @@ __all__ = [
     "SUMMARY_COLUMNS",
     "headline",
     "headline_table",
+    "judged",
+    "measured",
     "summarise",
     "summary_table",
     "write_summary",

@@ -201,6 +201,28 @@ def many_attempts(experiment: Mapping[str, Any], protocols: Sequence[str]) -> se
     return {name for name in protocols if not told.get(name, name == HUMAN_PROTOCOL)}
 
 
+def going_on(record: pa.Table, experiment: Mapping[str, Any]) -> pa.Table:
+    """The part of a record whose trials go on after they are solved; see :func:`many_attempts`.
+
+    Counting every visit of a long record costs memory, so that what nobody asks for goes first.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    names = record["protocol"].unique().to_pylist()
+    kept = many_attempts(experiment, names)
+    if kept.issuperset(names):
+        return record
+    wanted = pa.array(sorted(kept), pa.string())
+    chunks = record["protocol"].dictionary_encode().chunks
+    return record.filter(
+        pa.chunked_array(
+            # A name is looked up once in each chunk, and not in each row.
+            [pc.is_in(part.dictionary, value_set=wanted).take(part.indices) for part in chunks]
+        )
+    )
+
+
 __all__ = [
     "ELSE",
     "FINDS_ALL",
@@ -210,6 +232,7 @@ __all__ = [
     "START",
     "Group",
     "each_group",
+    "going_on",
     "interval",
     "many_attempts",
     "matrix",

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli import comparison, film, learners, play, schemas, trace
+from causal_openlock.cli import comparison, data, film, fit, learners, play, schemas, trace
 
 app = typer.Typer(
     name="causal-openlock",
@@ -25,6 +25,9 @@ app.add_typer(schemas.app, name="schema")
 app.command("learners")(learners.show)
 app.command("compare")(comparison.compare)
 app.command("report")(comparison.report)
+app.command("export")(data.export)
+app.command("bundle")(data.bundle)
+app.command("fit")(fit.fit)
 app.command("trace")(trace.trace)
 app.command("film")(film.film)
 app.command("room")(film.room)

@@ -12,6 +12,7 @@ import typer
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
+    from rich.table import Table
 
     from causal_openlock.experiment import Cell, Experiment
     from causal_openlock.store import Store
@@ -82,17 +83,39 @@ def compare(
 
 def report(
     folder: Annotated[Path, typer.Argument(help="Folder that compare or play wrote to.")],
+    against: Annotated[
+        Path | None,
+        typer.Argument(help="Another one: say what changed, and whether it is more than noise."),
+    ] = None,
     beside: Annotated[
         list[Path] | None,
         typer.Option(help="Another folder whose learners or people the report shows as well."),
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the comparison of two; default: the first."),
+    ] = None,
 ) -> None:
-    """Write the report of a comparison anew, or of what people played, from its record."""
+    """Write the report of a comparison anew, or of what people played, or compare two of them."""
     from rich.console import Console
 
+    from causal_openlock.errors import OpenLockError
     from causal_openlock.store import Store
 
-    _report(Store(folder), Console(), [Store(other) for other in beside or ()])
+    if against is None:
+        if out is not None:
+            raise OpenLockError(
+                "--out is for the comparison of two folders; a report is written into its own"
+            )
+        _report(Store(folder), Console(), [Store(other) for other in beside or ()])
+    elif beside:
+        raise OpenLockError(
+            "two folders are compared with one another and not shown --beside others; leave one out"
+        )
+    else:
+        from causal_openlock.cli.difference import difference
+
+        difference(folder, against, out or folder, Console())
 
 
 def _run(
@@ -153,10 +176,12 @@ def _warn(console: Console, sentence: str) -> None:
 
 def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
     from causal_openlock.analysis.beside import beside
-    from causal_openlock.analysis.report import write_report
-    from causal_openlock.analysis.summary import headline_table
+    from causal_openlock.analysis.reading import read_results
+    from causal_openlock.analysis.report import make_report
+    from causal_openlock.analysis.sections import columns_of
 
-    record, description = beside([one.record() for one in (store, *others)])
+    columns = columns_of()
+    record, description = beside([read_results(one, columns) for one in (store, *others)])
     missing = description.get("missing_cells", [])
     if missing:
         _warn(
@@ -164,11 +189,11 @@ def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> Non
             f"{len(missing)} cells are not there yet ({', '.join(missing[:3])}"
             f"{', ...' * (len(missing) > 3)}); compare completes them",
         )
-    path = write_report(record, store.folder, description)
+    made = make_report(record, store.folder, description)
     learners = [learner["name"] for learner in description["learners"]]
     conditions = [condition["name"] for condition in description["conditions"]]
-    _print_headline(headline_table(record, description), learners, conditions, console)
-    console.print(f"report: {path}", soft_wrap=True, highlight=False)
+    _print_headline(made.headline, learners, conditions, console)
+    console.print(f"report: {made.path}", soft_wrap=True, highlight=False)
 
 
 def _print_headline(
@@ -199,17 +224,22 @@ def _print_headline(
             if len(own):
                 cells = [_cell(own[own["condition"] == condition]) for condition in order]
                 shown.add_row(learner, *cells)
-        # A column that is cut off would be lost; a line that wraps is only ugly.
-        wide = console.measure(shown, options=console.options.update(max_width=MOST_COLUMNS))
-        usual = console.width
-        console.width = max(usual, wide.maximum)
-        console.print(shown, crop=False)
-        console.width = usual
+        print_whole(shown, console)
     console.print(
         "\nMeans over subjects, the solving attempt included, with 95% bootstrap intervals; a "
         "trial not solved counts as its limit.",
         style="dim",
     )
+
+
+def print_whole(table: Table, console: Console) -> None:
+    """Print a table with all its columns, wider than the terminal if it must be."""
+    # A column that is cut off would be lost; a line that wraps is only ugly.
+    wide = console.measure(table, options=console.options.update(max_width=MOST_COLUMNS))
+    usual = console.width
+    console.width = max(usual, wide.maximum)
+    console.print(table, crop=False)
+    console.width = usual
 
 
 def _first(rows: pd.DataFrame, condition: str, column: str) -> str:

@@ -1,0 +1,89 @@
+"""``causal-openlock export`` and ``bundle``: results for other programs, and for other people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Folder = Annotated[Path, typer.Argument(help="Folder that compare or play wrote to.")]
+
+
+def export(
+    folder: Folder,
+    form: Annotated[
+        str, typer.Option("--format", "-f", help="csv, or minari (for reinforcement learning).")
+    ] = "csv",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="CSV: the file, .csv or .csv.gz. Minari: the folder for data sets.",
+        ),
+    ] = None,
+    episodes: Annotated[
+        str | None,
+        typer.Option(help="Minari: what an episode is, a trial (default) or an attempt."),
+    ] = None,
+    learner: Annotated[
+        list[str] | None, typer.Option("--learner", "-l", help="Minari: these learners alone.")
+    ] = None,
+    condition: Annotated[
+        list[str] | None, typer.Option("--condition", "-c", help="Minari: these conditions alone.")
+    ] = None,
+) -> None:
+    """Write the record in another format."""
+    from causal_openlock.errors import OpenLockError, nearest
+    from causal_openlock.store import Store
+
+    store = Store(folder)
+    if form == "csv":
+        if episodes or learner or condition:
+            raise OpenLockError(
+                "--episodes, --learner and --condition are for --format minari; a CSV file has "
+                "the whole record"
+            )
+        from causal_openlock.export.as_csv import write_csv
+
+        path = out or folder / "record.csv"
+        written = write_csv(store, path)
+        typer.echo(f"{path} written, {written:,} attempts")
+        return
+    if form != "minari":
+        raise OpenLockError(f"there is no format {form!r}; {nearest(form, ['csv', 'minari'])}")
+    from causal_openlock.export.as_minari import EPISODES, write_minari
+
+    kind = episodes or EPISODES[0]
+    if kind not in EPISODES:
+        raise OpenLockError(f"an episode is a trial or an attempt, not {kind!r}")
+    root = out or folder / "minari"
+    data, count = write_minari(
+        store, root, episodes=kind, learners=learner or (), conditions=condition or ()
+    )
+    typer.echo(f"{data} written, {count:,} episodes")
+    typer.echo(
+        f"With MINARI_DATASETS_PATH={root} it is loaded by: minari.load_dataset({data.name!r})"
+    )
+
+
+def bundle(
+    folder: Folder,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="ZIP file to write; default: FOLDER.zip."),
+    ] = None,
+) -> None:
+    """Put an experiment, its record and its report into one file that anyone can run again."""
+    from rich.console import Console
+
+    from causal_openlock.export.bundle import write_bundle
+    from causal_openlock.store import Store
+
+    path = out or folder.resolve().with_suffix(".zip")
+    for caution in write_bundle(Store(folder), path):
+        console = Console(stderr=True)
+        console.print(f"warning: {caution}", style="yellow", soft_wrap=True, highlight=False)
+    size = path.stat().st_size / 1e6
+    typer.echo(f"{path} written, {size:.1f} MB; its README.md says how to run it again")

@@ -1,0 +1,100 @@
+"""``causal-openlock report A B``: what changed between two results, and is it more than noise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from causal_openlock.cli.comparison import print_whole
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+MOST_ROWS = 40
+"""Changes and differences that are shown on the terminal; the page has them all."""
+
+
+def difference(first: Path, second: Path, out: Path, console: Console) -> None:
+    """Compare two results folders: a page, and the same on the terminal.
+
+    Args:
+        first: What ``compare`` wrote to.
+        second: Another such folder.
+        out: The folder to write the page to.
+        console: Where to print.
+    """
+    from causal_openlock.analysis.reading import read_results
+    from causal_openlock.analysis.report_difference import (
+        said_of_changes,
+        said_of_noise,
+        write_difference,
+    )
+    from causal_openlock.store import Store
+
+    names = _names(first, second)
+    path = out / f"difference_{second.resolve().name}.html"
+    changed, table = write_difference(
+        read_results(Store(first)), read_results(Store(second)), path, names
+    )
+    if len(changed):
+        _print_changes(changed, names, console)
+    else:
+        console.print(said_of_changes(changed))
+    _print_differences(table, names, console)
+    console.print(said_of_noise(table), soft_wrap=True, highlight=False)
+    console.print(f"report: {path}", soft_wrap=True, highlight=False)
+
+
+def _names(first: Path, second: Path) -> tuple[str, str]:
+    """What to call the folders: their names, or paths if these are the same."""
+    short = first.resolve().name, second.resolve().name
+    return short if short[0] != short[1] else (str(first), str(second))
+
+
+def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Console) -> None:
+    from rich.table import Table
+
+    shown = Table("changed", *names, box=None, padding=(0, 2, 0, 0), highlight=False)
+    for row in changed.head(MOST_ROWS).itertuples(index=False):
+        shown.add_row(*map(str, row))
+    print_whole(shown, console)
+    if len(changed) > MOST_ROWS:
+        console.print(f"and {len(changed) - MOST_ROWS} more, on the page")
+
+
+def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Console) -> None:
+    from rich.table import Table
+
+    from causal_openlock.analysis.report_difference import MORE
+    from causal_openlock.analysis.table_files import printed
+
+    console.print(f"\n[bold]Mean attempts in {names[0]} and in {names[1]}[/bold]")
+    shown = Table(box=None, padding=(0, 2, 0, 0))
+    for head in ("learner", "condition", "protocol"):
+        shown.add_column(head, no_wrap=True)
+    for head in (*names, "difference", "95% interval", "p (Holm)"):
+        shown.add_column(head, justify="right", no_wrap=True)
+    shown.add_column("", no_wrap=True)
+    # What is more than noise comes first, so that it is on the screen however much there is.
+    order = (table["verdict"] != MORE).sort_values(kind="stable").index
+    for row in table.loc[order].head(MOST_ROWS).to_dict("records"):
+        known = row["ci_low"] == row["ci_low"]
+        shown.add_row(
+            row["learner"],
+            row["condition"],
+            row["protocol"],
+            printed(row["attempts_first"], ".2f"),
+            printed(row["attempts_second"], ".2f"),
+            printed(row["difference"], "+.2f"),
+            f"{printed(row['ci_low'], '+.2f')} to {printed(row['ci_high'], '+.2f')}"
+            if known
+            else "",
+            printed(row["p_holm"], ".2g"),
+            row["verdict"],
+            style="bold" if row["verdict"] == MORE else "",
+        )
+    if len(table):
+        print_whole(shown, console)
+    if len(table) > MOST_ROWS:
+        console.print(f"and {len(table) - MOST_ROWS} more, on the page")

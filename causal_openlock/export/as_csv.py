@@ -1,0 +1,78 @@
+"""The record as a CSV file, for whatever does not read Parquet.
+
+One line for each attempt, with the columns of :func:`causal_openlock.record.record_schema`. What an
+attempt has several of, its actions and whether each moved something, stands in one cell, separated
+by spaces: ``0 1 14`` and ``1 1 0``. The file is written cell by cell, so that a long record needs
+no more memory than a short one.
+"""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock.analysis.reading import cell_files
+from causal_openlock.files import replacing
+from causal_openlock.record import record_schema
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from causal_openlock.store import Store
+
+
+def write_csv(store: Store, path: Path | str) -> int:
+    """Write the record of a results folder as CSV.
+
+    Args:
+        store: The results folder.
+        path: The file to write; one that ends in ``.gz`` is compressed.
+
+    Returns:
+        How many attempts were written.
+
+    Raises:
+        StoreError: If there is no cell, or one is damaged.
+        OpenLockError: If the file cannot be written; one that was there stays as it was.
+    """
+    from pyarrow import csv
+
+    cells, _ = cell_files(store)
+    written = 0
+    with replacing(path) as file:
+        sink: Any = gzip.GzipFile("", "wb", 6, file, 0) if _zipped(path) else file
+        for number, cell in enumerate(cells):
+            table = flat(store.read(cell))
+            csv.write_csv(table, sink, csv.WriteOptions(include_header=number == 0))
+            written += table.num_rows
+        if sink is not file:
+            sink.close()
+    return written
+
+
+def _zipped(path: Path | str) -> bool:
+    return Path(path).suffix == ".gz"
+
+
+def flat(record: pa.Table) -> pa.Table:
+    """A record in text and numbers only: no names coded by numbers, no lists, no truth values."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    columns = []
+    for field in record_schema():
+        column = record[field.name].combine_chunks()
+        if pa.types.is_list(field.type):
+            texts = pc.cast(pc.cast(column.flatten(), pa.uint8()), pa.string())
+            offsets = pc.subtract(column.offsets, column.offsets[0])
+            column = pc.binary_join(pa.ListArray.from_arrays(offsets, texts), " ")
+        elif pa.types.is_dictionary(field.type):
+            column = pc.cast(column, pa.string())
+        elif pa.types.is_boolean(field.type):
+            column = pc.cast(column, pa.uint8())
+        columns.append(column)
+    return pa.table(columns, names=record_schema().names)
+
+
+__all__ = ["flat", "write_csv"]

@@ -1,0 +1,242 @@
+"""The record as a Minari data set, for offline reinforcement learning.
+
+An episode is a whole trial or a single attempt, as in
+:class:`~causal_openlock.envs.OpenLockEnv`: within a trial, what is seen after an attempt is the
+room put back. Observations and rewards are not on record; they are what the recorded actions lead
+to when they are carried out once more (:mod:`causal_openlock.export.replay`). Who played what is
+in the metadata of each episode.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from causal_openlock import __version__
+from causal_openlock.analysis.reading import cell_files
+from causal_openlock.errors import OpenLockError, StoreError, nearest
+from causal_openlock.export.replay import Steps, replay, trial_numbers
+from causal_openlock.from_description import condition_from_dict, reward_from_dict
+from causal_openlock.protocol import Condition, Protocol
+from causal_openlock.room import positions_for
+from causal_openlock.schema_file import bundled_schemas
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from causal_openlock.store import Store
+
+EPISODES = ("trial", "attempt")
+TOLD = ("learner", "condition", "protocol", "subject", "phase", "loop", "trial", "schema", "layout")
+"""Columns of the record that are kept with every episode."""
+
+
+def write_minari(
+    store: Store,
+    out: Path | str,
+    *,
+    episodes: str = "trial",
+    learners: Sequence[str] = (),
+    conditions: Sequence[str] = (),
+) -> tuple[Path, int]:
+    """Write the record of a results folder as a Minari data set.
+
+    Args:
+        store: The results folder.
+        out: A folder of Minari data sets, such as ``MINARI_DATASETS_PATH`` names.
+        episodes: ``trial`` or ``attempt``.
+        learners: Labels of the learners to take; by default all.
+        conditions: Names of the conditions to take; by default all.
+
+    Returns:
+        The folder of the data set, called after the experiment, and how many episodes it has.
+
+    Raises:
+        OpenLockError: If a package is missing, the data set is there already, or cannot be written.
+        StoreError: If there is no cell, one is damaged, or does not come to what is on record.
+    """
+    require_minari()
+    from gymnasium import spaces
+    from minari.dataset.minari_storage import MinariStorage
+
+    description = store.description()
+    entries = _chosen(description["learners"], learners, "learner")
+    played = {
+        name: condition_from_dict(told)
+        for name, told in _chosen(description["conditions"], conditions, "condition").items()
+    }
+    positions = {name: max(map(positions_for, one.schemas)) for name, one in played.items()}
+    if len(set(positions.values())) > 1:
+        said = ", ".join(f"{name} {number}" for name, number in positions.items())
+        raise OpenLockError(
+            f"rooms of one data set have equally many positions, and these have not ({said}); "
+            "choose some of them with --condition"
+        )
+    (width,) = set(positions.values())
+    label = f"{re.sub(r'[^A-Za-z0-9_-]+', '-', description['name'])}-{episodes}-v0"
+    folder = Path(out) / label
+    if folder.exists():
+        raise OpenLockError(f"{folder} is there already; remove it, or choose another folder")
+    data = folder / "data"
+    try:
+        data.mkdir(parents=True)
+        storage = MinariStorage.new(
+            data,
+            observation_space=spaces.MultiBinary(2 * width + 2),
+            action_space=spaces.Discrete(2 * width + 1),
+            env_spec=_environment(entries, played, episodes),
+        )
+        made = _Made()
+        storage.update_episodes(made.episodes(store, entries, played, episodes))
+        if made.told:
+            storage.update_episode_metadata(made.told)
+        storage.update_metadata(_about(label, description, entries))
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)  # half a data set looks like a whole one
+        if isinstance(error, OSError):
+            raise OpenLockError(
+                f"{folder}: cannot be written ({error.strerror or error}); free some space or "
+                "choose another folder"
+            ) from None
+        raise
+    if not made.told:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise StoreError(f"{store.folder} holds nothing of what was chosen; run compare to the end")
+    return folder, len(made.told)
+
+
+def require_minari() -> None:
+    """Make sure that data sets can be written.
+
+    Raises:
+        OpenLockError: If a package is not installed.
+    """
+    missing = [name for name in ("minari", "h5py") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise OpenLockError(
+            f"a Minari data set needs {' and '.join(missing)}; install what is missing with: "
+            "pip install 'causal-openlock[minari]'"
+        )
+
+
+def _chosen(listed: Sequence[Any], names: Sequence[str], what: str) -> dict[str, Any]:
+    known = {one["name"]: one for one in listed}
+    for name in names:
+        if name not in known:
+            raise OpenLockError(f"there is no {what} {name!r} here; {nearest(name, known)}")
+    return {name: one for name, one in known.items() if not names or name in names}
+
+
+class _Made:
+    """The episodes that were made, and what is told of each."""
+
+    def __init__(self) -> None:
+        self.told: list[dict[str, Any]] = []
+
+    def episodes(
+        self,
+        store: Store,
+        entries: Mapping[str, Any],
+        conditions: Mapping[str, Condition],
+        kind: str,
+    ) -> Iterator[Any]:
+        for path in cell_files(store)[0]:
+            record = store.read(path)
+            names = [record[column][0].as_py() for column in ("learner", "condition")]
+            if record.num_rows and names[0] in entries and names[1] in conditions:
+                yield from self._of_cell(record, entries[names[0]], conditions[names[1]], kind)
+
+    def _of_cell(
+        self, record: pa.Table, entry: Mapping[str, Any], condition: Condition, kind: str
+    ) -> Iterator[Any]:
+        from minari.data_collector import EpisodeBuffer
+
+        protocol = Protocol(**entry["protocol"])
+        steps = replay(record, condition, protocol, reward_from_dict(entry["reward"]))
+        attempts = np.arange(record.num_rows)
+        number = trial_numbers(record) if kind == "trial" else attempts
+        starts = np.flatnonzero(np.diff(number, prepend=-1))
+        told = record.select([*TOLD, "attempt"]).take(starts).to_pylist()
+        found, most, new = (
+            record[name].to_numpy() for name in ("solutions_found", "solutions", "new_solution")
+        )
+        ends = np.append(starts[1:], record.num_rows)
+        for about, begin, end in zip(told, starts, ends, strict=True):
+            solved = bool(found[end - 1] == most[end - 1])
+            if kind == "trial":
+                del about["attempt"]
+            news = int(np.count_nonzero(new[begin:end]))
+            self.told.append({**about, "new_solutions": news, "solved": solved})
+            over = kind == "attempt" or (solved and protocol.stop_when_solved)
+            yield EpisodeBuffer(**_buffer(steps, slice(begin, end), over, kind == "trial"))
+
+
+def _buffer(steps: Steps, which: slice, terminated: bool, put_back: bool) -> dict[str, Any]:
+    """The attempts of an episode in a row; a room may be put back after each of them."""
+    used, begins, seen = steps.used[which], steps.begins[which], steps.seen[which]
+    if put_back:
+        seen = seen.copy()
+        seen[np.arange(len(used)), used - 1] = begins
+    taken = np.arange(steps.actions.shape[1]) < used[:, None]
+    rewards = steps.rewards[which][taken]
+    last, never = np.arange(len(rewards)) == len(rewards) - 1, np.zeros(len(rewards), bool)
+    return {
+        "observations": np.concatenate([begins[:1], seen[taken]]),
+        "actions": steps.actions[which][taken],
+        "rewards": rewards,
+        "terminations": last if terminated else never,
+        "truncations": never if terminated else last,
+        "infos": {},
+    }
+
+
+def _environment(
+    entries: Mapping[str, Any], conditions: Mapping[str, Condition], episodes: str
+) -> Any:
+    """The environment that all of it was played in, if it is one and others have its schema."""
+    import gymnasium
+
+    schemas = {schema for one in conditions.values() for schema in one.schemas}
+    rewards = {one["reward"]["name"] for one in entries.values()}
+    limits = {one["protocol"]["attempt_limit"] for one in entries.values()}
+    actions = {one["protocol"]["action_limit"] for one in entries.values()}
+    stops = all(one["protocol"]["stop_when_solved"] for one in entries.values())
+    if max(map(len, (schemas, rewards, limits, actions))) > 1:
+        return None
+    if episodes == "trial" and not stops:  # there, a trial is over when it is solved
+        return None
+    (schema,), (reward,) = schemas, rewards
+    if bundled_schemas().get(schema.name) != schema:
+        return None
+    spec = gymnasium.spec("causal_openlock/OpenLock-v0")
+    spec.kwargs = {
+        "schema": schema.name,
+        "reward": reward.split("+") if "+" in reward else reward,
+        "episode": episodes,
+        "attempt_limit": limits.pop(),
+        "action_limit": actions.pop(),
+    }
+    return spec
+
+
+def _about(
+    label: str, description: Mapping[str, Any], entries: Mapping[str, Any]
+) -> dict[str, Any]:
+    from importlib.metadata import version
+
+    return {
+        "dataset_id": label,
+        "minari_version": version("minari"),
+        "algorithm_name": ", ".join(entries),
+        "description": description.get("title") or description["name"],
+        "requirements": [f"causal-openlock=={__version__}"],
+    }
+
+
+__all__ = ["EPISODES", "require_minari", "write_minari"]

@@ -1,0 +1,239 @@
+"""Everything that it takes to run an experiment again, and what came of it, in one file.
+
+A bundle is a ZIP file with one folder in it::
+
+    NAME/
+      README.md              what this is, and the one command that runs it again
+      experiment.yaml        the experiment, every default written out
+      schemas/               the schemas that it plays
+      my_learner.py, files/  learners that come with no package, and files that learners read
+      requirements.txt       versions of the packages that it was run with
+      results/               the results folder: the record, cell by cell, and the report
+
+Equal results give equal bundles, byte for byte. Whether its experiment is the one that was run is
+checked when it is made, by the identity that results folders go by.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock import __version__
+from causal_openlock.analysis.reading import cell_files, made_with
+from causal_openlock.analysis.report import files_of
+from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment_file import read_experiment
+from causal_openlock.files import replacing, write_bytes
+from causal_openlock.from_description import condition_from_dict, experiment_file
+from causal_openlock.learner_registry import learner_class, origin
+from causal_openlock.play.person import LEARNER as PERSON
+from causal_openlock.schema_file import dump_schema
+from causal_openlock.yaml_file import dump_yaml
+
+if TYPE_CHECKING:
+    from causal_openlock.store import Store
+
+Contents = dict[str, bytes]
+"""Files by their paths in a bundle."""
+
+COMMAND = "causal-openlock compare experiment.yaml --out again"
+"""What runs the experiment of a bundle again, in its folder."""
+
+_THEN = (1980, 1, 1, 0, 0, 0)  # the date of every file in a bundle
+_PACKED = (".parquet", ".png")  # these cannot be made any smaller
+
+
+def write_bundle(store: Store, path: Path | str) -> list[str]:
+    """Bundle a results folder.
+
+    Args:
+        store: The results folder; its report is to be there.
+        path: The ZIP file to write.
+
+    Returns:
+        What is to be known of it, a sentence each: why nobody could check that it runs again.
+
+    Raises:
+        StoreError: If the folder holds no results, not all of them, or no report.
+        OpenLockError: If a learner's file is not what it was, or the bundle cannot be written.
+    """
+    description = store.description()
+    cells, missing = cell_files(store)
+    if missing:
+        raise StoreError(
+            f"{store.folder} is unfinished, {len(missing)} of its cells are missing; run compare "
+            "again to complete it, then bundle it"
+        )
+    report = store.folder / "report.html"
+    if not report.exists():
+        raise StoreError(
+            f"{store.folder} has no report; write it first, with: causal-openlock report "
+            f"{store.folder}"
+        )
+    versions = made_with(cells)
+    again = any(entry.get("learner") != PERSON for entry in description["learners"])
+    contents, cautions = _experiment(description) if again else ({}, [])
+    contents["requirements.txt"] = _requirements(description, versions).encode()
+    contents["README.md"] = _readme(description, versions, again, cautions).encode()
+    results = [store.folder / "experiment.json", report, store.folder / "summary.csv", *cells]
+    results += [store.folder / name for name in files_of(report)]
+    for one in filter(Path.exists, results):
+        contents[f"results/{one.relative_to(store.folder).as_posix()}"] = one.read_bytes()
+    with replacing(path) as file, zipfile.ZipFile(file, "w") as bundle:
+        for inside, content in sorted(contents.items()):
+            about = zipfile.ZipInfo(f"{description['name']}/{inside}", _THEN)
+            about.external_attr = 0o644 << 16
+            about.compress_type = (
+                zipfile.ZIP_STORED if inside.endswith(_PACKED) else zipfile.ZIP_DEFLATED
+            )
+            bundle.writestr(about, content)
+    return cautions
+
+
+def _experiment(description: Mapping[str, Any]) -> tuple[Contents, list[str]]:
+    """The experiment file and all that it names, and why it may not run as it did."""
+    contents: Contents = {}
+    for condition in description["conditions"]:
+        for schema in condition_from_dict(condition).schemas:
+            contents[f"schemas/{schema.name}.yaml"] = dump_schema(schema).encode()
+    entries, moved = [], False
+    for entry in description["learners"]:
+        if ":" in entry["learner"]:
+            contents.update(_module(entry))
+        files = _files(entry)
+        moved |= bool(files)
+        contents.update({inside: path.read_bytes() for inside, path in files.values()})
+        parameters = {
+            name: files[name][0] if name in files else value
+            for name, value in entry["parameters"].items()
+        }
+        entries.append({**entry, "parameters": parameters})
+    declared = experiment_file({**description, "learners": entries})
+    contents["experiment.yaml"] = dump_yaml(declared).encode()
+    return contents, [] if moved else _checked(contents, description)
+
+
+def _module(entry: Mapping[str, Any]) -> Contents:
+    """The file of a learner that comes with no package."""
+    name = entry["learner"]
+    if name.startswith("causal_openlock."):
+        return {}
+    if origin(name) != entry["package"]:
+        raise OpenLockError(
+            f"{name} is not what the results were made with (that was {entry['package']}, and "
+            f"this is {origin(name)}); restore it, or compare again"
+        )
+    source = inspect.getsourcefile(learner_class(name))
+    if source is None:
+        raise OpenLockError(f"{name} has no source file that could be bundled; put it in a file")
+    inside = name.partition(":")[0].replace(".", "/")
+    return {f"{inside}.py": Path(source).read_bytes()}
+
+
+def _files(entry: Mapping[str, Any]) -> dict[str, tuple[str, Path]]:
+    """Files that a learner's parameters name: by parameter, where it is in the bundle, and here."""
+    if not entry.get("material"):
+        return {}
+    return {
+        name: (f"files/{entry['name']}/{Path(value).name}", Path(value))
+        for name, value in entry["parameters"].items()
+        if isinstance(value, str) and Path(value).is_file()
+    }
+
+
+def _checked(contents: Contents, description: Mapping[str, Any]) -> list[str]:
+    """Why reading the experiment file does not give the experiment that was run, if it does not."""
+    with tempfile.TemporaryDirectory() as folder:
+        for inside, content in contents.items():
+            write_bytes(Path(folder) / inside, content)
+        try:
+            experiment = read_experiment(Path(folder) / "experiment.yaml")
+        except OpenLockError as error:
+            return [f"Nobody could check that it runs again ({str(error).splitlines()[0]})."]
+    if experiment.identity == description["identity"]:
+        return []
+    if description["version"] != __version__:
+        why = f"the results were made with version {description['version']}, and this is"
+        return [f"Nobody could check that it runs again: {why} {__version__}."]
+    # As plain data, in which a tuple is a list.
+    now = {entry.name: json.loads(json.dumps(entry.as_dict())) for entry in experiment.entries}
+    other = [entry["name"] for entry in description["learners"] if entry != now[entry["name"]]]
+    return [
+        "It may not run as it did, because what it was run with is not what is installed now "
+        f"({', '.join(other) or 'its conditions'})."
+    ]
+
+
+def _requirements(description: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
+    """What pip needs to install the packages that cells were run with."""
+    known = dict(versions)
+    for entry in description["learners"]:
+        package, _, version = str(entry.get("package", "")).partition(" ")
+        if version and not package.endswith(".py"):
+            known.setdefault(package, version)
+    lines = []
+    for package, version in known.items():
+        if isinstance(version, list):
+            lines.append(f"# {package}: cells were run with {', '.join(version)}")
+        elif package == "Python" or version == "not installed":
+            lines.append(f"# {package} {version}")
+        else:
+            # What follows a plus sign is the build, which indexes of packages do not have.
+            lines.append(f"{package}=={version.partition('+')[0]}")
+    return "\n".join(lines) + "\n"
+
+
+def _readme(
+    description: Mapping[str, Any],
+    versions: Mapping[str, Any],
+    again: bool,
+    cautions: list[str],
+) -> str:
+    """What the bundle says of itself."""
+    python = versions.get("Python", "3")
+    said = [f"# {description.get('title') or description['name']}", ""]
+    if again:
+        said += [
+            "This command, in this folder, runs the experiment again:",
+            "",
+            f"    {COMMAND}",
+            "",
+            "It writes the folder `again`. Its `summary.csv` is `results/summary.csv`, byte for "
+            "byte where the",
+            "packages are the same (and, for learners with neural networks, the kind of "
+            "processor);",
+            "`causal-openlock report results again` says whether it is, and if not, whether the "
+            "difference is",
+            "more than noise.",
+            "",
+            f"It was run with Python {python} and the packages in `requirements.txt`, which "
+            "`pip install -r",
+            "requirements.txt` installs.",
+            *(["", *cautions] if cautions else []),
+            "",
+            "- `experiment.yaml`: the experiment, every default written out",
+            "- `schemas/`: the schemas that it plays",
+        ]
+    else:
+        said += [
+            "People played, and no command can make them do so again. The report is written anew "
+            "from their",
+            "record by `causal-openlock report results`.",
+            "",
+        ]
+    said += [
+        "- `results/report.html`: the report; open it in a browser",
+        "- `results/summary.csv`, `results/tables/`, `results/figures/`: its numbers and figures",
+        "- `results/cells/`: the record, one Parquet file for each cell",
+        "- `results/experiment.json`: what was run, as the results folder keeps it",
+    ]
+    return "\n".join(said) + "\n"
+
+
+__all__ = ["COMMAND", "write_bundle"]

@@ -1,0 +1,184 @@
+"""What was seen and paid in every step, from the record alone.
+
+A record keeps the actions of every attempt and what came of it, not what was seen on the way: in a
+room that is known, that follows from the actions. So they are carried out once more, all attempts
+of a cell side by side, in the tables that every environment steps; where a lever may fail, the
+record says whether it did. What comes of it must be what is on record, to the last attempt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.errors import StoreError
+from causal_openlock.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.protocol import Condition, Protocol
+from causal_openlock.reference import room_facts
+from causal_openlock.reward_table import RewardTable
+from causal_openlock.rewards import RewardFunction
+from causal_openlock.room import Layout, position_names, positions_for
+from causal_openlock.schema import Schema
+from causal_openlock.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+TRIAL = ("subject", "phase", "loop", "trial")
+"""What tells the trials of a cell apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """The steps of N attempts, padded to the longest; P positions.
+
+    Attributes:
+        positions: P.
+        begins: ``[N, 2P + 2]`` what is seen before the first action.
+        seen: ``[N, L, 2P + 2]`` what is seen right after each action.
+        actions: ``[N, L]`` what was done.
+        rewards: ``[N, L]`` what it paid.
+        used: ``[N]`` how many actions each attempt has.
+    """
+
+    positions: int
+    begins: NDArray[np.int8]
+    seen: NDArray[np.int8]
+    actions: IntArray
+    rewards: FloatArray
+    used: IntArray
+
+
+def replay(
+    record: pa.Table, condition: Condition, protocol: Protocol, reward: RewardFunction
+) -> Steps:
+    """Carry out the attempts of a record once more.
+
+    Args:
+        record: Attempts in one condition under one protocol, sorted by subject and time.
+        condition: The condition.
+        protocol: The protocol.
+        reward: What each action pays.
+
+    Raises:
+        StoreError: If something else comes of it than is on record.
+    """
+    columns = {name: record[name].combine_chunks() for name in record.column_names}
+    tables, room = _rooms(columns, condition, protocol)
+    used = columns["actions"].value_lengths().to_numpy().astype(np.int64)
+    actions, moved = (_padded(columns[name], used) for name in ("actions", "moved"))
+    found = _found_before(columns, int(tables.solutions.max(initial=1)))
+    pays = RewardTable(reward, tables)
+    row = tables.start[room]
+    begins = tables.observation[row]
+    seen = np.zeros((*actions.shape, begins.shape[1]), np.int8)
+    rewards = np.zeros(actions.shape)
+    previous = np.full(len(row), -1, np.int64)
+    agrees = actions.max(axis=1, initial=0) < tables.actions
+    actions = np.where(agrees[:, None], actions, 0).astype(np.int64)
+    for number in range(actions.shape[1]):
+        going = np.flatnonzero(number < used)
+        action, at = actions[going, number], row[going]
+        choice = tables.choice(at, action)
+        # No luck is as bad as none at all: an action takes effect where it did, and only there.
+        luck = np.where(moved[going, number], 0.0, 1.0) if tables.stochastic else None
+        after, status = tables.step(choice, luck)
+        experienced = np.flatnonzero((status >= UNLOCKED) & found[going].any(axis=1))
+        rewards[going, number] = pays.pay(choice, after, previous[going], found[going], experienced)
+        agrees[going] &= (tables.state[after] != tables.state[at]) == moved[going, number]
+        seen[going, number] = tables.observation[after]
+        previous[going], row[going] = action, after
+    opened = tables.opened[row]
+    agrees &= tables.status[row] & ACTIONS_LEFT == 0
+    agrees &= np.where(opened, tables.solution[row], -1) == columns["solution"].to_numpy()
+    agrees &= np.isclose(rewards.sum(axis=1), columns["reward"].to_numpy())
+    if not agrees.all():
+        raise _disagreement(columns, int(np.argmin(agrees)), condition)
+    return Steps(tables.positions, begins, seen, actions, rewards, used)
+
+
+def trial_numbers(record: pa.Table) -> IntArray:
+    """``[N]`` which trial each attempt belongs to, from 0, if sorted by subject and time."""
+    starts = np.ones(record.num_rows, bool)
+    for name in TRIAL:
+        column = record[name].combine_chunks()
+        values = (getattr(column, "indices", column)).to_numpy(zero_copy_only=False)
+        starts[1:] &= values[1:] == values[:-1]
+    starts[1:] = ~starts[1:]
+    return np.cumsum(starts) - 1
+
+
+def _rooms(
+    columns: Mapping[str, Any], condition: Condition, protocol: Protocol
+) -> tuple[RoomTables, IntArray]:
+    """The rooms of a condition, and ``[N]`` in which of them each attempt is."""
+    schemas = {schema.name: schema for schema in condition.schemas}
+    tables = RoomTables(max(map(positions_for, condition.schemas)))
+    names = [columns[name].dictionary.to_pylist() for name in ("schema", "layout")]
+    codes = [columns[name].indices.to_numpy().astype(np.int64) for name in ("schema", "layout")]
+    met, which = np.unique(codes[0] * len(names[1]) + codes[1], return_inverse=True)
+    rooms = []
+    for code in met.tolist():
+        schema, layout = names[0][code // len(names[1])], names[1][code % len(names[1])]
+        if schema not in schemas:
+            raise StoreError(f"the record has a room of {schema}, which {condition.name} has not")
+        known = schemas[schema]
+        placed = recorded_layout(known, layout, tables.positions)
+        rooms.append((known, placed, protocol.actions_for(known)))
+    return tables, tables.add(rooms)[which]
+
+
+def recorded_layout(schema: Schema, name: str, positions: int) -> Layout:
+    """A layout by its name in the record: a published one, or its positions in order.
+
+    Raises:
+        StoreError: If it is neither.
+    """
+    if name in room_facts()["layouts"]:
+        return Layout.of(schema, name, positions)
+    known = position_names(positions)
+    places = name.split()
+    if len(places) != len(schema.levers) or not set(places) <= set(known):
+        raise StoreError(
+            f"the layout {name!r} in the record does not say where the levers of {schema.name} "
+            "stand; compare again to make a record that does"
+        )
+    return Layout(tuple(map(known.index, places)), positions)
+
+
+def _padded(lists: Any, used: IntArray) -> NDArray[Any]:
+    """``[N, L]`` the values of lists, with zeros after their ends."""
+    values = lists.flatten().to_numpy(zero_copy_only=False)
+    padded = np.zeros((len(used), int(used.max(initial=0))), values.dtype)
+    padded[np.arange(padded.shape[1]) < used[:, None]] = values
+    return padded
+
+
+def _found_before(columns: Mapping[str, Any], most: int) -> BoolArray:
+    """``[N, K]`` which solutions were found in the trial before each attempt."""
+    new = columns["new_solution"].to_numpy(zero_copy_only=False)
+    solution = columns["solution"].to_numpy().astype(np.int64)
+    attempt = columns["attempt"].to_numpy()
+    gained = np.zeros((len(new) + 1, most), np.int64)
+    gained[1:][np.flatnonzero(new), solution[new]] = 1
+    total = gained.cumsum(axis=0)
+    first = np.arange(len(new)) - attempt + 1  # where the trial begins
+    found: BoolArray = total[:-1] > total[first]
+    return found
+
+
+def _disagreement(columns: Mapping[str, Any], row: int, condition: Condition) -> StoreError:
+    told = {name: columns[name][row].as_py() for name in ("learner", *TRIAL, "attempt")}
+    return StoreError(
+        f"attempt {told['attempt']} of subject {told['subject']} of {told['learner']} in "
+        f"{condition.name} ({told['phase']} {told['trial']}, loop {told['loop']}) does not come to "
+        "what is on record when it is played again; the record is damaged or another version’s: "
+        "compare again"
+    )
+
+
+__all__ = ["Steps", "recorded_layout", "replay", "trial_numbers"]

@@ -1,0 +1,147 @@
+"""An experiment from its description: what a results folder says of itself, brought back to life.
+
+``experiment.json`` holds an experiment as plain data, every default filled in. Here its parts
+become conditions, protocols and rewards again, and the whole of it an experiment file, for whoever
+wants to play it again without the file that it was declared in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from causal_openlock.protocol import PROTOCOLS, Condition, Protocol, Trials
+from causal_openlock.rewards import PRESETS, AuthorsReward, Reward, RewardFunction
+from causal_openlock.room import Layout, position_names, positions_for, published_layouts
+from causal_openlock.schema import Schema
+from causal_openlock.schema_file import schema_from_dict
+
+BUDGETS = (
+    *("attempt_limit", "stop_when_solved", "baseline_trials", "training_trials", "test_trials"),
+    *("baseline_loops", "train_loops", "test_loops", "layouts", "test_layout", "action_limit"),
+)
+"""What an experiment file can say of a protocol."""
+
+
+def condition_from_dict(data: Mapping[str, Any]) -> Condition:
+    """A condition from :meth:`~causal_openlock.protocol.Condition.as_dict`."""
+    train, test = (
+        tuple(_trials_from_dict(trials) for trials in data.get(phase) or ())
+        for phase in ("train", "test")
+    )
+    return Condition(data["name"], train, test)
+
+
+def _trials_from_dict(data: Mapping[str, Any]) -> Trials:
+    schema = schema_from_dict(data["schema"])
+    layouts: Any = data["layouts"]
+    if isinstance(layouts, list):
+        layouts = tuple(_layout(schema, places) for places in layouts)
+    return Trials(schema, layouts, data["number"], data["shuffle"])
+
+
+def _layout(schema: Schema, places: list[int]) -> Layout:
+    """A layout by its places; a published one goes by its name."""
+    for name in published_layouts(schema):
+        published = Layout.of(schema, name)
+        if list(published.places) == places:
+            return published
+    return Layout(tuple(places), positions_for(schema))
+
+
+def reward_from_dict(data: Mapping[str, Any]) -> RewardFunction:
+    """A reward from its fields."""
+    if "terms" in data:
+        return Reward(data["name"], tuple(data["terms"]))
+    return AuthorsReward(**data)
+
+
+def experiment_file(description: Mapping[str, Any], schemas: str = "schemas") -> dict[str, Any]:
+    """The experiment file of a description, as plain data.
+
+    Args:
+        description: As :meth:`~causal_openlock.experiment.Experiment.as_dict` gives it.
+        schemas: The folder beside the file in which every schema is found as ``NAME.yaml``.
+
+    Returns:
+        What to write as YAML. Reading it gives an experiment of the same identity, where the
+        schemas, the learners and this package are the same.
+    """
+    learners = description["learners"]
+    protocols: dict[str, Protocol] = {}
+    names: list[str] = []
+    for entry in learners:
+        names.append(_named(Protocol(**entry["protocol"]), protocols))
+    return {
+        "name": description["name"],
+        "title": description.get("title", ""),
+        "seed": description["seed"],
+        "cell_size": description["cell_size"],
+        "conditions": [_condition(one, schemas) for one in description["conditions"]],
+        "learners": [
+            {
+                "learner": entry["learner"],
+                "name": entry["name"],
+                "protocol": name,
+                "subjects": entry["subjects"],
+                "reward": _reward(entry["reward"]),
+                "parameters": entry["parameters"],
+            }
+            for entry, name in zip(learners, names, strict=True)
+        ],
+        **({"protocols": {n: _budgets(p) for n, p in protocols.items()}} if protocols else {}),
+    }
+
+
+def _named(protocol: Protocol, own: dict[str, Protocol]) -> str:
+    """The name of a protocol, which is kept if the package does not have it."""
+    if PROTOCOLS.get(protocol.name) != protocol:
+        own[protocol.name] = protocol
+    return protocol.name
+
+
+def _budgets(protocol: Protocol) -> dict[str, Any]:
+    held = protocol.as_dict()
+    # What is none is left to the base, which has none either.
+    given = {name: held[name] for name in BUDGETS if held[name] is not None}
+    return {"based_on": "human", **given}
+
+
+def _condition(data: Mapping[str, Any], schemas: str) -> dict[str, Any]:
+    told: dict[str, Any] = {"name": data["name"]}
+    for phase in ("train", "test"):
+        if groups := data.get(phase):
+            told[phase] = [_trials(group, schemas) for group in groups]
+    return told
+
+
+def _trials(data: Mapping[str, Any], schemas: str) -> dict[str, Any]:
+    schema = schema_from_dict(data["schema"])
+    told: dict[str, Any] = {"schema": f"{schemas}/{schema.name}.yaml"}
+    layouts: Any = data["layouts"]
+    if isinstance(layouts, list):
+        told["layouts"] = [_layout_in_words(schema, places) for places in layouts]
+    elif layouts is not None:
+        told["layouts"] = layouts
+    if data["number"] is not None:
+        told["trials"] = data["number"]
+    if not data["shuffle"]:
+        told["shuffle"] = False
+    return told
+
+
+def _layout_in_words(schema: Schema, places: list[int]) -> Any:
+    layout = _layout(schema, places)
+    if layout.name in published_layouts(schema):
+        return layout.name
+    names = position_names(layout.positions)
+    return {lever: names[place] for lever, place in zip(schema.levers, places, strict=True)}
+
+
+def _reward(data: Mapping[str, Any]) -> Any:
+    """The name of a preset, or a list of terms."""
+    reward = reward_from_dict(data)
+    return reward.name if PRESETS.get(reward.name) == reward else list(data["terms"])
+
+
+__all__ = ["condition_from_dict", "experiment_file", "reward_from_dict"]
