@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help compare test lint bench json-schemas lock clean
+.PHONY: help compare test lint bench docs json-schemas lock clean
 
 help:
 	@echo "make compare  set up, run the default comparison, write results/default/report.html"
 	@echo "make test     set up, lint, type-check, run every test"
 	@echo "make bench    set up, measure speed against named peers"
+	@echo "make docs     set up, build the documentation: docs/_build/index.html"
 
 compare: $(VENV)/installed
 	$(BIN)/causal-openlock compare default --out results/default
@@ -24,6 +25,10 @@ lint: $(VENV)/installed-test
 
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/run.py
+
+# Warnings are errors; nothing is loaded from the network.
+docs: $(VENV)/installed-test
+	$(BIN)/python -m sphinx -W --keep-going -q docs docs/_build
 
 # The JSON Schemas that editors use, made anew from the models.
 json-schemas: $(VENV)/installed
@@ -40,7 +45,7 @@ lock:
 	rm -rf $(VENV)-lock
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, and this is " + sys.version.split()[0] + "; pass PYTHON=...") if sys.version_info < (3, 11) else None'

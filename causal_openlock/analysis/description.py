@@ -39,6 +39,8 @@ def describe(experiment: Mapping[str, Any]) -> dict[str, Any]:
             ``versions``; or any other plain data.
 
     Returns:
+        A dictionary:
+
         - ``learners``: ``name``, ``kind`` (its class), ``package``, ``protocol``, ``subjects``,
           ``reward`` and ``parameters`` of each.
         - ``rewards``: by name, the terms that add up.
@@ -94,12 +96,12 @@ def describe(experiment: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def budgets(protocol: Mapping[str, Any]) -> str:
-    """The budgets of a protocol in sentences, for instance::
+    """The budgets of a protocol in sentences.
 
-    At most 30 attempts in a trial, which ends as soon as it is solved. Baseline: 5 trials.
-    Transfer: 6 training trials, then 1 test trial. Fewer where fewer layouts are published; a
-    condition may say otherwise.
-    """  # noqa: D415
+    For instance: "At most 30 attempts in a trial, which ends as soon as it is solved. Baseline: 5
+    trials. Transfer: 6 training trials, then 1 test trial. Fewer where fewer layouts are published;
+    a condition may say otherwise."
+    """
     limit = protocol["attempt_limit"]
     if protocol["stop_when_solved"]:
         said = [f"At most {limit} attempts in a trial, which ends as soon as it is solved."]

@@ -9,6 +9,7 @@ in the metadata of each episode.
 
 from __future__ import annotations
 
+import copy
 import importlib.util
 import re
 import shutil
@@ -87,7 +88,7 @@ def write_minari(
     try:
         data.mkdir(parents=True)
         storage = MinariStorage.new(
-            data,
+            data.resolve(),
             observation_space=spaces.MultiBinary(2 * width + 2),
             action_space=spaces.Discrete(2 * width + 1),
             env_spec=_environment(entries, played, episodes),
@@ -214,7 +215,8 @@ def _environment(
     (schema,), (reward,) = schemas, rewards
     if bundled_schemas().get(schema.name) != schema:
         return None
-    spec = gymnasium.spec("causal_openlock/OpenLock-v0")
+    # A copy: the registry's own would be changed for everybody.
+    spec = copy.deepcopy(gymnasium.spec("causal_openlock/OpenLock-v0"))
     spec.kwargs = {
         "schema": schema.name,
         "reward": reward.split("+") if "+" in reward else reward,

@@ -1,0 +1,68 @@
+"""How Sphinx builds the site from this folder; ``make docs`` calls it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from docutils import nodes
+from sphinx.application import Sphinx
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE / "_extensions")]
+
+from causal_openlock import __version__  # noqa: E402  (the package that is documented)
+
+project = "causal_openlock"
+author = "The causal_openlock authors"
+copyright = "2026, the causal_openlock authors"
+version = release = __version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "from_the_program",  # in _extensions: help texts, file formats, parameters
+    "links_into_the_code",  # in _extensions: relative links of the Markdown pages
+]
+exclude_patterns = ["_build", "_extensions", "example_play", "figures"]
+# Two modules may each have a class of one name, such as Table.
+suppress_warnings = ["ref.python"]
+
+# -- Markdown ---------------------------------------------------------------------------------
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 3
+
+# -- the reference ----------------------------------------------------------------------------
+autodoc_default_options = {"members": True, "member-order": "bysource", "show-inheritance": True}
+autodoc_preserve_defaults = True
+autodoc_typehints_format = "short"
+# Named as they are in the code, and not spelled out wherever they occur.
+autodoc_type_aliases = {
+    name: name
+    for name in ("BoolArray", "FloatArray", "IntArray", "Observations", "RewardFunction", "Where")
+}
+toc_object_entries = False  # modules in the margin, and not every function
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True  # attributes of a dataclass are told once, in its docstring
+
+# -- pages --------------------------------------------------------------------------------------
+html_theme = "furo"
+html_title = "causal_openlock"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sphinx = False
+html_theme_options = {"navigation_with_keys": True}
+
+
+def setup(app: Sphinx) -> None:
+    """Leave out that a class without a base has one."""
+
+    def drop(app: Sphinx, doctree: nodes.document) -> None:
+        for paragraph in list(doctree.findall(nodes.paragraph)):
+            if paragraph.astext() == "Bases: object":
+                paragraph.parent.remove(paragraph)
+
+    app.connect("doctree-read", drop)
