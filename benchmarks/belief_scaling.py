@@ -208,7 +208,7 @@ def draw(costs: list[Cost], path: Path) -> None:
     """Draw time and memory against the number of hypotheses."""
     from matplotlib.figure import Figure
 
-    from causal_openlock.analysis import style
+    from causal_openlock.analysis.drawings import style
 
     rooms = {cost.measured[5:]: cost.hypotheses for cost in costs if cost.unit == "hypotheses"}
     with style.settings():

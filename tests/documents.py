@@ -33,7 +33,8 @@ from typing import Any
 import pytest
 
 from causal_openlock import runner
-from causal_openlock.analysis import report, style
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.report import writing as report
 from causal_openlock.cli import app, main
 from causal_openlock.learner_registry import learner_class
 
@@ -77,7 +78,7 @@ def in_a_process(folder: Path, *words: str, status: int = 0) -> subprocess.Compl
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=400,
     )
     assert done.returncode == status, done.stdout + done.stderr
     return done
@@ -249,7 +250,7 @@ class Reader:
                 words if program == "python" else ["-m", "pytest", "-p", "no:cacheprovider", *words]
             )
             done = subprocess.run(
-                [sys.executable, *words], capture_output=True, text=True, check=False, timeout=120
+                [sys.executable, *words], capture_output=True, text=True, check=False, timeout=400
             )
             status, said = done.returncode, done.stdout + done.stderr
         else:

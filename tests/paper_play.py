@@ -11,7 +11,7 @@ from fabricated_records import Row, table, trial_rows
 
 from causal_openlock.analysis.bounds import Bound
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.section import Material
+from causal_openlock.analysis.report.section import Material
 from causal_openlock.protocol import PAPER_CONDITIONS
 
 Attempts = Callable[[str, str, int, int], int]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis.section import Material, Section, Table
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.drawings.style import Drawing
+from causal_openlock.analysis.report.section import Material, Section, Table
 
 COLUMNS = ("reward",)
 

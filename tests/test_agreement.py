@@ -12,7 +12,7 @@ import pytest
 from fabricated_courses import around, course, described
 
 from causal_openlock import reference
-from causal_openlock.analysis.agreement import (
+from causal_openlock.analysis.deep.agreement import (
     AGREES,
     DISAGREES,
     MARGIN,
@@ -28,10 +28,10 @@ from causal_openlock.analysis.agreement import (
     transfer_order,
     transfer_points,
 )
-from causal_openlock.analysis.agreement_section import budgets, section
+from causal_openlock.analysis.deep.agreement_section import budgets, section
+from causal_openlock.analysis.deep.visits import FINDS_ALL, OPENS, shares, visits
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
-from causal_openlock.analysis.section import Material
-from causal_openlock.analysis.visits import FINDS_ALL, OPENS, shares, visits
+from causal_openlock.analysis.report.section import Material
 
 PAPER = {"CC3-CC4": 0.284, "CE3-CC4": 0.301, "CC3-CE4": 0.166, "CE3-CE4": 0.430}
 ALL_SIX = "conditions: [CC4, CE4, CC3-CC4, CE3-CC4, CC3-CE4, CE3-CE4]\n"

@@ -14,12 +14,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 import causal_openlock.analysis
-from causal_openlock.analysis import bounds, style
+from causal_openlock.analysis import bounds
 from causal_openlock.analysis.bounds import Bound, ideal_attempts, ideal_bounds, said
-from causal_openlock.analysis.course import attempts_by_trial
-from causal_openlock.analysis.figures import baseline_attempts, draw_all, transfer_attempts
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.course import attempts_by_trial
+from causal_openlock.analysis.drawings.figures import baseline_attempts, draw_all, transfer_attempts
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report import write_report
+from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.summary import headline_table, summary_table
 from causal_openlock.experiment_file import read_experiment
 from causal_openlock.schema import Schema

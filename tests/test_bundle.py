@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from causal_openlock.analysis import style
+from causal_openlock.analysis.drawings import style
 from causal_openlock.cli import app
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment_file import Changes, find_experiment, read_experiment

@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from causal_openlock.analysis.chance import chance_of_finding_all, chance_of_opening
+from causal_openlock.analysis.deep.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.room import Layout, Room
 from causal_openlock.schema_file import find_schema
 from causal_openlock.tables import RoomTables

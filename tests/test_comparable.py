@@ -11,10 +11,10 @@ import pytest
 from fabricated_records import table, trial_rows
 from html_page import Page
 
-from causal_openlock.analysis.comparable import comparable, paper_conditions
-from causal_openlock.analysis.figures import draw_all
-from causal_openlock.analysis.published import PUBLISHED_COLUMNS
-from causal_openlock.analysis.report import write_report
+from causal_openlock.analysis.drawings.figures import draw_all
+from causal_openlock.analysis.people.comparable import comparable, paper_conditions
+from causal_openlock.analysis.people.published import PUBLISHED_COLUMNS
+from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.summary import headline_table, summary_table
 from causal_openlock.experiment_file import read_experiment
 from causal_openlock.protocol import PAPER_CONDITIONS

@@ -10,10 +10,10 @@ import pyarrow as pa
 import pytest
 from fabricated_records import random_cells, table, trial_rows
 
-from causal_openlock.analysis import reading
-from causal_openlock.analysis.counting import count
 from causal_openlock.analysis.measures import attempts_to_solve, category_counts
-from causal_openlock.analysis.reading import read_results
+from causal_openlock.analysis.report import reading
+from causal_openlock.analysis.report.counting import count
+from causal_openlock.analysis.report.reading import read_results
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
 from causal_openlock.runner import run

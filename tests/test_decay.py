@@ -10,7 +10,7 @@ from fabricated_records import table, trial_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.analysis.decay import (
+from causal_openlock.analysis.deep.decay import (
     PAPER_MEAN,
     PAPER_MEDIAN,
     exponential_fit,

@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from causal_openlock.analysis.exploration import USUAL, schedules
-from causal_openlock.analysis.reward_study import BEST_OF_PAPER, reward_terms, rewards_of
+from causal_openlock.analysis.deep.exploration import USUAL, schedules
+from causal_openlock.analysis.deep.reward_study import BEST_OF_PAPER, reward_terms, rewards_of
 from causal_openlock.experiment import Entry, Experiment
 from causal_openlock.experiment_file import find_experiment, read_experiment
 from causal_openlock.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition, plan

@@ -24,7 +24,7 @@ from causal_openlock.analysis.effects import (
     probability_of_improvement,
     subjects_needed,
 )
-from causal_openlock.analysis.hypotheses import interaction_test, t_test
+from causal_openlock.analysis.people.hypotheses import interaction_test, t_test
 from causal_openlock.analysis.statistics import stratified_interval
 
 SCORES = st.lists(st.integers(0, 6), min_size=1, max_size=8)

@@ -11,10 +11,10 @@ import pytest
 from fabricated_courses import around, course, described
 from fabricated_records import table, trial_rows
 
-from causal_openlock.analysis.comparable import comparable
-from causal_openlock.analysis.exploration import schedules, section
+from causal_openlock.analysis.deep.exploration import schedules, section
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.section import Material, Section
+from causal_openlock.analysis.people.comparable import comparable
+from causal_openlock.analysis.report.section import Material, Section
 
 DECAYS = (
     "conditions: [CC4, CE4]\n"

@@ -13,10 +13,10 @@ from fabricated_records import random_cells, record_of_every_figure, table, tria
 from matplotlib.colors import to_hex
 
 from causal_openlock import reference
-from causal_openlock.analysis import style
-from causal_openlock.analysis.categories import baseline_categories, transfer_categories
-from causal_openlock.analysis.course import attempts_by_trial
-from causal_openlock.analysis.figures import baseline_attempts, draw_all, transfer_attempts
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.categories import baseline_categories, transfer_categories
+from causal_openlock.analysis.drawings.course import attempts_by_trial
+from causal_openlock.analysis.drawings.figures import baseline_attempts, draw_all, transfer_attempts
 from causal_openlock.analysis.measures import attempts_to_solve, category_counts
 from causal_openlock.protocol import PAPER_CONDITIONS
 from causal_openlock.record import CATEGORIES

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from pydantic import Field
 
-from causal_openlock.analysis.human_likeness import (
+from causal_openlock.analysis.people.human_likeness import (
     POINT,
     distance,
     points_of,

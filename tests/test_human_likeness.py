@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.bounds import Bound
-from causal_openlock.analysis.human_likeness import (
+from causal_openlock.analysis.people.human_likeness import (
     EFFECTS,
     PUBLISHED_MODEL,
     contrast,
@@ -20,8 +20,8 @@ from causal_openlock.analysis.human_likeness import (
     points_of_people,
     published_points,
 )
-from causal_openlock.analysis.human_likeness_section import MOST_DRAWN, draw_points, section
-from causal_openlock.analysis.section import Material
+from causal_openlock.analysis.people.human_likeness_section import MOST_DRAWN, draw_points, section
+from causal_openlock.analysis.report.section import Material
 
 NOTHING: dict[tuple[str, str], Bound] = {}
 

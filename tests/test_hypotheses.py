@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from causal_openlock import reference
-from causal_openlock.analysis.hypotheses import (
+from causal_openlock.analysis.people.hypotheses import (
     Group,
     Sample,
     contrast_test,

@@ -13,8 +13,8 @@ from fabricated_courses import around, course, described
 from fabricated_records import random_cells, table, trial_rows
 
 from causal_openlock.analysis.bounds import ideal_bounds
-from causal_openlock.analysis.chance import chance_of_finding_all, chance_of_opening
-from causal_openlock.analysis.learning import (
+from causal_openlock.analysis.deep.chance import chance_of_finding_all, chance_of_opening
+from causal_openlock.analysis.deep.learning import (
     FALLS,
     FLAT,
     LEARNS,
@@ -26,9 +26,7 @@ from causal_openlock.analysis.learning import (
     said,
     section,
 )
-from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.section import Material
-from causal_openlock.analysis.visits import (
+from causal_openlock.analysis.deep.visits import (
     FINDS_ALL,
     OPENS,
     each_group,
@@ -38,6 +36,8 @@ from causal_openlock.analysis.visits import (
     starts,
     visits,
 )
+from causal_openlock.analysis.measures import attempts_to_solve
+from causal_openlock.analysis.report.section import Material
 from causal_openlock.schema_file import find_schema
 
 RANDOM_AND_A = "conditions: [CC4]\nlearners: [random, {learner: ddqn, name: a}]\n"

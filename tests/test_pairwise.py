@@ -14,9 +14,9 @@ from paper_play import material, play, same, scattered
 from scipy import stats
 
 from causal_openlock.analysis import pairwise
+from causal_openlock.analysis.drawings.style import WIDTH
 from causal_openlock.analysis.pairwise import matrix_drawing, pairwise_table, ranking_table
-from causal_openlock.analysis.section import Material
-from causal_openlock.analysis.style import WIDTH
+from causal_openlock.analysis.report.section import Material
 
 LEARNERS = ("random", "quick", "slow", "perfect")
 

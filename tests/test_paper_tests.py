@@ -13,10 +13,10 @@ from fabricated_records import trial_rows
 from paper_play import material, play, same, scattered
 from scipy import stats
 
-from causal_openlock.analysis import paper_findings
 from causal_openlock.analysis.effects import power_of_t, subjects_needed
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.paper_tests import (
+from causal_openlock.analysis.people import paper_findings
+from causal_openlock.analysis.people.paper_tests import (
     TEST_COLUMNS,
     TESTS,
     learner_tests,
@@ -24,7 +24,7 @@ from causal_openlock.analysis.paper_tests import (
     paper_tests,
     printed_tests,
 )
-from causal_openlock.analysis.section import Material
+from causal_openlock.analysis.report.section import Material
 
 LEARNERS = ("good", "never", "always")
 
@@ -117,7 +117,7 @@ def test_comparisons_of_groups_are_scipys(tests: pd.DataFrame, wide: pd.DataFram
 
 def test_the_trial_effect_of_one_group_by_hotelling(wide: pd.DataFrame) -> None:
     """Of a single group the multivariate test is Hotelling's T² of its differences."""
-    from causal_openlock.analysis.hypotheses import trial_test
+    from causal_openlock.analysis.people.hypotheses import trial_test
 
     values = wide.loc["CC4", "train"][[1, 2, 3, 4, 5]].to_numpy()
     steps = values[:, 1:] - values[:, :1]  # against the first trial: another base, the same test

@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from play_clients import people, solving, walk_through
 
-from causal_openlock.analysis.beside import beside
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report import write_report
+from causal_openlock.analysis.people.beside import beside
+from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.learner_registry import create
 from causal_openlock.play import read_reactions

@@ -14,9 +14,9 @@ from fabricated_records import record_of_every_figure, table, trial_rows
 from html_page import Page
 
 from causal_openlock import reference
-from causal_openlock.analysis import style
-from causal_openlock.analysis.description import edges
-from causal_openlock.analysis.report import write_report
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.report.description import edges
+from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.experiment_file import read_experiment
 from causal_openlock.learner_registry import create
 from causal_openlock.session import Session

@@ -13,9 +13,9 @@ from fabricated_records import table, trial_rows
 from html_page import Page
 from typer.testing import CliRunner
 
-from causal_openlock.analysis import style
-from causal_openlock.analysis.counting import count
-from causal_openlock.analysis.report_difference import (
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.report.counting import count
+from causal_openlock.analysis.report.difference_page import (
     MORE,
     NOISE,
     SAME,

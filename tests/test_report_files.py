@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 from fabricated_records import random_cells, table, trial_rows
 
-from causal_openlock.analysis.report import write_report
+from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.errors import OpenLockError
 
 EXPERIMENT = {"title": "twice", "seed": 17, "versions": {"numpy": "2.0"}}

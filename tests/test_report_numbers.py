@@ -15,11 +15,11 @@ import pytest
 from html_page import Page
 from scipy import stats
 
-from causal_openlock.analysis import style
-from causal_openlock.analysis.counting import count
-from causal_openlock.analysis.differences import difference, resampled_means
-from causal_openlock.analysis.reading import read_results
-from causal_openlock.analysis.report import write_report
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.report.counting import count
+from causal_openlock.analysis.report.differences import difference, resampled_means
+from causal_openlock.analysis.report.reading import read_results
+from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.experiment_file import read_experiment
 from causal_openlock.runner import run
 

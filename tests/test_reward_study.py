@@ -9,9 +9,9 @@ import pyarrow as pa
 import pytest
 from fabricated_courses import around, course, described
 
+from causal_openlock.analysis.deep.reward_study import reward_terms, rewards_of, section
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.reward_study import reward_terms, rewards_of, section
-from causal_openlock.analysis.section import Material, Section
+from causal_openlock.analysis.report.section import Material, Section
 
 LEARNERS = (
     "conditions: [CC4, CE4]\n"

@@ -14,7 +14,8 @@ from scipy import stats
 
 from causal_openlock.analysis import transfer
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.published import people
+from causal_openlock.analysis.people.published import people
+from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.scores import (
     congruency,
     judged_trials,
@@ -24,7 +25,6 @@ from causal_openlock.analysis.scores import (
     scores_by_condition,
     transfer_scores,
 )
-from causal_openlock.analysis.section import Material
 from causal_openlock.analysis.summary import headline_table
 from causal_openlock.analysis.wording import file_names
 

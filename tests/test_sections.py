@@ -13,11 +13,12 @@ import pytest
 from fabricated_records import random_cells, table, trial_rows
 from html_page import Page
 
-from causal_openlock.analysis import sections, style, table_files
+from causal_openlock.analysis.drawings import style
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report import write_report
-from causal_openlock.analysis.section import Material, Table
-from causal_openlock.analysis.sections import PROVIDERS, columns_of, sections_of
+from causal_openlock.analysis.report import sections, table_files
+from causal_openlock.analysis.report.section import Material, Table
+from causal_openlock.analysis.report.sections import PROVIDERS, columns_of, sections_of
+from causal_openlock.analysis.report.writing import write_report
 
 OURS = "section_of_ours"
 
@@ -147,7 +148,7 @@ def test_values_are_printed_as_a_reader_expects(
 
 
 def test_long_tables_are_closed_on_the_page() -> None:
-    from causal_openlock.analysis.page import LONG, render
+    from causal_openlock.analysis.report.page import LONG, render
 
     frame = pd.DataFrame({"name": [f"n{i}" for i in range(LONG + 1)], "value": 1.0})
     told = [table_files.described(Table("t", "T", part)) for part in (frame, frame.head(LONG))]
@@ -167,7 +168,7 @@ def test_long_tables_are_closed_on_the_page() -> None:
 
 
 def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> None:
-    from causal_openlock.analysis.belief_traces import section
+    from causal_openlock.analysis.report.belief_traces import section
     from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
     from causal_openlock.learner_registry import create
     from causal_openlock.session import Session

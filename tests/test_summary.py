@@ -12,7 +12,7 @@ import pyarrow as pa
 import pytest
 from fabricated_records import random_cells, table, trial_rows
 
-from causal_openlock.analysis.published import PUBLISHED_COLUMNS, model, people
+from causal_openlock.analysis.people.published import PUBLISHED_COLUMNS, model, people
 from causal_openlock.analysis.summary import (
     SUMMARY_COLUMNS,
     headline_table,

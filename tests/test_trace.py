@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from causal_openlock.analysis.belief import draw_trace, save_trace_figure
+from causal_openlock.analysis.drawings.belief import draw_trace, save_trace_figure
 from causal_openlock.belief.believer import Believer
 from causal_openlock.belief.likeness import act_alike, by_position, same_arrows
 from causal_openlock.belief.story import percent, shown_name, story, told

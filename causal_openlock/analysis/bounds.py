@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from causal_openlock.analysis.description import mappings_with
+from causal_openlock.analysis.report.description import mappings_with
 from causal_openlock.errors import OpenLockError
 from causal_openlock.protocol import default_action_limit
 from causal_openlock.schema import Schema

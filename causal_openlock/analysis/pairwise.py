@@ -17,8 +17,8 @@ import pandas as pd
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis import style
-from causal_openlock.analysis.description import mappings_with
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.style import Drawing
 from causal_openlock.analysis.effects import (
     improvement_interval,
     interquartile_interval,
@@ -26,10 +26,10 @@ from causal_openlock.analysis.effects import (
     probability_of_improvement,
 )
 from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.analysis.scores import normalised_score, scores_by_condition
-from causal_openlock.analysis.section import Material, Section, Table
 from causal_openlock.analysis.statistics import SEED
-from causal_openlock.analysis.style import Drawing
 from causal_openlock.analysis.wording import file_names, joined
 from causal_openlock.fsm import FloatArray
 

@@ -166,7 +166,7 @@ def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def published_transfer_scores(name: str, means: pd.DataFrame) -> pd.DataFrame:
-    """The same of published means, such as :func:`~causal_openlock.analysis.published.people`.
+    """The same of published means.
 
     Args:
         name: What to call them.

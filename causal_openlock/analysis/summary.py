@@ -1,8 +1,8 @@
 """The tables of results, with published results beside them.
 
 What people did, and what a published model of them did, stands beside whoever did the same (see
-:mod:`~causal_openlock.analysis.published`), and what the ideal observer needs wherever it is known
-(see :mod:`~causal_openlock.analysis.bounds`).
+:mod:`~causal_openlock.analysis.people.published`), and what the ideal observer needs wherever it is
+known (see :mod:`~causal_openlock.analysis.bounds`).
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.bounds import Bounds, ideal_bounds
-from causal_openlock.analysis.comparable import Pairs, comparable
 from causal_openlock.analysis.measures import (
     CELL,
     attempts_to_solve,
     by_subject,
     mean_by_trial,
 )
-from causal_openlock.analysis.published import PUBLISHED_COLUMNS, beside_published
+from causal_openlock.analysis.people.comparable import Pairs, comparable
+from causal_openlock.analysis.people.published import PUBLISHED_COLUMNS, beside_published
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.files import write_text
 
@@ -73,8 +73,8 @@ def summarise(
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         pairs: Whom people compare with, from
-            :func:`~causal_openlock.analysis.comparable.comparable`; by default whoever played a
-            condition of the paper's name under ``human``.
+            :func:`~causal_openlock.analysis.people.comparable.comparable`; by default whoever
+            played a condition of the paper's name under ``human``.
         bounds: What the ideal observer needs, from
             :func:`~causal_openlock.analysis.bounds.ideal_bounds`.
 
@@ -160,7 +160,7 @@ def headline(
     Returns:
         One row for each ``learner``, ``protocol`` and ``condition``, with ``measured`` (such as
         ``trial 5`` or ``test``), ``subjects``, ``attempts``, ``ci_low``, ``ci_high``,
-        ``share_solved``, :data:`~causal_openlock.analysis.published.PUBLISHED_COLUMNS` and
+        ``share_solved``, :data:`~causal_openlock.analysis.people.published.PUBLISHED_COLUMNS` and
         ``ideal_attempts`` as in :func:`summarise`.
     """
     chosen = judged(trials)

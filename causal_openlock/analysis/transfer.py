@@ -10,18 +10,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from causal_openlock.analysis import style
-from causal_openlock.analysis.comparable import HUMAN_PROTOCOL, paper_conditions
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.style import Drawing
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, ordered
-from causal_openlock.analysis.published import did_what_people_did, model, people
+from causal_openlock.analysis.people.comparable import HUMAN_PROTOCOL, paper_conditions
+from causal_openlock.analysis.people.published import did_what_people_did, model, people
+from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.analysis.scores import (
     CONGRUENCY,
     SAVINGS,
     published_transfer_scores,
     transfer_scores,
 )
-from causal_openlock.analysis.section import Material, Section, Table
-from causal_openlock.analysis.style import Drawing
 from causal_openlock.analysis.wording import file_names, joined
 
 PEOPLE, MODEL = "People", "Published model"

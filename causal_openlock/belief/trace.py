@@ -6,8 +6,8 @@ average, not action by action: a question that is worth one bit tells two bits w
 answer comes and less than one when the likely one does, and an answer that rules out what seemed
 most probable can leave a subject less certain than it was.
 
-:mod:`causal_openlock.belief.story` tells a trace in words, :mod:`causal_openlock.analysis.belief`
-draws it.
+:mod:`causal_openlock.belief.story` tells a trace in words,
+:mod:`causal_openlock.analysis.drawings.belief` draws it.
 """
 
 from __future__ import annotations

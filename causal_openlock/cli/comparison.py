@@ -175,10 +175,10 @@ def _warn(console: Console, sentence: str) -> None:
 
 
 def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
-    from causal_openlock.analysis.beside import beside
-    from causal_openlock.analysis.reading import read_results
-    from causal_openlock.analysis.report import make_report
-    from causal_openlock.analysis.sections import columns_of
+    from causal_openlock.analysis.people.beside import beside
+    from causal_openlock.analysis.report.reading import read_results
+    from causal_openlock.analysis.report.sections import columns_of
+    from causal_openlock.analysis.report.writing import make_report
 
     columns = columns_of()
     record, description = beside([read_results(one, columns) for one in (store, *others)])

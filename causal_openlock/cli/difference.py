@@ -24,12 +24,12 @@ def difference(first: Path, second: Path, out: Path, console: Console) -> None:
         out: The folder to write the page to.
         console: Where to print.
     """
-    from causal_openlock.analysis.reading import read_results
-    from causal_openlock.analysis.report_difference import (
+    from causal_openlock.analysis.report.difference_page import (
         said_of_changes,
         said_of_noise,
         write_difference,
     )
+    from causal_openlock.analysis.report.reading import read_results
     from causal_openlock.store import Store
 
     names = _names(first, second)
@@ -66,8 +66,8 @@ def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Conso
 def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Console) -> None:
     from rich.table import Table
 
-    from causal_openlock.analysis.report_difference import MORE
-    from causal_openlock.analysis.table_files import printed
+    from causal_openlock.analysis.report.difference_page import MORE
+    from causal_openlock.analysis.report.table_files import printed
 
     console.print(f"\n[bold]Mean attempts in {names[0]} and in {names[1]}[/bold]")
     shown = Table(box=None, padding=(0, 2, 0, 0))

@@ -40,7 +40,7 @@ def trace(
     ] = None,
 ) -> None:
     """Tell what a subject did in a trial, what it saw, what it learned and what it believes."""
-    from causal_openlock.analysis.belief import check_suffix, save_trace_figure
+    from causal_openlock.analysis.drawings.belief import check_suffix, save_trace_figure
     from causal_openlock.belief.story import story
     from causal_openlock.belief.trace import trace_trial
     from causal_openlock.files import write_text

@@ -12,7 +12,7 @@ import gzip
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.analysis.reading import cell_files
+from causal_openlock.analysis.report.reading import cell_files
 from causal_openlock.files import replacing
 from causal_openlock.record import record_schema
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from causal_openlock import __version__
-from causal_openlock.analysis.reading import cell_files
+from causal_openlock.analysis.report.reading import cell_files
 from causal_openlock.errors import OpenLockError, StoreError, nearest
 from causal_openlock.export.replay import Steps, replay, trial_numbers
 from causal_openlock.from_description import condition_from_dict, reward_from_dict

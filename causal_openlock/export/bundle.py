@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock import __version__
-from causal_openlock.analysis.reading import cell_files, made_with
-from causal_openlock.analysis.report import files_of
+from causal_openlock.analysis.report.reading import cell_files, made_with
+from causal_openlock.analysis.report.writing import files_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment_file import read_experiment
 from causal_openlock.files import replacing, write_bytes

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.human_likeness import distance, points_of, published_points
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
+from causal_openlock.analysis.people.human_likeness import distance, points_of, published_points
 from causal_openlock.errors import OpenLockError, nearest
 from causal_openlock.fsm import BoolArray
 from causal_openlock.learner_registry import create
@@ -37,7 +37,8 @@ def held_out(points: pd.DataFrame, how: str) -> BoolArray:
     """``[N]`` which points are held out of a fit.
 
     Args:
-        points: Rows with the columns of :data:`~causal_openlock.analysis.human_likeness.POINT`.
+        points: Rows with the columns of
+            :data:`~causal_openlock.analysis.people.human_likeness.POINT`.
         how: One of :data:`HOLD_OUT`.
 
     Raises:

@@ -8,15 +8,15 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis import style
-from causal_openlock.analysis.human_likeness import (
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.people.human_likeness import (
     POINT,
     distance,
     effects_of,
     points_of,
     points_of_model,
 )
-from causal_openlock.analysis.human_likeness_section import draw_points
+from causal_openlock.analysis.people.human_likeness_section import draw_points
 from causal_openlock.files import write_text
 from causal_openlock.fitting.objective import Score, held_out, score
 from causal_openlock.fitting.study import Fit

@@ -83,7 +83,7 @@ class Modules(FromTheProgram):
 
 
 def modules_of(name: str) -> list[str]:
-    """A module, or with ``.*`` a package and its modules, in the order it tells of them."""
+    """A module, or with ``.*`` a package and its own modules, in the order it tells of them."""
     if not name.endswith(".*"):
         return [name]
     package = importlib.import_module(name.removesuffix(".*"))
@@ -93,7 +93,8 @@ def modules_of(name: str) -> list[str]:
         found = re.search(rf"\b{module}\b", text)
         return (found.start() if found else len(text), module)
 
-    parts = sorted((part.name for part in pkgutil.iter_modules(package.__path__)), key=place)
+    found = pkgutil.iter_modules(package.__path__)
+    parts = sorted((part.name for part in found if not part.ispkg), key=place)
     return [package.__name__, *(f"{package.__name__}.{part}" for part in parts)]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from causal_openlock import Condition, Session, find_schema
-from causal_openlock.analysis import style
+from causal_openlock.analysis.drawings import style
 from causal_openlock.learner import Step
 from causal_openlock.protocol import PROTOCOLS
 from learners.ddqn import DDQN, DDQNParameters

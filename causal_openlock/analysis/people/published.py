@@ -5,7 +5,7 @@ after training. People are those of the paper (Figures 3 and 4). The published m
 theory-based causal model of a later paper, *Theory-based Causal Transfer* (Edmonds et al., AAAI
 2020, Figure 5), whose agents did what people had done. They stand beside learners that played under
 the same protocol, ``human``, in the same rooms, and no others; see
-:mod:`~causal_openlock.analysis.comparable`.
+:mod:`~causal_openlock.analysis.people.comparable`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock import reference
-from causal_openlock.analysis.comparable import HUMAN_PROTOCOL, Pairs
+from causal_openlock.analysis.people.comparable import HUMAN_PROTOCOL, Pairs
 from causal_openlock.fsm import BoolArray
 
 AGENTS = 40
@@ -65,8 +65,8 @@ def beside_published(table: pd.DataFrame, pairs: Pairs | None = None) -> pd.Data
     Args:
         table: One row for each learner, condition, protocol, phase and trial, with ``attempts``.
         pairs: Whom people compare with, from
-            :func:`~causal_openlock.analysis.comparable.comparable`; by default whoever played a
-            condition of the paper's name under ``human``.
+            :func:`~causal_openlock.analysis.people.comparable.comparable`; by default whoever
+            played a condition of the paper's name under ``human``.
 
     Returns:
         The table with :data:`PUBLISHED_COLUMNS`, which are NaN where nothing compares.

@@ -13,8 +13,7 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.description import mappings_with
-from causal_openlock.analysis.learning import (
+from causal_openlock.analysis.deep.learning import (
     FALLS,
     LEARNS,
     NOT,
@@ -23,9 +22,10 @@ from causal_openlock.analysis.learning import (
     random_learners,
     said,
 )
+from causal_openlock.analysis.deep.visits import FINDS_ALL, OPENS
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.section import Material, Section, Table
-from causal_openlock.analysis.visits import FINDS_ALL, OPENS
+from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.section import Material, Section, Table
 
 LEAST_REWARDS = 3
 """Fewer rewards in an experiment are no study of them."""
@@ -74,7 +74,7 @@ def study(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -> pd.D
     """What each reward led to, the best first.
 
     Args:
-        table: From :func:`~causal_openlock.analysis.learning.progress`.
+        table: From :func:`~causal_openlock.analysis.deep.learning.progress`.
         rewards: From :func:`rewards_of`.
 
     Returns:
@@ -106,7 +106,7 @@ def on_unique_solutions(
     """Whether unique solutions cannot be learned, as the paper says; None if nobody got them.
 
     Args:
-        table: From :func:`~causal_openlock.analysis.learning.progress`.
+        table: From :func:`~causal_openlock.analysis.deep.learning.progress`.
         rewards: From :func:`rewards_of`.
     """
     unique = [name for name, one in rewards.items() if "unique_solutions" in reward_terms(one)]
@@ -130,7 +130,7 @@ def on_the_best(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -
     """Whether the paper's best combination is best; None if nobody got it.
 
     Args:
-        table: From :func:`~causal_openlock.analysis.learning.progress`.
+        table: From :func:`~causal_openlock.analysis.deep.learning.progress`.
         rewards: From :func:`rewards_of`.
     """
     best = [

@@ -12,7 +12,7 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.analysis.beside import merged_versions
+from causal_openlock.analysis.people.beside import merged_versions
 from causal_openlock.errors import StoreError
 from causal_openlock.record import record_schema
 from causal_openlock.store import VERSIONS, Store

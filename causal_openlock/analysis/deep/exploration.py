@@ -3,7 +3,7 @@
 The paper lets epsilon of its DDQN shrink by the decays that it fitted to people, and sees "no
 meaningful learning". It does not say with what it shrinks, every action, attempt or trial, so an
 experiment can try all of these; the section holds every learner whose epsilon shrinks in some way
-against the paper's sentence, beside the fits of :mod:`~causal_openlock.analysis.decay`.
+against the paper's sentence, beside the fits of :mod:`~causal_openlock.analysis.deep.decay`.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.comparable import HUMAN_PROTOCOL
-from causal_openlock.analysis.decay import (
+from causal_openlock.analysis.deep.decay import (
     LEAST_TRIALS,
     PAPER_MEAN,
     PAPER_MEDIAN,
@@ -24,11 +23,12 @@ from causal_openlock.analysis.decay import (
     random_actions,
     steps_until,
 )
-from causal_openlock.analysis.description import mappings_with
-from causal_openlock.analysis.learning import LEARNS, progress
+from causal_openlock.analysis.deep.learning import LEARNS, progress
+from causal_openlock.analysis.deep.visits import FINDS_ALL, OPENS
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.section import Material, Section, Table
-from causal_openlock.analysis.visits import FINDS_ALL, OPENS
+from causal_openlock.analysis.people.comparable import HUMAN_PROTOCOL
+from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.protocol import PAPER_ACTION_LIMIT
 
 USUAL = 0.99
@@ -73,7 +73,7 @@ def beside_learning(explored: pd.DataFrame, progressed: pd.DataFrame) -> pd.Data
 
     Args:
         explored: From :func:`schedules`.
-        progressed: From :func:`~causal_openlock.analysis.learning.progress`.
+        progressed: From :func:`~causal_openlock.analysis.deep.learning.progress`.
 
     Returns:
         One row for each learner, condition and protocol that both tell of: the columns of

@@ -13,7 +13,7 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.section import Table
+from causal_openlock.analysis.report.section import Table
 from causal_openlock.analysis.summary import write_table
 from causal_openlock.files import write_text
 

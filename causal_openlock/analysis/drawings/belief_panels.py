@@ -1,4 +1,4 @@
-"""The panels of the picture of one trial of belief; :mod:`causal_openlock.analysis.belief` has it.
+"""The panels of the picture of belief (:mod:`causal_openlock.analysis.drawings.belief`).
 
 Every panel is drawn into axes that it is given, and takes what it shows from a :class:`Shown`.
 """
@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from causal_openlock.analysis import style
-from causal_openlock.analysis.style import COMMON_CAUSE, COMMON_EFFECT
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.style import COMMON_CAUSE, COMMON_EFFECT
 from causal_openlock.belief.story import agreement, percent, shown_name
 from causal_openlock.belief.trace import Trace
 from causal_openlock.render.arrange import arrange

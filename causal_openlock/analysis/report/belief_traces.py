@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from causal_openlock.analysis.description import mappings_with
-from causal_openlock.analysis.section import Material, Section
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.drawings.style import Drawing
+from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.section import Material, Section
 from causal_openlock.errors import OpenLockError
 from causal_openlock.room import action_names
 
@@ -132,7 +132,7 @@ def _recorded(record: pa.Table, trial: pd.Series) -> list[list[int]]:
 
 
 def _drawing(trace: Trace, name: str) -> Drawing:
-    from causal_openlock.analysis.belief import draw_trace
+    from causal_openlock.analysis.drawings.belief import draw_trace
 
     drawn = draw_trace(trace)
     label = "belief_" + re.sub(r"\W+", "_", name.lower(), flags=re.ASCII)

@@ -17,10 +17,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from causal_openlock.analysis import style
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.style import Drawing
 from causal_openlock.analysis.measures import by_subject, ordered
-from causal_openlock.analysis.section import Section, Table
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.report.section import Section, Table
 from causal_openlock.analysis.summary import judged
 
 FORMATS = {
@@ -52,8 +52,8 @@ def learner_pages(
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         headline: From :func:`~causal_openlock.analysis.summary.headline`.
         learners: The order of the pages.
-        described: The learners as :func:`~causal_openlock.analysis.description.describe` gives
-            them.
+        described: The learners as :func:`~causal_openlock.analysis.report.description.describe`
+            gives them.
 
     Returns:
         The sections, called ``learner_1``, ``learner_2``, ...; their tables and drawings are

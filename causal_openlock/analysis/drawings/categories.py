@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from causal_openlock import reference
-from causal_openlock.analysis import style
-from causal_openlock.analysis.comparable import HUMAN_PROTOCOL
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.style import Drawing
 from causal_openlock.analysis.measures import TRANSFERS, ordered
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.people.comparable import HUMAN_PROTOCOL
 from causal_openlock.record import CATEGORIES
 
 _OUTLINES = {"CE4": ":", "CC4": "-"}  # left to right, as in the paper

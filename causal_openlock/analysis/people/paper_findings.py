@@ -15,7 +15,7 @@ from causal_openlock.analysis.effects import (
     power_of_t,
     subjects_needed,
 )
-from causal_openlock.analysis.paper_tests import (
+from causal_openlock.analysis.people.paper_tests import (
     PEOPLE,
     TESTS,
     PaperTest,
@@ -23,8 +23,8 @@ from causal_openlock.analysis.paper_tests import (
     paper_tests,
     printed_tests,
 )
-from causal_openlock.analysis.published import did_what_people_did
-from causal_openlock.analysis.section import Material, Section, Table
+from causal_openlock.analysis.people.published import did_what_people_did
+from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.analysis.wording import joined
 
 FAMILIES = {

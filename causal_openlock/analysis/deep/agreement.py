@@ -19,9 +19,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock import reference
-from causal_openlock.analysis.measures import BASELINES, TRANSFERS
-from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED
-from causal_openlock.analysis.visits import (
+from causal_openlock.analysis.deep.visits import (
     ELSE,
     FINDS_ALL,
     OPENS,
@@ -31,6 +29,8 @@ from causal_openlock.analysis.visits import (
     interval,
     matrix,
 )
+from causal_openlock.analysis.measures import BASELINES, TRANSFERS
+from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED
 from causal_openlock.fsm import FloatArray
 
 AGREES, DISAGREES, UNDECIDED = "agrees", "disagrees", "undecided"
@@ -64,7 +64,7 @@ def margin_of(measure: str, share: float, visits: float) -> float:
     """How far from the paper's share counts as the same.
 
     Args:
-        measure: One of :data:`~causal_openlock.analysis.visits.SHARES`.
+        measure: One of :data:`~causal_openlock.analysis.deep.visits.SHARES`.
         share: The paper's.
         visits: How many visits it is of. For ``finds_all`` they are independent draws at best, so
             the margin is at least the 95% interval of so many.
@@ -122,7 +122,7 @@ def transfer_points(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Da
     """Figure 7: what share of test attempts has a solution, and of visits all, in each case.
 
     Args:
-        tested: From :func:`~causal_openlock.analysis.visits.shares` with one part.
+        tested: From :func:`~causal_openlock.analysis.deep.visits.shares` with one part.
         learners: The order of learners.
 
     Returns:
@@ -223,7 +223,7 @@ def baseline_course(parts: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
     """Figure 6 as shares: block by block, the paper's first.
 
     Args:
-        parts: From :func:`~causal_openlock.analysis.visits.shares` with five parts.
+        parts: From :func:`~causal_openlock.analysis.deep.visits.shares` with five parts.
         learners: The order of learners.
 
     Returns:

@@ -12,10 +12,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.analysis import style, table_files
-from causal_openlock.analysis.cautions import percent, some
-from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.style import Drawing
+from causal_openlock.analysis.report import table_files
+from causal_openlock.analysis.report.cautions import percent, some
+from causal_openlock.analysis.report.section import Section
 
 LONG = 24
 """Tables of more rows than this are closed until they are asked for; in print they are open."""
@@ -58,7 +59,7 @@ def render(template: str, **values: Any) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("causal_openlock.analysis", "."),
+        loader=PackageLoader("causal_openlock.analysis.report", "."),
         autoescape=True,
         undefined=StrictUndefined,
         keep_trailing_newline=True,

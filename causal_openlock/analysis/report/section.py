@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from causal_openlock.analysis.bounds import Bounds
-from causal_openlock.analysis.comparable import Pairs
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.drawings.style import Drawing
+from causal_openlock.analysis.people.comparable import Pairs
 
 if TYPE_CHECKING:
     import pyarrow as pa

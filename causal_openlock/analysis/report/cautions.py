@@ -7,9 +7,9 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.comparable import Pairs
 from causal_openlock.analysis.measures import CELL
-from causal_openlock.analysis.published import did_what_people_did
+from causal_openlock.analysis.people.comparable import Pairs
+from causal_openlock.analysis.people.published import did_what_people_did
 from causal_openlock.protocol import PAPER_CONDITIONS
 
 FEW_SUBJECTS = 20

@@ -1,10 +1,10 @@
 """The sections of the report, in reading order, and what calls for them.
 
-Each is a module of this package with one function ``section(material)``, which gives a
-:class:`~causal_openlock.analysis.section.Section`, or ``None`` where the record holds nothing that
-it is about. To add a section, write such a module and name it in :data:`PROVIDERS`. A module that
-looks at columns that are not read unless asked for
-(:data:`~causal_openlock.analysis.reading.UNREAD`) names them in ``COLUMNS``.
+Each is a module with one function ``section(material)``, which gives a
+:class:`~causal_openlock.analysis.report.section.Section`, or ``None`` where the record holds
+nothing that it is about. To add one, write such a module and name it in :data:`PROVIDERS`. A module
+that looks at columns that are not read unless asked for
+(:data:`~causal_openlock.analysis.report.reading.UNREAD`) names them in ``COLUMNS``.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from causal_openlock.analysis.section import Material, Section
+from causal_openlock.analysis.report.section import Material, Section
 
 PROVIDERS = (
-    "human_likeness_section",
-    "paper_findings",
-    "transfer",
-    "pairwise",
-    "learning",
-    "agreement_section",
-    "reward_study",
-    "exploration",
-    "belief_traces",
+    ".people.human_likeness_section",
+    ".people.paper_findings",
+    ".transfer",
+    ".pairwise",
+    ".deep.learning",
+    ".deep.agreement_section",
+    ".deep.reward_study",
+    ".deep.exploration",
+    ".report.belief_traces",
 )
-"""Modules of this package, in the order in which their sections are read."""
+"""Modules of :mod:`causal_openlock.analysis`, in the order in which their sections are read."""
 
 
 def sections_of(material: Material, providers: Sequence[str] = PROVIDERS) -> list[Section]:
@@ -34,7 +34,7 @@ def sections_of(material: Material, providers: Sequence[str] = PROVIDERS) -> lis
 
     Args:
         material: What they are made of.
-        providers: Modules of this package, or full names of others.
+        providers: Modules of :mod:`causal_openlock.analysis`, by a leading dot, or full names.
 
     Raises:
         ValueError: If two sections, tables or drawings have the same name.
@@ -57,7 +57,7 @@ def columns_of(providers: Sequence[str] = PROVIDERS) -> list[str]:
 
 
 def _module(name: str) -> Any:
-    return import_module(name if "." in name else f"causal_openlock.analysis.{name}")
+    return import_module(name, "causal_openlock.analysis")
 
 
 __all__ = ["PROVIDERS", "columns_of", "sections_of"]

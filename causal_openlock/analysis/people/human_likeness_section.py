@@ -1,6 +1,6 @@
 """The section of the report that says how like people every learner is, with a table and a figure.
 
-What is measured is in :mod:`~causal_openlock.analysis.human_likeness`.
+What is measured is in :mod:`~causal_openlock.analysis.people.human_likeness`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from causal_openlock.analysis import style
-from causal_openlock.analysis.human_likeness import (
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.style import Drawing
+from causal_openlock.analysis.measures import TRANSFERS
+from causal_openlock.analysis.people.human_likeness import (
     EFFECTS,
     PUBLISHED_MODEL,
     distance,
@@ -24,10 +26,8 @@ from causal_openlock.analysis.human_likeness import (
     points_of_people,
     published_points,
 )
-from causal_openlock.analysis.measures import TRANSFERS
-from causal_openlock.analysis.published import did_what_people_did
-from causal_openlock.analysis.section import Material, Section, Table
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.people.published import did_what_people_did
+from causal_openlock.analysis.report.section import Material, Section, Table
 
 MOST_DRAWN = 5
 """So many learners are drawn beside people and the published model: those nearest to people."""

@@ -1,10 +1,10 @@
 """Attempts to solve a trial, in the form of the paper's Figures 3 and 4.
 
 Both figures put people first, the published model of them next (see
-:mod:`~causal_openlock.analysis.published`) and every learner that played the human protocol after
-them, one panel each with a common scale. Error bars are the paper's, population SD / √n, so that
-those of people and of learners mean the same. A dashed line shows what the ideal observer needs
-(see :mod:`~causal_openlock.analysis.bounds`).
+:mod:`~causal_openlock.analysis.people.published`) and every learner that played the human protocol
+after them, one panel each with a common scale. Error bars are the paper's, population SD / √n, so
+that those of people and of learners mean the same. A dashed line shows what the ideal observer
+needs (see :mod:`~causal_openlock.analysis.bounds`).
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from causal_openlock.analysis import style
 from causal_openlock.analysis.bounds import Bound, Bounds, ideal_bounds, said
-from causal_openlock.analysis.categories import baseline_categories, transfer_categories
-from causal_openlock.analysis.comparable import HUMAN_PROTOCOL, comparable, paper_conditions
-from causal_openlock.analysis.counting import Counts, count
-from causal_openlock.analysis.course import attempts_by_trial
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.categories import baseline_categories, transfer_categories
+from causal_openlock.analysis.drawings.course import attempts_by_trial
+from causal_openlock.analysis.drawings.style import Drawing
 from causal_openlock.analysis.measures import (
     BASELINES,
     TRANSFERS,
     mean_by_trial,
     ordered,
 )
-from causal_openlock.analysis.published import did_what_people_did, model, people
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.people.comparable import HUMAN_PROTOCOL, comparable, paper_conditions
+from causal_openlock.analysis.people.published import did_what_people_did, model, people
+from causal_openlock.analysis.report.counting import Counts, count
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -70,15 +70,16 @@ def draw_counted(
     """Every figure of a record that is counted already.
 
     Args:
-        counts: From :func:`~causal_openlock.analysis.counting.count`.
+        counts: From :func:`~causal_openlock.analysis.report.counting.count`.
         learners: As in :func:`draw_all`.
         experiment: As there.
 
     Returns:
         Those of :func:`baseline_attempts`, :func:`transfer_attempts`,
-        :func:`~causal_openlock.analysis.categories.baseline_categories`,
-        :func:`~causal_openlock.analysis.categories.transfer_categories` and, for each protocol,
-        :func:`~causal_openlock.analysis.course.attempts_by_trial` that there are data for.
+        :func:`~causal_openlock.analysis.drawings.categories.baseline_categories`,
+        :func:`~causal_openlock.analysis.drawings.categories.transfer_categories` and, for each
+        protocol, :func:`~causal_openlock.analysis.drawings.course.attempts_by_trial` that there are
+        data for.
     """
     trials, blocks = counts.trials, counts.blocks
     bounds = ideal_bounds(experiment or {})

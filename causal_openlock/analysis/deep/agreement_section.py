@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.agreement import (
+from causal_openlock.analysis.deep.agreement import (
     AGREES,
     DISAGREES,
     MARGIN,
@@ -17,11 +17,11 @@ from causal_openlock.analysis.agreement import (
     transfer_order,
     transfer_points,
 )
-from causal_openlock.analysis.comparable import paper_conditions
-from causal_openlock.analysis.description import mappings_with
-from causal_openlock.analysis.learning import random_learners
-from causal_openlock.analysis.section import Material, Section, Table
-from causal_openlock.analysis.visits import FINDS_ALL, OPENS, PARTS, going_on, shares, visits
+from causal_openlock.analysis.deep.learning import random_learners
+from causal_openlock.analysis.deep.visits import FINDS_ALL, OPENS, PARTS, going_on, shares, visits
+from causal_openlock.analysis.people.comparable import paper_conditions
+from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.protocol import PAPER_CONDITIONS, PROTOCOLS
 
 _POINTS = {"ours": ".3f", "ci_low": ".3f", "ci_high": ".3f", "paper": ".3f", "margin": ".3f"}
@@ -78,9 +78,9 @@ def sentences(points: pd.DataFrame, order: pd.DataFrame, growth: pd.DataFrame) -
     """What agrees and what does not, a paragraph for each learner and protocol.
 
     Args:
-        points: From :func:`~causal_openlock.analysis.agreement.transfer_points`.
-        order: From :func:`~causal_openlock.analysis.agreement.transfer_order`.
-        growth: From :func:`~causal_openlock.analysis.agreement.baseline_points`.
+        points: From :func:`~causal_openlock.analysis.deep.agreement.transfer_points`.
+        order: From :func:`~causal_openlock.analysis.deep.agreement.transfer_order`.
+        growth: From :func:`~causal_openlock.analysis.deep.agreement.baseline_points`.
     """
     who = pd.concat([table[["learner", "protocol"]] for table in (growth, points)])
     said = []

@@ -15,12 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.chance import chance_of_finding_all, chance_of_opening
-from causal_openlock.analysis.description import mappings_with
-from causal_openlock.analysis.measures import SUBJECT, ordered
-from causal_openlock.analysis.section import Material, Section, Table
-from causal_openlock.analysis.statistics import LEVEL
-from causal_openlock.analysis.visits import (
+from causal_openlock.analysis.deep.chance import chance_of_finding_all, chance_of_opening
+from causal_openlock.analysis.deep.visits import (
     FINDS_ALL,
     OPENS,
     PARTS,
@@ -33,6 +29,10 @@ from causal_openlock.analysis.visits import (
     starts,
     visits,
 )
+from causal_openlock.analysis.measures import SUBJECT, ordered
+from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.section import Material, Section, Table
+from causal_openlock.analysis.statistics import LEVEL
 from causal_openlock.errors import OpenLockError
 from causal_openlock.fsm import FloatArray
 from causal_openlock.protocol import default_action_limit

@@ -20,8 +20,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from causal_openlock.analysis import style
 from causal_openlock.analysis.bounds import Bound, Bounds, said
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.style import Drawing
 from causal_openlock.analysis.measures import (
     BASELINES,
     TRANSFERS,
@@ -29,7 +30,6 @@ from causal_openlock.analysis.measures import (
     number_visits,
     ordered,
 )
-from causal_openlock.analysis.style import Drawing
 from causal_openlock.protocol import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.comparable import HUMAN_PROTOCOL
-from causal_openlock.analysis.description import mappings_with
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, ordered
+from causal_openlock.analysis.people.comparable import HUMAN_PROTOCOL
+from causal_openlock.analysis.report.description import mappings_with
 from causal_openlock.analysis.statistics import LEVEL, SEED, mean_interval
 from causal_openlock.fsm import FloatArray
 from causal_openlock.record import CATEGORIES

@@ -2,7 +2,8 @@
 
 The descriptions of the two experiments are compared piece by piece, and for each learner in each
 condition that both played, the means of the subjects
-(:mod:`~causal_openlock.analysis.differences`). Whatever is not measured twice is not compared.
+(:mod:`~causal_openlock.analysis.report.differences`). Whatever is not measured twice is not
+compared.
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis import style
-from causal_openlock.analysis.cautions import some
-from causal_openlock.analysis.counting import count
-from causal_openlock.analysis.description import edges, in_words, mappings_with
-from causal_openlock.analysis.differences import difference
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.style import Drawing
 from causal_openlock.analysis.effects import ALPHA, holm
 from causal_openlock.analysis.measures import CELL, SUBJECT, by_subject, ordered
-from causal_openlock.analysis.page import Written, render
-from causal_openlock.analysis.section import Section, Table
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.report.cautions import some
+from causal_openlock.analysis.report.counting import count
+from causal_openlock.analysis.report.description import edges, in_words, mappings_with
+from causal_openlock.analysis.report.differences import difference
+from causal_openlock.analysis.report.page import Written, render
+from causal_openlock.analysis.report.section import Section, Table
 from causal_openlock.analysis.summary import judged, measured
 from causal_openlock.files import write_text
 from causal_openlock.protocol import PAPER_CONDITIONS

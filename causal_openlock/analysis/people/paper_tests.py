@@ -19,15 +19,15 @@ import pandas as pd
 
 from causal_openlock import reference
 from causal_openlock.analysis.effects import hedges_g, holm, partial_eta_squared
-from causal_openlock.analysis.hypotheses import (
+from causal_openlock.analysis.measures import SUBJECT, by_subject
+from causal_openlock.analysis.people.hypotheses import (
     Outcome,
     interaction_test,
     one_way_test,
     t_test,
     trial_test,
 )
-from causal_openlock.analysis.measures import SUBJECT, by_subject
-from causal_openlock.analysis.published import people
+from causal_openlock.analysis.people.published import people
 from causal_openlock.fsm import FloatArray
 
 TEST_COLUMNS = (

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from causal_openlock.analysis.description import mappings_with
+from causal_openlock.analysis.report.description import mappings_with
 from causal_openlock.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
 from causal_openlock.schema_file import bundled_schemas
 

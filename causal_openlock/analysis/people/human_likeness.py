@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, by_subject, mean_by_trial
-from causal_openlock.analysis.published import model, people
+from causal_openlock.analysis.people.published import model, people
 from causal_openlock.fsm import FloatArray
 
 POINT = ["condition", "phase", "trial"]

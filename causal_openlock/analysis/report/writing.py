@@ -18,19 +18,19 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from causal_openlock.analysis import style
 from causal_openlock.analysis.bounds import ideal_bounds
-from causal_openlock.analysis.cautions import warnings_of
-from causal_openlock.analysis.comparable import Pairs, comparable
-from causal_openlock.analysis.counting import count
-from causal_openlock.analysis.description import describe, trials_played
-from causal_openlock.analysis.figures import draw_counted
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.figures import draw_counted
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.page import Written, render
-from causal_openlock.analysis.per_learner import learner_pages
-from causal_openlock.analysis.published import did_what_people_did, model, people
-from causal_openlock.analysis.section import Material
-from causal_openlock.analysis.sections import PROVIDERS, sections_of
+from causal_openlock.analysis.people.comparable import Pairs, comparable
+from causal_openlock.analysis.people.published import did_what_people_did, model, people
+from causal_openlock.analysis.report.cautions import warnings_of
+from causal_openlock.analysis.report.counting import count
+from causal_openlock.analysis.report.description import describe, trials_played
+from causal_openlock.analysis.report.page import Written, render
+from causal_openlock.analysis.report.per_learner import learner_pages
+from causal_openlock.analysis.report.section import Material
+from causal_openlock.analysis.report.sections import PROVIDERS, sections_of
 from causal_openlock.analysis.summary import headline, summarise, write_table
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files import write_text
@@ -75,8 +75,9 @@ def write_report(
             in which learners appear; ``versions`` maps packages to a version, or to a list of them
             if cells were run with several, which is warned about; ``missing_cells`` names what
             an unfinished folder lacks, and the page opens with that. Published results are shown
-            beside whoever did what people did; see :mod:`~causal_openlock.analysis.comparable`.
-        providers: What makes its sections; see :mod:`~causal_openlock.analysis.sections`.
+            beside whoever did what people did; see
+            :mod:`~causal_openlock.analysis.people.comparable`.
+        providers: What makes its sections; see :mod:`~causal_openlock.analysis.report.sections`.
 
     Returns:
         The path of ``report.html``.

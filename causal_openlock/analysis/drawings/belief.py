@@ -16,8 +16,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis import style
-from causal_openlock.analysis.belief_panels import (
+from causal_openlock.analysis.drawings import style
+from causal_openlock.analysis.drawings.belief_panels import (
     LEFT,
     RIGHT,
     Shown,
@@ -29,7 +29,7 @@ from causal_openlock.analysis.belief_panels import (
     legend_handles,
     plan_graphs,
 )
-from causal_openlock.analysis.style import Drawing
+from causal_openlock.analysis.drawings.style import Drawing
 from causal_openlock.belief.trace import Trace
 from causal_openlock.errors import OpenLockError, nearest
 from causal_openlock.files import write_bytes
