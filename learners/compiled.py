@@ -73,9 +73,13 @@ class CompiledDoubleQ(StackedDoubleQ):
         super().__init__(
             sizes, generators, learning_rate, gamma, target_period, loss, optimiser, device
         )
-        self._networks = networks_of(self.online), networks_of(self.target)
         self._rule = RULES[optimiser]
         self._loss = LOSSES[loss]
+
+    @property
+    def _networks(self) -> tuple[kernels.Networks, kernels.Networks]:
+        """Views of the tensors, taken anew each time: those of a copy would be views of nothing."""
+        return networks_of(self.online), networks_of(self.target)
 
     @property
     def _type(self) -> np.dtype[Any]:

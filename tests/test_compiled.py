@@ -204,6 +204,21 @@ def test_the_one_goes_on_from_the_other_s_checkpoint(
 # -- what could go wrong unseen -------------------------------------------------------------------
 
 
+def test_a_copy_learns_like_what_it_is_a_copy_of() -> None:
+    rng = np.random.default_rng(0)
+    q = made(CompiledDoubleQ)
+    q.observe(table(rng, 20))
+    q.update(minibatch(rng, [20] * AGENTS))
+    twin = copy.deepcopy(q)
+    assert distance(twin, q) == 0
+    batch = minibatch(rng, [20] * AGENTS)
+    before = q.online.parameters.clone()
+    for one in (q, twin):
+        one.update(batch)
+        assert not torch.equal(one.online.parameters, before)
+    assert distance(twin, q) == 0
+
+
 def test_denormal_numbers_are_flushed_in_compiled_code_too() -> None:
     """Torch sets a register of the processor's, by thread, that all arithmetic goes by."""
 
