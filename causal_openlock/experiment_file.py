@@ -41,7 +41,7 @@ from pydantic import BaseModel, Discriminator, Field, Tag
 
 from causal_openlock.errors import ExperimentError, FileError, OpenLockError, nearest
 from causal_openlock.experiment import Entry, Experiment
-from causal_openlock.learner_registry import learner_class, parse_parameters
+from causal_openlock.learner_registry import learner_class, look_beside, parse_parameters
 from causal_openlock.model_faults import StrictModel
 from causal_openlock.protocol import (
     PROTOCOLS,
@@ -360,6 +360,8 @@ class _Builder:
 
         protocol = changes.protocol or declared.protocol or file.protocol
         reward = file.reward if declared.reward is None else declared.reward
+        if ":" in declared.learner:
+            look_beside(self.folder)
         self.at(part("learner"), lambda: learner_class(declared.learner))
         parameters = self.at(
             part("parameters"), lambda: parse_parameters(declared.learner, declared.parameters)

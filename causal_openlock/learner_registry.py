@@ -7,7 +7,8 @@ one's own adds learners by declaring them::
     mine = "my_package:MyLearner"
 
 The learners that come with the toolkit are registered in the same way. ``module:Class`` names a
-learner that is not registered, such as one in a file of the working directory.
+learner that is not registered, such as one in a file of the working directory or beside the
+experiment file.
 
 Hyper-parameters are the fields of the learner's frozen dataclass ``Parameters``. What an experiment
 file says of them is checked against the types of these fields; a text in their ``Annotated`` types
@@ -71,6 +72,16 @@ def origin(name: str) -> str:
     return f"{Path(source).name} {hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]}"
 
 
+def look_beside(*folders: Path) -> None:
+    """Let modules be found in the working directory, then in folders: no package is needed there.
+
+    Worker processes of this machine are started with the same places.
+    """
+    for folder in (Path.cwd(), *folders):
+        if (place := str(folder.resolve())) not in sys.path:
+            sys.path.append(place)
+
+
 @cache
 def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
     """A learner's class by its registered name, or by ``module:Class``.
@@ -81,9 +92,7 @@ def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
     if ":" in name:
         if not MODULE_AND_CLASS.fullmatch(name):
             raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
-        # A module beside the experiment, as in a notebook, needs no package of its own.
-        if (here := str(Path.cwd())) not in sys.path:
-            sys.path.append(here)
+        look_beside()
         entry = EntryPoint(name, name, ENTRY_POINTS)
     else:
         known = registry()

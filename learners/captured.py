@@ -8,8 +8,8 @@ distinct observations of a minibatch, as :class:`~learners.stacked.StackedDouble
 evaluates the whole table for every agent, padded so that it seldom grows (or, where the table is
 larger than that, what each transition holds). The numbers are the same.
 
-The capture itself is not covered by the tests: they run the same steps of fixed shape on a CPU, where
-a step is called and not captured.
+The capture itself is not covered by the tests: they run the same steps of fixed shape on a CPU,
+where a step is called and not captured.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from causal_openlock.analysis.deep.agreement import (
     kendall,
     margin_of,
     published_shares,
-    resampled_means,
+    resampled_group_means,
     same,
     transfer_order,
     transfer_points,
@@ -188,7 +188,7 @@ def test_kendalls_tau_worked_by_hand() -> None:
 
 
 def test_groups_are_resampled_on_their_own() -> None:
-    drawn = resampled_means([np.arange(10.0), np.arange(10.0), np.full(3, 2.0)])
+    drawn = resampled_group_means([np.arange(10.0), np.arange(10.0), np.full(3, 2.0)])
     assert abs(np.corrcoef(drawn[:, 0], drawn[:, 1])[0, 1]) < 0.1
     assert drawn[:, 0].std() == pytest.approx(np.sqrt(8.25 / 10), rel=0.05)
     assert (drawn[:, 2] == 2.0).all()

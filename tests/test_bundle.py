@@ -18,7 +18,7 @@ from causal_openlock.analysis.drawings import style
 from causal_openlock.cli import app
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
-from causal_openlock.export.bundle import write_bundle
+from causal_openlock.export.bundle import _files, write_bundle
 from causal_openlock.from_description import condition_from_dict, experiment_file, reward_from_dict
 from causal_openlock.learner_registry import learner_class
 from causal_openlock.rewards import PRESETS, find_reward
@@ -78,7 +78,12 @@ protocols:
 
 def forget_the_learner() -> None:
     """Let the module of the learner be imported anew, from wherever it is found then."""
-    sys.modules.pop("a_bundled_learner", None)
+    for name in (
+        "a_bundled_learner",
+        "helping",
+        *filter(re.compile("parts_of_it").match, [*sys.modules]),
+    ):
+        sys.modules.pop(name, None)
     learner_class.cache_clear()
 
 
@@ -161,6 +166,75 @@ def test_a_learner_that_has_changed_since_is_not_bundled(made: Path) -> None:
     with pytest.raises(OpenLockError, match=r"a_bundled_learner:Mine is not what the results were"):
         write_bundle(Store(made / "out"), made / "other.zip")
     assert not (made / "other.zip").exists()
+
+
+def test_modules_that_a_learner_imports_are_bundled_and_run_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside the experiment file, in a folder with a dot in its name; run from elsewhere."""
+    beside, away = tmp_path / "lab-0.5", tmp_path / "away"
+    (beside / "parts_of_it").mkdir(parents=True)
+    away.mkdir()
+    lazy = "    def act(self, observation):\n        from helping import constant\n"
+    text = (
+        LEARNER.replace("    def act(self, observation):\n", lazy) + "\nimport networkx, pytest\n"
+    )
+    (beside / "a_bundled_learner.py").write_text(text)
+    (beside / "helping.py").write_text("from parts_of_it import deep\nconstant = deep.constant\n")
+    (beside / "parts_of_it" / "__init__.py").write_text("")
+    (beside / "parts_of_it" / "deep.py").write_text("from . import deeper\nconstant = 1\n")
+    (beside / "parts_of_it" / "deeper.py").write_text("import json\n")
+    (beside / "mine.yaml").write_text(
+        "name: helped\nsubjects: 2\ncell_size: 1\nconditions: [CC3]\n"
+        "learners: ['a_bundled_learner:Mine']\n"
+    )
+    monkeypatch.chdir(away)
+    monkeypatch.setattr(style, "KINDS", ())
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    call = CliRunner().invoke
+    done = call(app, ["compare", str(beside / "mine.yaml"), "-o", "run-0.5", "--workers", "2"])
+    assert done.exit_code == 0, done.output
+    forget_the_learner()
+    sys.path.remove(str(beside))
+    done = call(app, ["bundle", "run-0.5"])
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert "imports helping.py, parts_of_it/__init__.py, parts_of_it/deep.py" in said
+    assert "imports pytest, which neither the bundle nor its requirements.txt holds" in said
+    with zipfile.ZipFile(away / "run-0.5.zip") as bundle:
+        names = {name.removeprefix("helped/") for name in bundle.namelist()}
+        assert "holds" in bundle.read("helped/README.md").decode()
+    helpers = {f"parts_of_it/{name}.py" for name in ("__init__", "deep", "deeper")}
+    assert {name for name in names if name.endswith(".py")} == {
+        "a_bundled_learner.py",
+        "helping.py",
+        *helpers,
+    }
+    zipfile.ZipFile(away / "run-0.5.zip").extractall(tmp_path / "unpacked")
+    shutil.rmtree(beside)
+    sys.path.remove(str(beside))
+    forget_the_learner()
+    monkeypatch.chdir(tmp_path / "unpacked" / "helped")
+    done = call(app, ["compare", "experiment.yaml", "-o", "again", "--workers", "2"])
+    assert done.exit_code == 0, done.output
+    assert Path("again/summary.csv").read_bytes() == Path("results/summary.csv").read_bytes()
+    forget_the_learner()
+
+
+def test_files_of_one_name_that_two_parameters_name_are_kept_apart(tmp_path: Path) -> None:
+    paths = [tmp_path / part / "weights.npz" for part in ("first", "second")]
+    for path in paths:
+        path.parent.mkdir()
+        path.write_text(path.parent.name)
+    entry = {
+        "name": "me",
+        "material": "1",
+        "parameters": dict(zip("ab", map(str, paths), strict=True)),
+    }
+    assert _files(entry) == {
+        "a": ("files/me/a/weights.npz", paths[0]),
+        "b": ("files/me/b/weights.npz", paths[1]),
+    }
 
 
 def test_what_is_unfinished_or_has_no_report_is_not_bundled(made: Path) -> None:

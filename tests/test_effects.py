@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from causal_openlock.analysis.effects import (
-    cohens_d,
     contrast_subjects_needed,
     hedges_g,
     holm,
@@ -30,13 +29,16 @@ from causal_openlock.analysis.statistics import stratified_interval
 SCORES = st.lists(st.integers(0, 6), min_size=1, max_size=8)
 
 
-def test_cohens_d_and_hedges_g_worked_by_hand() -> None:
+def test_d_and_hedges_g_worked_by_hand() -> None:
     one, other = np.array([4.0, 6.0, 8.0]), np.array([1.0, 3.0])
     d = (6 - 2) / np.sqrt((8 + 2) / 3)
-    assert cohens_d(one, other) == pytest.approx(d)
     assert t_test(one, other).effect == pytest.approx(d)
-    assert np.isnan(cohens_d(np.ones(3), np.zeros(3)))
     assert hedges_g(d, 78) == pytest.approx(d * (1 - 3 / (4 * 78 - 1)), rel=1e-4)
+
+
+def test_hedges_g_needs_two_degrees_of_freedom() -> None:
+    assert np.isnan([hedges_g(1.0, df) for df in (0, 1)]).all()
+    assert hedges_g(1.0, 2) == pytest.approx(1 / np.sqrt(np.pi))
 
 
 def test_hedges_g_is_without_the_bias_of_d() -> None:
@@ -194,5 +196,7 @@ def test_subjects_needed_are_those_of_cohens_tables(d: float, known: int) -> Non
 def test_no_effect_needs_more_subjects_than_there_are() -> None:
     assert subjects_needed(0.0) is None
     assert contrast_subjects_needed(0.0, 4) is None
+    assert subjects_needed(float("nan")) is None
+    assert contrast_subjects_needed(float("nan"), 4) is None
     assert contrast_subjects_needed(24.94 / 40, 4) == 14
     assert power_of_contrast(24.94 / 40, 14, 4) >= 0.8 > power_of_contrast(24.94 / 40, 13, 4)

@@ -207,6 +207,34 @@ def test_half_a_data_set_is_not_left_behind(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_data_set_has_its_name_once_it_is_whole(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = tmp_path / ".data-out-trial-v0.unfinished" / "data"
+    left.mkdir(parents=True)
+    (left / "main_data.hdf5").write_text("of an export that was killed")
+    there, about = [], as_minari._about
+
+    def looking(*told: Any) -> Any:
+        there.append([path.name for path in tmp_path.iterdir() if path.name[0] != "."])
+        return about(*told)
+
+    monkeypatch.setattr(as_minari, "_about", looking)
+    folder, _ = write_minari(store, tmp_path, learners=["oracle"])
+    assert there == [[]]
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_cell_without_rows_has_no_episodes(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    empty = store.record()[0].slice(0, 0)
+    monkeypatch.setattr(Store, "read", lambda *_: empty)
+    with pytest.raises(StoreError, match="holds nothing of what was chosen"):
+        write_minari(store, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_on_the_command_line(store: Store, tmp_path: Path) -> None:
     call, folder = CliRunner().invoke, str(store.folder)
     done = call(app, ["export", folder, "-o", str(tmp_path / "x.csv")])

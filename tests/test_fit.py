@@ -310,6 +310,15 @@ def test_a_folder_with_something_else_is_refused(tmp_path):
         fit(plan(), tmp_path)
 
 
+@pytest.mark.parametrize("chosen", [None, {"lapse": 0.5}, {"lapse": "high", "whole": 2}])
+def test_a_candidate_without_its_parameters_is_refused(tmp_path, chosen):
+    done = [{"number": 0, "chosen": chosen, "rmse": 1.0}]
+    whole = {"plan": plan().as_dict(), "done": done, "again": {}}
+    (tmp_path / FILE).write_text(json.dumps(whole), encoding="utf-8")
+    with pytest.raises(StoreError, match="this is no fit"):
+        fit(plan(), tmp_path)
+
+
 # -- what comes of it -----------------------------------------------------------------------------
 
 
@@ -341,9 +350,25 @@ def test_the_command_fits_and_says_what_it_found(tmp_path, monkeypatch, capsys):
              "--out", str(tmp_path / "f")]  # fmt: skip
     assert at_once(*words, monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
-    for text in ("held out", "published model", "congruency, CE4", "lapse:", "experiment.yaml"):
+    told = ("held out", "published model", "congruency, CE4", "lapse:", "experiment.yaml")
+    for text in (*told, "Careless_fitted", "of 6 signs"):
         assert text in said
     assert (tmp_path / "f" / "fit.svg").exists()
+
+
+@pytest.mark.parametrize(("learner", "said"), [("bayes", True), (ME, False)])
+def test_it_says_that_ranges_were_narrowed_with_the_tests_in_view(
+    learner, said, tmp_path, monkeypatch, capsys
+):
+    from rich.console import Console
+
+    from causal_openlock.cli.fit import _print
+
+    fitted, trials = fit(plan(candidates=2), tmp_path)
+    found = outcome(fitted, trials)
+    fitted.plan = replace(fitted.plan, space=replace(fitted.plan.space, learner=learner))
+    _print(fitted, found, Console())
+    assert ("a check, not an untouched" in capsys.readouterr().out) == said
 
 
 @pytest.mark.parametrize(
@@ -353,7 +378,9 @@ def test_the_command_fits_and_says_what_it_found(tmp_path, monkeypatch, capsys):
         (["fit", "bayes", "--search", "lapse=2"], "is no range"),
         (["fit", "bayes", "--hold-out", "half"], "held out"),
         (["fit", "bayes", "--search", "directnes=0:1"], "did you mean directness"),
-        (["fit", "nobody"], "nobody"),
+        (["fit", "nobody"], "there is no learner 'nobody'"),
+        (["fit", "baies"], "there is no learner 'baies'; did you mean bayes?"),
+        (["fit", "ddqn"], "--search learning_rate="),
     ],
 )
 def test_what_a_user_gets_wrong_is_one_sentence(words, said, tmp_path, monkeypatch, capsys):
@@ -364,6 +391,27 @@ def test_what_a_user_gets_wrong_is_one_sentence(words, said, tmp_path, monkeypat
     assert error.count("\n") == 1
     assert said in error
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("held", "out", "said"),
+    [
+        ("experiment.json", "f", "holds results of compare"),
+        ("notes.txt", "f", "holds no fit"),
+        ("notes.txt", "f/notes.txt", "notes.txt is a file"),
+    ],
+)
+def test_a_place_that_holds_something_else_is_refused_at_once(
+    held, out, said, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr("causal_openlock.fitting.study.fit", None)  # nothing is played
+    (tmp_path / "f").mkdir()
+    (tmp_path / "f" / held).write_text("{}")
+    assert at_once("fit", "bayes", "--out", str(tmp_path / out), monkeypatch=monkeypatch) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert "--out" in error
+    assert [path.name for path in (tmp_path / "f").iterdir()] == [held]
 
 
 def test_without_optuna_there_is_one_clear_sentence(monkeypatch, capsys):

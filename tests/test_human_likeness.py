@@ -20,7 +20,13 @@ from causal_openlock.analysis.people.human_likeness import (
     points_of_people,
     published_points,
 )
-from causal_openlock.analysis.people.human_likeness_section import MOST_DRAWN, draw_points, section
+from causal_openlock.analysis.people.human_likeness_section import (
+    MOST_DRAWN,
+    draw_points,
+    section,
+    signs,
+)
+from causal_openlock.analysis.people.hypotheses import contrast_test
 from causal_openlock.analysis.report.section import Material
 
 NOTHING: dict[tuple[str, str], Bound] = {}
@@ -149,6 +155,39 @@ def test_a_difference_of_two_groups_is_students_t_test():
     )
 
 
+def test_a_contrast_of_groups_of_any_size_is_that_of_the_papers_tests():
+    rng = np.random.default_rng(6)
+    groups = [rng.normal(5, spread, n) for spread, n in ((1, 5), (4, 40), (2, 12))]
+    for weights in ([1.0, -0.5, -0.5], [-1.0, 0.5, 0.5], [0.0, 1.0, -1.0]):
+        value, t, freedom, p = contrast(
+            np.array([one.mean() for one in groups]),
+            np.array([one.std() / np.sqrt(len(one)) for one in groups]),
+            np.array([float(len(one)) for one in groups]),
+            np.array(weights),
+        )
+        expected = contrast_test(groups, weights)
+        assert (value, t**2, p) == pytest.approx((expected.difference, expected.value, expected.p))
+        assert np.sign(t) == np.sign(value)
+        assert (1, freedom) == expected.df
+
+
+def test_a_single_subject_adds_no_variance():
+    two = (np.array([6.0, 4.0]), np.array([0.5, 0.0]), np.array([9.0, 1.0]))
+    _, t, freedom, _ = contrast(*two, np.array([1.0, -1.0]))
+    assert (t, freedom) == (pytest.approx(2 / np.sqrt(81 * 0.25 / 8 * (1 / 9 + 1))), 8)
+
+
+def test_a_gain_that_is_the_same_in_every_subject_has_no_t():
+    trials = made_up(seed=2)
+    last = trials["trial"] == 5
+    first = trials[trials["trial"] == 1].set_index(["condition", "subject"])["attempts"]
+    at = pd.MultiIndex.from_frame(trials.loc[last, ["condition", "subject"]])
+    trials.loc[last, "attempts"] = first.reindex(at).to_numpy() - 2
+    found = by_name(effects_of(points_of(trials), trials), "learning, CC4")
+    assert (found["difference"], found["df"]) == (pytest.approx(2), 11)
+    assert np.isnan(found["t"])
+
+
 def test_learning_of_a_learner_is_tested_within_its_subjects():
     trials = made_up(seed=2)
     own = trials.query("condition == 'CC4'").pivot(
@@ -209,6 +248,17 @@ def test_the_section_tells_who_is_nearest_and_compares_with_the_published_model(
     tests = found.tables[1].frame
     assert set(tests["learner"]) == {"people", "near", "far", PUBLISHED_MODEL}
     assert len(tests) == 4 * len(EFFECTS)
+    published = table.set_index("learner").loc[PUBLISHED_MODEL]
+    assert (published["signs"], published["p < .05"]) == (5, 5)
+
+
+def test_a_sign_alone_is_not_clear_of_chance():
+    effects = effects_of(points_of_model())
+    assert signs(effects) == "5 of 6 signs, 5 at p < .05"
+    doubtful = effects.assign(p=effects["p"].where(effects["effect"] != "learning, CC4", 0.4))
+    assert signs(doubtful) == "5 of 6 signs, 4 at p < .05"
+    wrong = effects.assign(p=0.001)  # the wrong sign, clear of chance, counts for nothing
+    assert signs(wrong) == "5 of 6 signs, 5 at p < .05"
 
 
 def test_without_all_six_conditions_or_another_protocol_there_is_no_section():

@@ -49,6 +49,15 @@ def judged(played: Material) -> dict[str, dict[str, np.ndarray]]:
     return held
 
 
+def test_a_random_learner_is_known_by_its_short_name_too() -> None:
+    rows = [*play("chance", same(30)), *play("perfect", same(3))]
+    kinds = [{"name": "chance", "learner": "random"}, {"name": "perfect", "learner": "oracle"}]
+    found = pairwise.section(material(rows, ("chance", "perfect"), experiment={"learners": kinds}))
+    assert found is not None
+    ranks = found.tables[0].frame.set_index("learner")
+    assert ranks["normalised"].to_dict() == {"perfect": 1.0, "chance": 0.0}
+
+
 def test_probabilities_are_counted_by_hand(played: Material) -> None:
     scores = judged(played)
     table = pairwise_table(scores).set_index(["learner", "other"])

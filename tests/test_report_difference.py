@@ -117,6 +117,18 @@ def test_a_difference_seen_by_chance_is_corrected_away() -> None:
     assert not (told["verdict"] == MORE).any()
 
 
+def test_learners_that_did_not_change_do_not_hide_one_that_did() -> None:
+    rng = np.random.default_rng(2)
+    still = {f"l{i}": rng.integers(5, 15, 5).tolist() for i in range(60)}
+    before, after = [5, 8, 9, 11, 14], [12, 15, 16, 18, 21]
+    trials = [count(lengths(moved=one, **still)).trials for one in (before, after)]
+    told = compared(trials[0], trials[1], []).set_index("learner")
+    assert 0.05 / 61 < told.loc["moved", "p"] < 0.05
+    assert told.loc["moved", "p_holm"] == told.loc["moved", "p"]
+    assert told["verdict"].value_counts().to_dict() == {SAME: 60, MORE: 1}
+    assert told.loc[told["verdict"] == SAME, "p_holm"].isna().all()
+
+
 def test_the_page_stands_alone_and_has_its_tables_as_files(tmp_path: Path) -> None:
     results = [
         (lengths(bayes=[4, 5, 6, 7]), described()),

@@ -18,14 +18,13 @@ from causal_openlock.analysis.people.published import people
 from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.scores import (
     congruency,
-    judged_trials,
     normalised_score,
     published_transfer_scores,
     savings,
     scores_by_condition,
     transfer_scores,
 )
-from causal_openlock.analysis.summary import headline_table
+from causal_openlock.analysis.summary import headline_table, judged
 from causal_openlock.analysis.wording import file_names
 
 
@@ -93,7 +92,7 @@ def test_a_baseline_is_judged_by_the_last_trial_of_its_last_loop() -> None:
     for loop in (1, 2):
         for trial in (1, 2):
             rows += trial_rows([0] * (loop + trial) + [1, 2, 3], loop=loop, trial=trial)
-    trials = judged_trials(attempts_to_solve(table(rows)))
+    trials = judged(attempts_to_solve(table(rows)))
     assert trials[["loop", "trial", "attempts"]].to_numpy().tolist() == [[2, 2, 7]]
 
 

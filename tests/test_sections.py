@@ -168,6 +168,8 @@ def test_long_tables_are_closed_on_the_page() -> None:
 
 
 def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> None:
+    import pyarrow.compute as pc
+
     from causal_openlock.analysis.report.belief_traces import section
     from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
     from causal_openlock.learner_registry import create
@@ -188,4 +190,11 @@ def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> N
     shown = made(6)
     assert shown is not None
     assert [drawing.name for drawing in shown.drawings] == ["belief_bayes"]
+    (told,) = shown.tables
+    played = record.filter(pc.and_(pc.equal(record["subject"], 3), pc.equal(record["trial"], 1)))
+    many = [len(actions) for actions in played.sort_by("attempt")["actions"].to_pylist()]
+    assert told.frame["actions"].tolist() == many
+    assert (told.frame["learner"] == "bayes").all()
+    assert (told.frame["obtained"] * told.frame["actions"]).sum() > 1
+    assert told.frame["obtained"].notna().all()
     assert made(7) is None  # as if it were another learner: it does something else

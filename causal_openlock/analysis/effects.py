@@ -29,31 +29,20 @@ MOST_SUBJECTS = 1_000_000
 """More subjects in a group than this are not looked for."""
 
 
-def cohens_d(first: FloatArray, second: FloatArray) -> float:
-    """Cohen's d: the difference of two means, in standard deviations pooled within groups.
-
-    Args:
-        first: ``[n]`` values, one for each subject.
-        second: ``[m]`` values.
-
-    Returns:
-        Positive where the first mean is larger; NaN if no subject differs from its group.
-    """
-    error = len(first) + len(second) - 2
-    spread = (np.var(first) * len(first) + np.var(second) * len(second)) / max(1, error)
-    difference = float(np.mean(first) - np.mean(second))
-    return difference / float(np.sqrt(spread)) if spread > 0 else float("nan")
-
-
 def hedges_g(d: float, df: int) -> float:
     """Hedges' g: Cohen's d without the bias that it has in small samples.
 
     Args:
         d: Cohen's d.
         df: Degrees of freedom of the standard deviation, n + m − 2.
+
+    Returns:
+        NaN for fewer than 2 degrees of freedom, with which the bias is not defined.
     """
     from scipy.special import gammaln
 
+    if df < 2:
+        return float("nan")
     return float(d * np.exp(gammaln(df / 2) - gammaln((df - 1) / 2)) / np.sqrt(df / 2))
 
 
@@ -241,8 +230,11 @@ def subjects_needed(d: float, *, power: float = POWER, alpha: float = ALPHA) -> 
         alpha: Significance level.
 
     Returns:
-        The number, or None if it is beyond :data:`MOST_SUBJECTS`, as for no effect at all.
+        The number, or None if it is beyond :data:`MOST_SUBJECTS`, as for no effect at all, or if
+        the effect is not known (NaN).
     """
+    if np.isnan(d):
+        return None
     sizes = range(2, MOST_SUBJECTS + 1)
     place = bisect_left(sizes, power, key=lambda size: power_of_t(d, size, alpha=alpha))
     return sizes[place] if place < len(sizes) else None
@@ -252,6 +244,8 @@ def contrast_subjects_needed(
     noncentrality: float, groups: int, *, power: float = POWER, alpha: float = ALPHA
 ) -> int | None:
     """The fewest subjects in each group for a contrast; see :func:`power_of_contrast`."""
+    if np.isnan(noncentrality):
+        return None
     sizes = range(2, MOST_SUBJECTS + 1)
     place = bisect_left(
         sizes,
@@ -265,7 +259,6 @@ __all__ = [
     "ALPHA",
     "MOST_SUBJECTS",
     "POWER",
-    "cohens_d",
     "contrast_subjects_needed",
     "hedges_g",
     "holm",

@@ -26,7 +26,7 @@ from causal_openlock.analysis.effects import (
     probability_of_improvement,
 )
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.description import random_learners
 from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.analysis.scores import normalised_score, scores_by_condition
 from causal_openlock.analysis.statistics import SEED
@@ -36,7 +36,6 @@ from causal_openlock.fsm import FloatArray
 Scores = Mapping[str, Mapping[str, FloatArray]]
 """By learner, by condition: ``[n]`` attempts of its subjects."""
 
-_RANDOM = "learners.random:RandomLearner"
 _COLOURS = LinearSegmentedColormap.from_list("worse_better", ["#8C510A", "#F7F7F7", "#01665E"])
 _LONGEST = 22  # letters of a name in the drawing
 _NAMED = 6  # comparisons that are named before "and n more"
@@ -234,19 +233,16 @@ def _bounds(
     material: Material, held: Mapping[tuple[str, str], Mapping[str, FloatArray]], protocol: str
 ) -> dict[str, tuple[float, float]]:
     """By condition, what the random learner of the record needs, and the ideal observer."""
-    learners: Any = material.experiment.get("learners")
-    if not mappings_with(learners, {"name", "class"}):
-        return {}
     found = {}
     in_test = material.trials.loc[material.trials["phase"] == "test", "condition"]
     tested = set(in_test.unique())
-    for one in learners:
-        if one["class"] == _RANDOM:
-            for condition, attempts in held.get((str(one["name"]), protocol), {}).items():
-                phase = "test" if condition in tested else "train"
-                if (condition, protocol, phase) in material.bounds:
-                    bound = material.bounds[condition, protocol, phase]
-                    found[condition] = (float(attempts.mean()), bound.attempts)
+    by_chance = random_learners(material.experiment)
+    for name in (one for one in material.learners if one in by_chance):
+        for condition, attempts in held.get((name, protocol), {}).items():
+            phase = "test" if condition in tested else "train"
+            if (condition, protocol, phase) in material.bounds:
+                bound = material.bounds[condition, protocol, phase]
+                found[condition] = (float(attempts.mean()), bound.attempts)
     return found
 
 

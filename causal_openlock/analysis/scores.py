@@ -21,6 +21,7 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.statistics import LEVEL, SEED, stratified_interval
+from causal_openlock.analysis.summary import judged
 from causal_openlock.fsm import FloatArray
 
 SCORE_COLUMNS = (
@@ -90,24 +91,6 @@ def savings(baseline: FloatArray, transfer: FloatArray) -> FloatArray:
     return share
 
 
-def judged_trials(trials: pd.DataFrame) -> pd.DataFrame:
-    """The trials by which a condition is judged: its test, or else the last trial of its last loop.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-
-    Returns:
-        Some of the rows.
-    """
-    cell = [trials[column] for column in CELL]
-    test = trials["phase"] == "test"
-    tested = test.groupby(cell, observed=True).transform("any")
-    last_loop = trials["loop"] == trials.groupby(CELL, observed=True)["loop"].transform("max")
-    chosen = trials[test | (~tested & last_loop)]
-    last = chosen["trial"] == chosen.groupby(CELL, observed=True)["trial"].transform("max")
-    return chosen[last | (chosen["phase"] == "test")]
-
-
 def scores_by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, FloatArray]]:
     """What every subject came to in the trials by which its condition is judged.
 
@@ -118,7 +101,7 @@ def scores_by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str,
         By learner and protocol, by condition: ``[n]`` attempts of its subjects, each subject's
         trials averaged.
     """
-    return _by_condition(judged_trials(trials))
+    return _by_condition(judged(trials))
 
 
 def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
@@ -242,7 +225,6 @@ __all__ = [
     "SAVINGS",
     "SCORE_COLUMNS",
     "congruency",
-    "judged_trials",
     "normalised_score",
     "published_transfer_scores",
     "savings",

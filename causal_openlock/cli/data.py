@@ -81,7 +81,8 @@ def bundle(
     from causal_openlock.export.bundle import write_bundle
     from causal_openlock.store import Store
 
-    path = out or folder.resolve().with_suffix(".zip")
+    whole = folder.resolve()
+    path = out or whole.with_name(f"{whole.name}.zip")  # a dot in the name begins no suffix
     for caution in write_bundle(Store(folder), path):
         console = Console(stderr=True)
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True, highlight=False)

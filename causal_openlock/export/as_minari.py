@@ -84,8 +84,12 @@ def write_minari(
     folder = Path(out) / label
     if folder.exists():
         raise OpenLockError(f"{folder} is there already; remove it, or choose another folder")
-    data = folder / "data"
+    # Half a data set looks like a whole one, so it has another name until it is whole.
+    partial = folder.with_name(f".{label}.unfinished")
+    data = partial / "data"
     try:
+        if partial.exists():  # of an export that was killed
+            shutil.rmtree(partial)
         data.mkdir(parents=True)
         storage = MinariStorage.new(
             data.resolve(),
@@ -98,8 +102,10 @@ def write_minari(
         if made.told:
             storage.update_episode_metadata(made.told)
         storage.update_metadata(_about(label, description, entries))
+        if made.told:
+            partial.rename(folder)
     except BaseException as error:
-        shutil.rmtree(folder, ignore_errors=True)  # half a data set looks like a whole one
+        shutil.rmtree(partial, ignore_errors=True)
         if isinstance(error, OSError):
             raise OpenLockError(
                 f"{folder}: cannot be written ({error.strerror or error}); free some space or "
@@ -107,7 +113,7 @@ def write_minari(
             ) from None
         raise
     if not made.told:
-        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(partial, ignore_errors=True)
         raise StoreError(f"{store.folder} holds nothing of what was chosen; run compare to the end")
     return folder, len(made.told)
 
@@ -149,8 +155,10 @@ class _Made:
     ) -> Iterator[Any]:
         for path in cell_files(store)[0]:
             record = store.read(path)
+            if not record.num_rows:
+                continue
             names = [record[column][0].as_py() for column in ("learner", "condition")]
-            if record.num_rows and names[0] in entries and names[1] in conditions:
+            if names[0] in entries and names[1] in conditions:
                 yield from self._of_cell(record, entries[names[0]], conditions[names[1]], kind)
 
     def _of_cell(

@@ -6,7 +6,8 @@ A bundle is a ZIP file with one folder in it::
       README.md              what this is, and the one command that runs it again
       experiment.yaml        the experiment, every default written out
       schemas/               the schemas that it plays
-      my_learner.py, files/  learners that come with no package, and files that learners read
+      my_learner.py, ...     learners that come with no package, and modules that these import
+      files/                 files that learners' parameters name
       requirements.txt       versions of the packages that it was run with
       results/               the results folder: the record, cell by cell, and the report
 
@@ -16,11 +17,14 @@ checked when it is made, by the identity that results folders go by.
 
 from __future__ import annotations
 
-import inspect
 import json
+import re
+import shlex
+import sys
 import tempfile
 import zipfile
 from collections.abc import Mapping
+from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,9 +33,10 @@ from causal_openlock.analysis.report.reading import cell_files, made_with
 from causal_openlock.analysis.report.writing import files_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment_file import read_experiment
+from causal_openlock.export.local_modules import local_modules
 from causal_openlock.files import replacing, write_bytes
 from causal_openlock.from_description import condition_from_dict, experiment_file
-from causal_openlock.learner_registry import learner_class, origin
+from causal_openlock.learner_registry import look_beside, origin
 from causal_openlock.play.person import LEARNER as PERSON
 from causal_openlock.schema_file import dump_schema
 from causal_openlock.yaml_file import dump_yaml
@@ -78,7 +83,7 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
         )
     versions = made_with(cells)
     again = any(entry.get("learner") != PERSON for entry in description["learners"])
-    contents, cautions = _experiment(description) if again else ({}, [])
+    contents, cautions = _experiment(description, versions) if again else ({}, [])
     contents["requirements.txt"] = _requirements(description, versions).encode()
     contents["README.md"] = _readme(description, versions, again, cautions).encode()
     results = [store.folder / "experiment.json", report, store.folder / "summary.csv", *cells]
@@ -96,16 +101,24 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
     return cautions
 
 
-def _experiment(description: Mapping[str, Any]) -> tuple[Contents, list[str]]:
+def _experiment(
+    description: Mapping[str, Any], versions: Mapping[str, Any]
+) -> tuple[Contents, list[str]]:
     """The experiment file and all that it names, and why it may not run as it did."""
     contents: Contents = {}
     for condition in description["conditions"]:
         for schema in condition_from_dict(condition).schemas:
             contents[f"schemas/{schema.name}.yaml"] = dump_schema(schema).encode()
-    entries, moved = [], False
+    entries, moved, cautions = [], False, []
+    # Learners may have been found beside the experiment file, where it was then.
+    command = shlex.split(str(description.get("command", "")))
+    if len(command) > 2 and Path(command[2]).is_file():
+        look_beside(Path(command[2]).parent)
     for entry in description["learners"]:
         if ":" in entry["learner"]:
-            contents.update(_module(entry))
+            found, warned = _module(entry, set(_packages(description, versions)))
+            contents.update(found)
+            cautions += [one for one in warned if one not in cautions]
         files = _files(entry)
         moved |= bool(files)
         contents.update({inside: path.read_bytes() for inside, path in files.values()})
@@ -116,24 +129,44 @@ def _experiment(description: Mapping[str, Any]) -> tuple[Contents, list[str]]:
         entries.append({**entry, "parameters": parameters})
     declared = experiment_file({**description, "learners": entries})
     contents["experiment.yaml"] = dump_yaml(declared).encode()
-    return contents, [] if moved else _checked(contents, description)
+    return contents, cautions if moved else cautions + _checked(contents, description)
 
 
-def _module(entry: Mapping[str, Any]) -> Contents:
-    """The file of a learner that comes with no package."""
+def _module(entry: Mapping[str, Any], packages: set[str]) -> tuple[Contents, list[str]]:
+    """The files of a learner that comes with no package, and what is to be known of them."""
     name = entry["learner"]
     if name.startswith("causal_openlock."):
-        return {}
+        return {}, []
     if origin(name) != entry["package"]:
         raise OpenLockError(
             f"{name} is not what the results were made with (that was {entry['package']}, and "
             f"this is {origin(name)}); restore it, or compare again"
         )
-    source = inspect.getsourcefile(learner_class(name))
-    if source is None:
-        raise OpenLockError(f"{name} has no source file that could be bundled; put it in a file")
-    inside = name.partition(":")[0].replace(".", "/")
-    return {f"{inside}.py": Path(source).read_bytes()}
+    module = name.partition(":")[0]
+    found = local_modules(module)
+    cautions = []
+    helpers = sorted(set(found.files) - {f"{module.replace('.', '/')}.py"})
+    if helpers:
+        cautions.append(
+            f"{module} imports {', '.join(helpers)}, bundled as now; whether that has changed "
+            "since the results were made is not on record."
+        )
+    installed = packages_distributions() if found.others else {}
+    named = {_normal(package) for package in packages}
+    missing = sorted(
+        one for one in found.others if not named & {_normal(p) for p in installed.get(one, [one])}
+    )
+    if missing:
+        cautions.append(
+            f"{module} imports {', '.join(missing)}, which neither the bundle nor its "
+            "requirements.txt holds."
+        )
+    return {inside: path.read_bytes() for inside, path in found.files.items()}, cautions
+
+
+def _normal(package: str) -> str:
+    """A package's name as indexes of packages compare it."""
+    return re.sub(r"[-_.]+", "-", package).lower()
 
 
 def _files(entry: Mapping[str, Any]) -> dict[str, tuple[str, Path]]:
@@ -141,7 +174,7 @@ def _files(entry: Mapping[str, Any]) -> dict[str, tuple[str, Path]]:
     if not entry.get("material"):
         return {}
     return {
-        name: (f"files/{entry['name']}/{Path(value).name}", Path(value))
+        name: (f"files/{entry['name']}/{name}/{Path(value).name}", Path(value))
         for name, value in entry["parameters"].items()
         if isinstance(value, str) and Path(value).is_file()
     }
@@ -152,10 +185,13 @@ def _checked(contents: Contents, description: Mapping[str, Any]) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         for inside, content in contents.items():
             write_bytes(Path(folder) / inside, content)
+        before = [*sys.path]
         try:
             experiment = read_experiment(Path(folder) / "experiment.yaml")
         except OpenLockError as error:
             return [f"Nobody could check that it runs again ({str(error).splitlines()[0]})."]
+        finally:
+            sys.path[:] = before  # the folder is gone soon
     if experiment.identity == description["identity"]:
         return []
     if description["version"] != __version__:
@@ -170,15 +206,20 @@ def _checked(contents: Contents, description: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _requirements(description: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
-    """What pip needs to install the packages that cells were run with."""
+def _packages(description: Mapping[str, Any], versions: Mapping[str, Any]) -> dict[str, Any]:
+    """The packages that cells were run with, and those that learners come from."""
     known = dict(versions)
     for entry in description["learners"]:
         package, _, version = str(entry.get("package", "")).partition(" ")
         if version and not package.endswith(".py"):
             known.setdefault(package, version)
+    return known
+
+
+def _requirements(description: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
+    """What pip needs to install the packages that cells were run with."""
     lines = []
-    for package, version in known.items():
+    for package, version in _packages(description, versions).items():
         if isinstance(version, list):
             lines.append(f"# {package}: cells were run with {', '.join(version)}")
         elif package == "Python" or version == "not installed":
@@ -220,6 +261,12 @@ def _readme(
             "- `experiment.yaml`: the experiment, every default written out",
             "- `schemas/`: the schemas that it plays",
         ]
+        if any(":" in entry["learner"] for entry in description["learners"]):
+            said += [
+                "- `*.py` and their packages: learners, and what these import from beside them; "
+                "not files",
+                "  that they open by themselves, nor modules that they load without an `import`",
+            ]
     else:
         said += [
             "People played, and no command can make them do so again. The report is written anew "

@@ -34,7 +34,8 @@ class Outcome:
         score: Its distance from people, on a seed that nothing was chosen by.
         model: The same of the published model, of which nothing was fitted here.
         points: Its means at people's points; ``held_out`` says which it was not fitted to.
-        effects: Which of people's effects it shows.
+        effects: Differences that people show, tested; ``like_people`` says whether its sign is
+            people's.
     """
 
     label: str
@@ -53,7 +54,7 @@ def outcome(fitted: Fit, trials: pd.DataFrame) -> Outcome:
         trials: From :func:`~causal_openlock.fitting.study.fit`.
     """
     plan = fitted.plan
-    label = f"{plan.space.learner.rpartition(':')[2]}_like_people"
+    label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
     points = points_of(trials)
     published = points_of_model()
     out = held_out(published, plan.hold_out)
@@ -107,7 +108,8 @@ def write_outcome(fitted: Fit, found: Outcome, folder: Path | str) -> list[Path]
     }
     for name, text in texts.items():
         write_text(folder / name, text)
-    drawing = draw_points([found.points[["learner", *POINT, *_NUMBERS]], points_of_model()])
+    own = found.points[["learner", *POINT, *_NUMBERS]]
+    drawing = draw_points([own, points_of_model()], effects={found.label: found.effects})
     style.save(drawing.figure, folder / "fit")
     return [*(folder / name for name in texts), folder / "fit.svg", folder / "fit.png"]
 

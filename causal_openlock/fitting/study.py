@@ -306,6 +306,8 @@ def _opened(plan: Plan, path: Path) -> Fit:
         same = kept["plan"] == json.loads(json.dumps(plan.as_dict()))
         done = [Candidate(**one) for one in kept["done"]]
         again = {int(number): float(rmse) for number, rmse in kept["again"].items()}
+        if same and not all(_is_of(plan, one) for one in done):
+            raise ValueError
     except (ValueError, KeyError, TypeError, AttributeError, OSError):
         raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
     if not same:
@@ -316,6 +318,15 @@ def _opened(plan: Plan, path: Path) -> Fit:
     state.done = {one.number: one for one in done}
     state.again = again
     return state
+
+
+def _is_of(plan: Plan, one: Candidate) -> bool:
+    """Whether a candidate that was read has a number, a distance and a value of each range."""
+    if not isinstance(one.chosen, dict) or set(one.chosen) != set(plan.space.ranges):
+        return False
+    return isinstance(one.number, int) and all(
+        isinstance(value, int | float) for value in (one.rmse, *one.chosen.values())
+    )
 
 
 def _keep(state: Fit, path: Path) -> None:

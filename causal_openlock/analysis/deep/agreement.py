@@ -22,6 +22,7 @@ from causal_openlock import reference
 from causal_openlock.analysis.deep.visits import (
     ELSE,
     FINDS_ALL,
+    LEAST_SUBJECTS,
     OPENS,
     PARTS,
     Group,
@@ -30,7 +31,7 @@ from causal_openlock.analysis.deep.visits import (
     matrix,
 )
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS
-from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED
+from causal_openlock.analysis.statistics import RESAMPLES, SEED, percentile_interval
 from causal_openlock.fsm import FloatArray
 
 AGREES, DISAGREES, UNDECIDED = "agrees", "disagrees", "undecided"
@@ -39,8 +40,6 @@ MARGIN = 0.05
 """Cases that the paper calls nearly the same differ by .017, those it calls different by .118."""
 
 ATTEMPTS_OF_VISIT = 300
-LEAST_SUBJECTS = 4
-"""Of fewer subjects the bootstrap interval is no more than from the lowest to the highest."""
 
 POINT_COLUMNS = [*Group._fields, "point", "ours", "ci_low", "ci_high", "paper", "margin", "verdict"]
 
@@ -173,14 +172,14 @@ def transfer_order(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
         samples = [cases[case] for case in TRANSFERS]
         few = min(map(len, samples)) < LEAST_SUBJECTS
         means = np.array([sample.mean() for sample in samples])
-        drawn = resampled_means(samples)
+        drawn = resampled_group_means(samples)
         tau, taus = kendall(means[None], paper)[0], kendall(drawn, paper)
-        low, high = _ends(taus)
+        low, high = percentile_interval(taus)
         verdict = AGREES if low > 0 else DISAGREES if high <= 0 else UNDECIDED
         rows.append((*who, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
         for a, b in combinations(range(len(TRANSFERS)), 2):
             told = paper[a] - paper[b]
-            low, high = _ends(drawn[:, a] - drawn[:, b])
+            low, high = percentile_interval(drawn[:, a] - drawn[:, b])
             if abs(told) < MARGIN:
                 alike = low >= -MARGIN and high <= MARGIN
                 apart = low > MARGIN or high < -MARGIN
@@ -204,7 +203,7 @@ def kendall(values: FloatArray, paper: FloatArray) -> FloatArray:
     return tau
 
 
-def resampled_means(samples: Sequence[FloatArray]) -> FloatArray:
+def resampled_group_means(samples: Sequence[FloatArray]) -> FloatArray:
     """``[R, k]`` means of k independent groups of subjects, each resampled R times."""
     rng = np.random.default_rng(SEED)
     drawn = [
@@ -212,11 +211,6 @@ def resampled_means(samples: Sequence[FloatArray]) -> FloatArray:
         for sample in samples
     ]
     return np.stack(drawn, axis=1)
-
-
-def _ends(values: FloatArray) -> tuple[float, float]:
-    low, high = np.quantile(values, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return float(low), float(high)
 
 
 def baseline_course(parts: pd.DataFrame, learners: Sequence[str] = ()) -> pd.DataFrame:
@@ -294,7 +288,6 @@ def _baselines(parts: pd.DataFrame, learners: Sequence[str]) -> list[tuple[Group
 __all__ = [
     "AGREES",
     "DISAGREES",
-    "LEAST_SUBJECTS",
     "MARGIN",
     "ORDER_COLUMNS",
     "POINT_COLUMNS",
@@ -305,7 +298,7 @@ __all__ = [
     "kendall",
     "margin_of",
     "published_shares",
-    "resampled_means",
+    "resampled_group_means",
     "same",
     "transfer_order",
     "transfer_points",

@@ -17,10 +17,9 @@ from causal_openlock.analysis.deep.agreement import (
     transfer_order,
     transfer_points,
 )
-from causal_openlock.analysis.deep.learning import random_learners
 from causal_openlock.analysis.deep.visits import FINDS_ALL, OPENS, PARTS, going_on, shares, visits
 from causal_openlock.analysis.people.comparable import paper_conditions
-from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.description import mappings_with, random_learners
 from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.protocol import PAPER_CONDITIONS, PROTOCOLS
 

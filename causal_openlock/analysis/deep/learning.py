@@ -18,6 +18,7 @@ import pandas as pd
 from causal_openlock.analysis.deep.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.analysis.deep.visits import (
     FINDS_ALL,
+    LEAST_SUBJECTS,
     OPENS,
     PARTS,
     Group,
@@ -30,7 +31,7 @@ from causal_openlock.analysis.deep.visits import (
     visits,
 )
 from causal_openlock.analysis.measures import SUBJECT, ordered
-from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.description import mappings_with, random_learners
 from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.analysis.statistics import LEVEL
 from causal_openlock.errors import OpenLockError
@@ -54,9 +55,6 @@ VERDICTS = (LEARNS, FALLS, FLAT, SOME, NOT, UNDECIDED)
 SURE_OF_SUBJECT = 0.01
 """How likely it may be that any subject of a group at chance is taken for one that learns."""
 
-LEAST_SUBJECTS = 4
-"""Of fewer subjects the bootstrap interval is no more than from the lowest to the highest."""
-
 MANY_CONDITIONS = 3
 """From so many on, all conditions of a learner need not be named one by one."""
 
@@ -76,9 +74,6 @@ RULE = (
     f"nor surely fallen; or fewer than {LEAST_SUBJECTS} subjects."
 )
 """The rule of :func:`judge` in words."""
-
-RANDOM = "random"
-_RANDOM_CLASS = "learners.random:RandomLearner"
 
 
 def judge(
@@ -197,18 +192,6 @@ _COLUMNS = [
     "random",
     "verdict",
 ]
-
-
-def random_learners(experiment: Mapping[str, Any]) -> set[str]:
-    """Labels of the learners that draw every action at random."""
-    learners: Any = experiment.get("learners")
-    if not mappings_with(learners, {"name", "learner"}):
-        return {RANDOM}
-    return {
-        str(one["name"])
-        for one in learners
-        if one.get("class") == _RANDOM_CLASS or one["learner"] == RANDOM
-    }
 
 
 def _mine(table: pd.DataFrame, group: Group) -> pd.Series:
@@ -359,7 +342,6 @@ __all__ = [
     "FALLS",
     "FLAT",
     "LEARNS",
-    "LEAST_SUBJECTS",
     "NOT",
     "RULE",
     "SOME",
@@ -367,7 +349,6 @@ __all__ = [
     "VERDICTS",
     "judge",
     "progress",
-    "random_learners",
     "said",
     "section",
 ]

@@ -19,12 +19,11 @@ from causal_openlock.analysis.deep.learning import (
     NOT,
     SOME,
     progress,
-    random_learners,
     said,
 )
 from causal_openlock.analysis.deep.visits import FINDS_ALL, OPENS
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.report.description import mappings_with
+from causal_openlock.analysis.report.description import mappings_with, random_learners
 from causal_openlock.analysis.report.section import Material, Section, Table
 
 LEAST_REWARDS = 3

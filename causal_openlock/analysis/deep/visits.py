@@ -39,6 +39,9 @@ SHARES = {
 START = 10
 """A subject's start is the first attempts of its first visit, one in so many of them."""
 
+LEAST_SUBJECTS = 4
+"""Of fewer subjects the bootstrap interval is no more than from the lowest to the highest."""
+
 
 class Group(NamedTuple):
     """Subjects that are compared: a learner in a condition under a protocol."""
@@ -226,6 +229,7 @@ def going_on(record: pa.Table, experiment: Mapping[str, Any]) -> pa.Table:
 __all__ = [
     "ELSE",
     "FINDS_ALL",
+    "LEAST_SUBJECTS",
     "OPENS",
     "PARTS",
     "SHARES",

@@ -23,6 +23,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, by_subject, mean_by_trial
+from causal_openlock.analysis.people.hypotheses import Group, contrast_test
 from causal_openlock.analysis.people.published import model, people
 from causal_openlock.fsm import FloatArray
 
@@ -170,27 +171,27 @@ def contrast(
 ) -> tuple[float, float, int, float]:
     """A weighted sum of the means of independent groups, tested against zero.
 
-    Each group counts with its own variance. For groups of equal size that is Student's test with a
-    common variance, which the paper uses.
+    Variances are pooled, as in the paper's tests:
+    :func:`~causal_openlock.analysis.people.hypotheses.contrast_test`, whose F has a sign here.
 
     Args:
         means: ``[G]`` of the groups.
         errors: ``[G]`` error bars, population SD / √n.
         subjects: ``[G]`` sizes of the groups.
-        weights: ``[G]`` weights.
+        weights: ``[G]`` weights, which sum to 0.
 
     Returns:
         The sum, t, its degrees of freedom and the two-sided p; NaN where there is no variance.
     """
-    from scipy.stats import t as student
-
-    value = float(weights @ means)
-    variance = float((weights**2 * errors**2 * subjects / (subjects - 1)).sum())
-    freedom = int((subjects - 1).sum())
-    if not variance > 0:
-        return value, float("nan"), freedom, float("nan")
-    t = value / variance**0.5
-    return value, t, freedom, float(2 * student.sf(abs(t), freedom))
+    groups = [
+        Group.published(float(mean), float(se), int(n)) if n > 1 else Group(1, float(mean), 0.0)
+        for mean, se, n in zip(means, errors, subjects, strict=True)
+    ]
+    found = contrast_test(groups, weights.tolist())
+    if found.value is None or found.p is None:
+        return found.difference, float("nan"), found.df[1], float("nan")
+    t = float(np.copysign(np.sqrt(found.value), found.difference))
+    return found.difference, t, found.df[1], found.p
 
 
 def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -229,6 +230,8 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
 
 def _within(effect: Effect, trials: pd.DataFrame) -> tuple[float, float, int, float]:
     """An effect within subjects: the mean of each one's weighted sum, tested against zero."""
+    from scipy.stats import t as student
+
     condition = next(iter(effect.weights))[0]
     own = by_subject(trials[trials["condition"] == condition], ["phase", "trial"])
     wide = own.pivot_table(
@@ -241,9 +244,11 @@ def _within(effect: Effect, trials: pd.DataFrame) -> tuple[float, float, int, fl
         weight * wide[phase, trial].to_numpy(float)
         for (_, phase, trial), weight in effect.weights.items()
     )
-    many = len(wide)
-    error = np.array([np.std(sums) / np.sqrt(many)])
-    return contrast(np.array([np.mean(sums)]), error, np.array([many]), np.ones(1))
+    value, freedom = float(np.mean(sums)), len(wide) - 1
+    if np.ptp(sums) == 0:  # as of a single subject
+        return value, float("nan"), freedom, float("nan")
+    t = value / float(np.std(sums, ddof=1) / np.sqrt(len(wide)))
+    return value, t, freedom, float(2 * student.sf(abs(t), freedom))
 
 
 def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -29,6 +29,9 @@ from causal_openlock.analysis.people.human_likeness import (
 from causal_openlock.analysis.people.published import did_what_people_did
 from causal_openlock.analysis.report.section import Material, Section, Table
 
+CLEAR = 0.05
+"""An effect is clear of chance if its sign is people's and its p is below this."""
+
 MOST_DRAWN = 5
 """So many learners are drawn beside people and the published model: those nearest to people."""
 
@@ -60,13 +63,27 @@ def section(material: Material) -> Section | None:
     return Section(
         name="human_likeness",
         title="Likeness to people",
-        text=_text(table),
-        tables=(_shown(table), _tests(everyone, order)),
-        drawings=(draw_points([own[name] for name in table["learner"]]),),
+        text=_text(table, found),
+        tables=(_shown(table, found), _tests(everyone, order)),
+        drawings=(draw_points([own[name] for name in table["learner"]], effects=found),),
     )
 
 
-def _text(table: pd.DataFrame) -> tuple[str, ...]:
+def signs(effects: pd.DataFrame) -> str:
+    """How many effects have people's sign, and how many of these are clear of chance.
+
+    Args:
+        effects: Of one learner, from :func:`effects_of`.
+    """
+    like = int(effects["like_people"].sum())
+    return f"{like} of {len(effects)} signs, {_clear(effects)} at p < .05"
+
+
+def _clear(effects: pd.DataFrame) -> int:
+    return int((effects["like_people"] & (effects["p"] < CLEAR)).sum())
+
+
+def _text(table: pd.DataFrame, found: Mapping[str, pd.DataFrame]) -> tuple[str, ...]:
     learners = table[table["learner"] != PUBLISHED_MODEL]
     published = table[table["learner"] == PUBLISHED_MODEL].iloc[0]
     nearest = learners.iloc[0]
@@ -76,15 +93,17 @@ def _text(table: pd.DataFrame) -> tuple[str, ...]:
         f"People's means are known at {len(published_points())} points. The nearest learner is "
         f"{nearest['learner']}: its means are {nearest['rmse']:.2f} attempts away from people's "
         f"(root mean square; {nearest['rmse_se']:.1f} of people's standard errors), and "
-        f"{int(nearest['shown'])} of {total} effects have people's sign. It is {nearer} the "
-        f"published model, which is {published['rmse']:.2f} attempts away and shows "
-        f"{int(published['shown'])}.",
+        f"{int(nearest['shown'])} of {total} effects have people's sign, "
+        f"{_clear(found[nearest['learner']])} of them clear of chance (p < .05). It is {nearer} "
+        f"the published model, which is {published['rmse']:.2f} attempts away, with people's sign "
+        f"in {int(published['shown'])} effects, {_clear(found[PUBLISHED_MODEL])} of them clear of "
+        "chance.",
     )
 
 
-def _shown(table: pd.DataFrame) -> Table:
+def _shown(table: pd.DataFrame, found: Mapping[str, pd.DataFrame]) -> Table:
     """Differences as they are, the nearest learner first."""
-    names = {"rmse": "RMSE", "rmse_se": "RMSE (SE)", "shown": "effects"}
+    names = {"rmse": "RMSE", "rmse_se": "RMSE (SE)", "shown": "signs"}
     ticks = {
         effect.name: [
             "" if np.isnan(value) else f"{'✓' if value > 0 else '✗'} {value:+.1f}"
@@ -92,15 +111,20 @@ def _shown(table: pd.DataFrame) -> Table:
         ]
         for effect in EFFECTS
     }
+    frame = table.assign(**ticks).rename(columns=names)
+    clear = [_clear(found[name]) for name in table["learner"]]
+    frame.insert(frame.columns.get_loc("signs") + 1, "p < .05", clear)
     return Table(
         name="human_likeness",
         title="Distance from people, and their effects",
-        frame=table.assign(**ticks).rename(columns=names),
+        frame=frame,
         formats={"RMSE": ".2f", "RMSE (SE)": ".2f"},
         caption=(
             "RMSE: root mean square of the deviations from people's means, in attempts and in "
-            "people's standard errors. Effects: a tick where the difference, in attempts, has "
-            "people's sign. " + " ".join(f"{e.name}: {e.claim}." for e in EFFECTS)
+            "people's standard errors. Signs: how many effects have people's sign, which is no "
+            "test; p < .05: how many of these are clear of chance. Then each difference, in "
+            "attempts, with a tick if its sign is people's. "
+            + " ".join(f"{e.name}: {e.claim}." for e in EFFECTS)
         ),
     )
 
@@ -122,12 +146,17 @@ def _tests(found: Mapping[str, pd.DataFrame], order: Sequence[str]) -> Table:
     )
 
 
-def draw_points(shown: Sequence[pd.DataFrame], most: int = MOST_DRAWN) -> Drawing:
+def draw_points(
+    shown: Sequence[pd.DataFrame],
+    most: int = MOST_DRAWN,
+    effects: Mapping[str, pd.DataFrame] | None = None,
+) -> Drawing:
     """People's means at the fourteen points, and in each panel somebody's beside them.
 
     Args:
         shown: Points of whoever is drawn, as :func:`points_of` gives them, the nearest first.
         most: How many learners to draw at most, the published model aside.
+        effects: From :func:`effects_of`, by learner; of others they come from the points alone.
 
     Returns:
         The drawing.
@@ -137,7 +166,9 @@ def draw_points(shown: Sequence[pd.DataFrame], most: int = MOST_DRAWN) -> Drawin
     with style.settings():
         figure, axes = style.panels(len(drawn), columns=2, height=2.5)
         for panel, own in zip(axes, drawn, strict=True):
-            _draw(panel, own)
+            name = str(own["learner"].iloc[0])
+            tested = (effects or {}).get(name)
+            _draw(panel, own, effects_of(own) if tested is None else tested)
         highest = max(float(own[["mean", "people_mean"]].max().max()) for own in drawn)
         axes[0].set_ylim(0, 1.2 * highest)  # all panels have the same scale
         style.label_rows(axes, "Attempts to solve")
@@ -153,16 +184,17 @@ def draw_points(shown: Sequence[pd.DataFrame], most: int = MOST_DRAWN) -> Drawin
         "Mean attempts to solve, of people (grey circles, in every panel the same) and of whoever "
         "the panel is named after (diamonds). Left: the five trials of each baseline; right: the "
         "test of each transfer condition, named after the schema that was trained. Error bars: ± 1 "
-        "standard error (population SD / √n).",
+        "standard error (population SD / √n). RMSE in attempts; signs of the effects: how many are "
+        "people's, and how many of these are clear of chance.",
         figure,
     )
 
 
 _GROUPS = (("CC4", 0.0), ("CE4", 5.8))
-_TESTS = dict(zip(TRANSFERS, (11.9, 12.9, 14.5, 15.5), strict=True))
+_TESTS = dict(zip(TRANSFERS, (12.3, 14.1, 16.5, 18.3), strict=True))
 
 
-def _draw(panel: Axes, own: pd.DataFrame) -> None:
+def _draw(panel: Axes, own: pd.DataFrame, effects: pd.DataFrame) -> None:
     starts = dict(_GROUPS)
     grey = "#777777"
     for condition, rows in own.groupby("condition", sort=False):
@@ -188,19 +220,18 @@ def _draw(panel: Axes, own: pd.DataFrame) -> None:
         [*(list("12345") * 2), *(name.split("-")[0] for name in _TESTS)],
         fontsize=7,
     )
-    for at, text in ((3.0, "CC4"), (8.8, "CE4"), (12.4, "→ CC4"), (15.0, "→ CE4")):
+    for at, text in ((3.0, "CC4"), (8.8, "CE4"), (13.2, "→ CC4"), (17.4, "→ CE4")):
         panel.annotate(
             text, (at, 0), xytext=(0, -18), xycoords=("data", "axes fraction"),
             textcoords="offset points", ha="center", va="top", fontsize=8, fontweight="bold",
         )  # fmt: skip
-    panel.set_xlim(0.3, 16.2)
-    shown = int(effects_of(own)["like_people"].sum())
+    panel.set_xlim(0.3, 19.2)
     attempts, _ = distance(own)
     style.panel_title(
         panel,
         str(own["learner"].iloc[0]),
-        f"RMSE {attempts:.2f} attempts; {shown} of {len(EFFECTS)} effects",
+        f"RMSE {attempts:.2f}; {signs(effects)}",
     )
 
 
-__all__ = ["MOST_DRAWN", "draw_points", "section"]
+__all__ = ["CLEAR", "MOST_DRAWN", "draw_points", "section", "signs"]

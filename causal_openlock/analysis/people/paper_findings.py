@@ -104,11 +104,11 @@ def power_table(subjects: int) -> pd.DataFrame:
             effect, size = "ηp²", row["effect_size"]
         else:  # two groups of one or more conditions; F of two groups is t squared
             t = row["value"] if test.kind == "t" else np.sqrt(row["value"])
-            joined = len(test.sides[0])
-            effect, size = "d", float(t * np.sqrt(2 / (joined * _SUBJECTS_OF_PEOPLE)))
-            powers = [power_of_t(size, joined * n) for n in (subjects, _SUBJECTS_OF_PEOPLE)]
+            merged = len(test.sides[0])
+            effect, size = "d", float(t * np.sqrt(2 / (merged * _SUBJECTS_OF_PEOPLE)))
+            powers = [power_of_t(size, merged * n) for n in (subjects, _SUBJECTS_OF_PEOPLE)]
             both = subjects_needed(size)
-            needed = None if both is None else -(-both // joined)
+            needed = None if both is None else -(-both // merged)
         rows.append((f"{FAMILIES[test.family]}: {test.name}", effect, size, *powers, needed))
     columns = ["test", "effect", "effect_size", "power_here", "power_of_paper", "subjects_needed"]
     return pd.DataFrame(rows, columns=columns)

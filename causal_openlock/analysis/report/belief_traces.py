@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from causal_openlock.analysis.drawings.style import Drawing
+from causal_openlock.analysis.information import information_per_action, mean_information
 from causal_openlock.analysis.report.description import mappings_with
-from causal_openlock.analysis.report.section import Material, Section
+from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.errors import OpenLockError
 from causal_openlock.room import action_names
 
@@ -41,6 +42,7 @@ _NEEDED = {"name", "learner", "parameters", "protocol", "reward"}
 def section(material: Material) -> Section | None:
     """A trace of each of the first learners that hold beliefs; None if none does."""
     drawings: list[Drawing] = []
+    traces: list[Trace] = []
     changed: list[str] = []
     more = 0
     for entry in _believers(material):
@@ -54,6 +56,7 @@ def section(material: Material) -> Section | None:
         if trace is None:
             changed.append(entry["name"])
             continue
+        traces.append(trace)
         drawings.append(_drawing(trace, entry["name"]))
     if not drawings:
         return None
@@ -66,7 +69,7 @@ def section(material: Material) -> Section | None:
         text.append(f"Learners that hold beliefs, too, and are not shown here: {more}.")
     if changed:
         text.append(f"Not what they were when they were run, and not shown: {', '.join(changed)}.")
-    return Section("beliefs", "Beliefs", tuple(text), (), tuple(drawings))
+    return Section("beliefs", "Beliefs", tuple(text), (_information(traces),), tuple(drawings))
 
 
 def _believers(material: Material) -> Iterator[Mapping[str, Any]]:
@@ -129,6 +132,21 @@ def _recorded(record: pa.Table, trial: pd.Series) -> list[list[int]]:
     few = record.filter(here).select([*_TOLD, "loop", "attempt", "actions"]).to_pylist()
     mine = [row for row in few if all(row[name] == trial[name] for name in (*_TOLD, "loop"))]
     return [row["actions"] for row in sorted(mine, key=lambda row: row["attempt"])]
+
+
+def _information(traces: list[Trace]) -> Table:
+    """What an action told, attempt by attempt."""
+    means = mean_information(information_per_action(traces), ["learner", "attempt"])
+    return Table(
+        "belief_information",
+        "Information gained per action",
+        means.drop(columns="subjects"),
+        {"predicted": ".2f", "obtained": "+.2f"},
+        "Bits that an action was expected to tell and that it told, on average over the actions of "
+        "an attempt: by how much less is missing to certainty after it. Below nothing where an "
+        "answer left the subject less certain. Actions after which hypotheses were drawn anew do "
+        "not count as having told anything.",
+    )
 
 
 def _drawing(trace: Trace, name: str) -> Drawing:

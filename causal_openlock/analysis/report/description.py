@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _HEADING = ("name", "title", "seed", "version", "versions", "command", "missing_cells")
 """Shown elsewhere on the page."""
+_RANDOM = "random"
+_RANDOM_CLASS = "learners.random:RandomLearner"
 _LEARNER = {"name", "protocol", "parameters"}
 _CONDITION = {"name", "train"}
 _BUDGETS = {
@@ -247,4 +249,29 @@ def mappings_with(values: Any, keys: set[str]) -> bool:
     )
 
 
-__all__ = ["budgets", "describe", "edges", "in_words", "mappings_with", "trials_played"]
+def random_learners(experiment: Mapping[str, Any]) -> set[str]:
+    """Labels of the learners that draw every action at random.
+
+    Args:
+        experiment: As :meth:`causal_openlock.experiment.Experiment.as_dict` gives it; without
+            learners in it, whoever is called ``random`` is taken for one.
+    """
+    learners: Any = experiment.get("learners")
+    if not mappings_with(learners, {"name"}):
+        return {_RANDOM}
+    return {
+        str(one["name"])
+        for one in learners
+        if one.get("class") == _RANDOM_CLASS or one.get("learner") == _RANDOM
+    }
+
+
+__all__ = [
+    "budgets",
+    "describe",
+    "edges",
+    "in_words",
+    "mappings_with",
+    "random_learners",
+    "trials_played",
+]

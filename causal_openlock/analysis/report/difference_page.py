@@ -127,9 +127,10 @@ def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str])
         One row for each ``learner``, ``condition`` and ``protocol`` that is in both and judged by
         the same trial, which is ``measured``; for each record how many ``subjects_`` and the mean
         ``attempts_``; the ``difference`` (second less first) with its bootstrap interval
-        ``ci_low`` and ``ci_high``; ``p`` of Welch's test, and ``p_holm``, corrected over all rows;
-        and a ``verdict``: :data:`SAME` where every subject has the same value, :data:`MORE` where
-        ``p_holm`` is below 5%, otherwise :data:`NOISE`, or :data:`UNKNOWN` for one subject.
+        ``ci_low`` and ``ci_high``; ``p`` of Welch's test, and ``p_holm``, corrected over all rows
+        but those that are the same, of which nothing is asked (NaN there); and a ``verdict``:
+        :data:`SAME` where every subject has the same value, :data:`MORE` where ``p_holm`` is below
+        5%, otherwise :data:`NOISE`, or :data:`UNKNOWN` for one subject.
     """
     groups = [_groups(trials) for trials in (first, second)]
     keys = [key for key in groups[0] if key in groups[1]]
@@ -146,7 +147,8 @@ def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str])
         sizes, means = (len(before), len(after)), (before.mean(), after.mean())
         rows.append((*key, *sizes, *means, *told, np.nan, verdict))
     table = pd.DataFrame(rows, columns=list(COLUMNS))
-    table["p_holm"] = holm(table["p"].to_numpy(float))
+    asked = table["p"].where(table["verdict"] != SAME)
+    table["p_holm"] = holm(asked.to_numpy(float))
     decided = np.where(table["p_holm"] < ALPHA, MORE, NOISE)
     return table.assign(verdict=np.where(table["verdict"] == "", decided, table["verdict"]))
 
@@ -266,9 +268,10 @@ def _noise_section(
         FORMATS,
         f"Mean attempts over subjects in {names[0]} (first) and {names[1]} (second); difference: "
         "second less first, so negative is better, with its 95% bootstrap interval; p is Welch’s "
-        f"test, p holm the same after Holm’s correction for all rows, and below {ALPHA:g} it is "
-        "more than noise. The groups are taken for independent: where both have the same seed, "
-        "their rooms are the same and less is needed for a true difference than this asks for.",
+        f"test, p holm the same after Holm’s correction for all rows that are not the same, and "
+        f"below {ALPHA:g} it is more than noise. The groups are taken for independent: where both "
+        "have the same seed, their subjects share rooms and random numbers, and less is needed for "
+        "a true difference than this asks for.",
     )
     drawing = draw_differences(table, names, f"{label}_means")
     return Section("noise", "Is it more than noise?", tuple(text), (shown,), (drawing,))

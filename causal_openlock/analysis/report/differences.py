@@ -4,6 +4,10 @@ The difference of two means comes with an interval and a test. The interval is a
 bootstrap: each group is resampled by itself, and what is reported is where the middle 95% of the
 differences lie. The test is Welch's, which does not take the groups for equally scattered.
 
+Both take the groups for independent. With equal seeds they are not: subjects of the same number
+share their rooms and their random numbers, so that what differs between runs differs by less than
+the test supposes. There both are conservative: they find too little rather than too much.
+
 Attempts take few different values, and a resample of a group is fully told by how often it has
 each of them. So resamples are drawn as these counts (a multinomial draw), which takes as long for
 a million subjects as for forty.
@@ -59,7 +63,7 @@ def difference(first: FloatArray, second: FloatArray, keys: tuple[str, str]) -> 
 
     Args:
         first: ``[n]`` a value for each subject of one group.
-        second: ``[m]`` and of the other, which has other subjects.
+        second: ``[m]`` and of the other, taken for other subjects even where seeds are equal.
         keys: What the groups are, as for :func:`resampled_means`; not the same twice.
     """
     value = float(first.mean() - second.mean())

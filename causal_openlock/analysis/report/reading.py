@@ -85,10 +85,20 @@ def made_with(cells: Sequence[Path]) -> dict[str, Any]:
 
     Args:
         cells: Their files.
+
+    Raises:
+        StoreError: If one of them is damaged.
     """
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    held = [pq.read_schema(path).metadata or {} for path in cells]
+    held = []
+    for path in cells:
+        try:
+            held.append(pq.read_schema(path).metadata or {})
+        except (OSError, pa.ArrowException, ValueError):
+            Store.read(path)  # says in a sentence what is wrong
+            raise
     return merged_versions([json.loads(one.get(VERSIONS, b"{}")) for one in held])
 
 
