@@ -19,6 +19,8 @@ from __future__ import annotations
 
 import json
 import platform
+import re
+import textwrap
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -37,6 +39,7 @@ VERSIONS = b"causal_openlock.versions"
 LOCK = ".lock"
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
 """What stands beside a cell's file while it is played; see :mod:`causal_openlock.checkpoint`."""
+REMEDY = "; remove it and run compare again"
 
 
 class Store:
@@ -191,7 +194,7 @@ class Store:
         try:
             self.read(path, cell.identity)
         except StoreError as error:
-            return str(error)
+            return str(error).removesuffix(REMEDY)  # its cell is run again anyway
         return None
 
     @staticmethod
@@ -211,13 +214,12 @@ class Store:
         except FileNotFoundError:
             raise StoreError(f"{path} is missing; run compare again to make it") from None
         except (OSError, pa.ArrowException, ValueError) as error:
-            said = " ".join(str(error).split())[:120]
-            raise StoreError(f"{path} is damaged ({said})") from None
+            raise _damaged(path, _said(error)) from None
         held = (table.schema.metadata or {}).get(IDENTITY, b"").decode(errors="replace")
         if identity is not None and held != identity:
-            raise StoreError(f"{path} is damaged (it holds another cell)")
+            raise _damaged(path, "it holds another cell")
         if table.schema.names != record_schema().names:
-            raise StoreError(f"{path} is damaged (its columns are not those of a record)")
+            raise _damaged(path, "its columns are not those of a record")
         return table
 
     def write(self, cell: Cell, record: pa.Table) -> None:
@@ -294,6 +296,18 @@ def _merged(metadata: list[dict[bytes, bytes]]) -> dict[str, str | list[str]]:
         package: next(iter(numbers)) if len(numbers) == 1 else list(numbers)
         for package, numbers in found.items()
     }
+
+
+def _damaged(path: Path, what: str) -> StoreError:
+    return StoreError(f"{path} is damaged ({what}){REMEDY}")
+
+
+def _said(error: Exception) -> str:
+    """What is wrong with a file, in a line, without what was called and with whole words."""
+    line = re.sub(
+        r"^Could not open Parquet input source '[^']*': ", "", " ".join(str(error).split())
+    )
+    return textwrap.shorten(line, 200, placeholder=" …").rstrip(".") or type(error).__name__
 
 
 def _unusable(path: Path, said: str | None) -> StoreError:

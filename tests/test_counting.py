@@ -85,3 +85,20 @@ def test_a_damaged_cell_is_told_in_a_sentence(store: Store, tmp_path: Path) -> N
         read_results(copy)
     cell.unlink()
     assert read_results(copy)[1]["missing_cells"] == [cell.stem]
+
+
+def test_a_cell_of_a_few_bytes_is_one_whole_sentence_however_it_is_read(
+    store: Store, tmp_path: Path
+) -> None:
+    import shutil
+
+    copy = Store(shutil.copytree(store.folder, tmp_path / "copy"))
+    cell = next(copy.cells.glob("*.parquet"))
+    cell.write_bytes(b"junk\n")
+    for read in (lambda: read_results(copy), lambda: reading.made_with([cell]), copy.record):
+        with pytest.raises(StoreError) as told:
+            read()
+        said = str(told.value)
+        assert said.startswith(f"{cell} is damaged (")
+        assert said.endswith("); remove it and run compare again")
+        assert "smaller than" in said

@@ -139,6 +139,9 @@ def test_the_section_says_what_departs_from_the_order() -> None:
     assert told.endswith("Not decided: x and z.")
     ranks, pairs = _ranked({name: {"CC4": np.array(scores[name])} for name in "xz"})
     assert pairwise._told("human", ranks, pairs).endswith("No comparison is decided.")
+    tied = pairwise.section(material([*play("a", same(30)), *play("b", same(30))], ("a", "b")))
+    assert tied is not None
+    assert "all learners need the same number of attempts, 30.00." in tied.text[0]
 
 
 def _ranked(scores: pairwise.Scores) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -264,9 +264,15 @@ def _told(protocol: str, ranks: pd.DataFrame, pairs: pd.DataFrame) -> str:
     ahead = pairs["learner"].map(order) < pairs["other"].map(order)
     each = pairs[ahead & pairs["ci_low"].notna()]
     first, last = ranks.iloc[0], ranks.iloc[-1]
+    least, most = f"{first['iqm']:.2f}", f"{last['iqm']:.2f}"
     text = [
-        f"Protocol {protocol}: in the interquartile mean {first['learner']} needs the fewest "
-        f"attempts, {first['iqm']:.2f}, and {last['learner']} the most, {last['iqm']:.2f}."
+        f"Protocol {protocol}: in the interquartile mean "
+        + (
+            f"all learners need the same number of attempts, {least}."
+            if least == most
+            else f"{first['learner']} needs the fewest attempts, {least}, and {last['learner']} "
+            f"the most, {most}."
+        )
     ]
     if each.empty:
         return " ".join([*text, "A single subject of each decides nothing."])

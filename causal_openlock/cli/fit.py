@@ -62,16 +62,21 @@ def fit(
     from causal_openlock.fitting.outcome import outcome, write_outcome
     from causal_openlock.fitting.search import bundled_search, changed, read_search
     from causal_openlock.fitting.study import Plan, require_optuna
+    from causal_openlock.learner_registry import learner_class
     from causal_openlock.runner import available_cores
 
     require_optuna()
+    learner_class(learner)  # says at once if there is none
+    folder = out or Path("results") / f"fit-{learner.replace(':', '.')}"
+    _check_folder(folder)
     known = read_search(space) if space else bundled_search(learner)
     if known is not None and known.learner != learner:
         raise LearnerError(f"{space} is for the learner {known.learner}, and not for {learner}")
+    if known is None and not search:
+        raise LearnerError(_nothing_searched(learner))
     chosen = changed(known, learner, search or (), fix or ())
     conditions_to_fit(hold_out)  # says at once if there is no such way
     plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed)
-    folder = out or Path("results") / f"fit-{learner.replace(':', '.')}"
     console = Console()
     try:
         fitted, trials = _fit(plan, folder, workers or available_cores(), console)
@@ -82,6 +87,47 @@ def fit(
     _print(fitted, found, console)
     console.print(f"\nto play it: causal-openlock compare {files[0]}", soft_wrap=True)
     console.print(f"figure: {folder / 'fit.svg'}", soft_wrap=True, highlight=False)
+
+
+def _check_folder(folder: Path) -> None:
+    """Refuse, before anything is played, a place that holds something else."""
+    from causal_openlock.errors import StoreError
+    from causal_openlock.files import PARTIAL
+    from causal_openlock.fitting.study import FILE
+
+    for place in (folder, *folder.parents):
+        if place.exists() and not place.is_dir():
+            raise StoreError(f"{place} is a file; choose a folder for the fit with --out")
+    if not folder.exists() or (folder / FILE).exists():
+        return
+    if (folder / "experiment.json").exists():
+        raise StoreError(f"{folder} holds results of compare; choose another folder with --out")
+    if any(not path.match(PARTIAL) for path in folder.iterdir()):
+        raise StoreError(
+            f"{folder} is not empty and holds no fit; choose another folder with --out"
+        )
+
+
+def _nothing_searched(learner: str) -> str:
+    """What to do about a learner that comes with no search space, with an example of its own."""
+    from causal_openlock.learner_registry import parameter_table
+
+    numbers = {
+        one.name: one.default
+        for one in parameter_table(learner)
+        if isinstance(one.default, int | float) and not isinstance(one.default, bool)
+    }
+    if not numbers:
+        return f"nothing is searched: {learner} has no parameter that is a number; fit another one"
+    # A small positive number is most likely to take other values too.
+    name = min(numbers, key=lambda name: (numbers[name] <= 0, isinstance(numbers[name], int)))
+    name = "learning_rate" if "learning_rate" in numbers else name
+    high = numbers[name] if numbers[name] > 0 else 1
+    low = 1 if isinstance(high, int) and high > 1 else 0 if high == 1 else high / 10
+    return (
+        f"nothing is searched, as {learner} has no search space of its own; give one with --space, "
+        f"or ranges such as --search {name}={low:g}:{high:g}"
+    )
 
 
 def _fit(plan: Plan, folder: Path, workers: int, console: Console) -> tuple[Fit, pd.DataFrame]:
@@ -111,6 +157,7 @@ def _print(fitted: Fit, found: Outcome, console: Console) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from rich.table import Table
 
+    from causal_openlock.analysis.people.human_likeness_section import CLEAR, signs
     from causal_openlock.fitting.outcome import entry
     from causal_openlock.yaml_file import dump_yaml
 
@@ -139,15 +186,22 @@ def _print(fitted: Fit, found: Outcome, console: Console) -> None:
         numbers = [one.fitted, one.held_out, one.all]
         apart.add_row(name, *(f"{n:.2f}" if n == n else "" for n in numbers))
     console.print(apart)
+    if plan.space.learner == "bayes" and plan.hold_out != "none":
+        console.print(
+            "The default ranges of bayes were narrowed with the transfer tests in view "
+            "(docs/fit.md):\nwhat is held out is a check, not an untouched prediction.",
+            style="dim",
+        )
 
     console.print("\n[bold]What people show[/bold], differences in attempts")
-    effects = table("", "difference", "t", "p", "people's sign")
+    effects = table("", "difference", "t", "p", "people's sign", "p < .05")
     for row in found.effects.to_dict("records"):
         sign = "yes" if row["like_people"] else "no"
-        effects.add_row(
-            row["effect"], f"{row['difference']:+.2f}", f"{row['t']:.1f}", f"{row['p']:.2g}", sign
-        )
+        clear = "yes" if row["like_people"] and row["p"] < CLEAR else "no"
+        tested = f"{row['difference']:+.2f}", f"{row['t']:.1f}", f"{row['p']:.2g}"
+        effects.add_row(row["effect"], *tested, sign, clear)
     console.print(effects)
+    console.print(f"as people's: {signs(found.effects)}")
     console.print("\n[bold]For an experiment file[/bold], under learners:")
     text = dump_yaml([entry(found, plan.space.learner)])
     console.print(text, highlight=False, markup=False, soft_wrap=True, end="")
