@@ -25,7 +25,7 @@ extensions = [
     "from_the_program",  # in _extensions: help texts, file formats, parameters
     "links_into_the_code",  # in _extensions: relative links of the Markdown pages
 ]
-exclude_patterns = ["_build", "_extensions", "example_play", "figures"]
+exclude_patterns = ["_build", "_extensions", "example_play", "example_report", "figures"]
 # Two modules may each have a class of one name, such as Table.
 suppress_warnings = ["ref.python"]
 
