@@ -97,7 +97,7 @@ def _end(text: str, node: Any) -> int:
         last = node.value[-1]
         return _end(text, last[1] if isinstance(last, tuple) else last)
     end: int = node.end_mark.index
-    return node.start_mark.index + len(text[node.start_mark.index : end].rstrip())
+    return node.start_mark.index + len(text[node.start_mark.index : end].rstrip(" \t\r\n"))
 
 
 def _line_after(text: str, node: Any, line: str) -> Edit:

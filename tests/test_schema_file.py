@@ -171,6 +171,10 @@ def test_only_what_changed_is_rewritten(
 @settings(max_examples=80, deadline=None)
 @given(old=schemas(stochastic=True, titles=TITLES), new=schemas(stochastic=True, titles=TITLES))
 @example(old=parse_schema(COMMENTED), new=parse_schema(dump_schema(BUNDLED["seven"])))
+@example(  # a space to Python and a letter to YAML
+    old=Schema("x", ["A"], {"A": ["door"]}, title="\xa0"),
+    new=Schema("x", ["A"], {"A": ["door"]}, title="0"),
+)
 def test_any_schema_can_be_written_over_any_other(
     old: Schema, new: Schema, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
