@@ -35,6 +35,7 @@ from causal_openlock.learner import View
 from causal_openlock.schema_file import bundled
 from causal_openlock.state_file import StateError, read_state, write_state
 from learners.actor_critic import PolicyGradient, Rollout, Trainer, chosen, log_chance
+from learners.denormals import denormals_flushed
 from learners.memories import Sizes, make_memory
 from learners.meta_rooms import MetaRooms
 from learners.meta_training_file import TrainingFile, read_training
@@ -252,16 +253,16 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
     options = parser.parse_args(words)
     torch.set_num_threads(options.threads)
-    torch.set_flush_denormal(True)
     try:
         file = read_training(options.file)
         if options.seed is not None:
             file = file.model_copy(update={"seed": options.seed})
-        train(
-            MetaTraining(file, options.file.parent),
-            options.out,
-            lambda line: print(line, flush=True),
-        )
+        with denormals_flushed():
+            train(
+                MetaTraining(file, options.file.parent),
+                options.out,
+                lambda line: print(line, flush=True),
+            )
     except OpenLockError as error:
         print(error, file=sys.stderr)
         return error.status
