@@ -4,13 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help compare test lint bench docs json-schemas lock clean
+.PHONY: help compare test lint bench docs notebooks json-schemas lock clean
 
 help:
 	@echo "make compare  set up, run the default comparison, write results/default/report.html"
 	@echo "make test     set up, lint, type-check, run every test"
 	@echo "make bench    set up, measure speed against named peers"
 	@echo "make docs     set up, build the documentation: docs/_build/index.html"
+	@echo "make notebooks  set up, open the lessons in JupyterLab"
 
 compare: $(VENV)/installed
 	$(BIN)/causal-openlock compare default --out results/default
@@ -30,6 +31,10 @@ bench: $(VENV)/installed-test
 docs: $(VENV)/installed-test
 	$(BIN)/python -m sphinx -W --keep-going -q docs docs/_build
 
+# The lessons, to run and to change; it goes on until Ctrl-C.
+notebooks: $(VENV)/installed-notebooks
+	$(BIN)/python -m jupyterlab notebooks
+
 # The JSON Schemas that editors use, made anew from the models.
 json-schemas: $(VENV)/installed
 	$(BIN)/python -m causal_openlock.json_schemas
@@ -39,7 +44,7 @@ lock:
 	rm -rf $(VENV)-lock
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/python -m pip install -q torch==2.13.0
-	$(VENV)-lock/bin/python -m pip install -q -e ".[test]"
+	$(VENV)-lock/bin/python -m pip install -q -e ".[test,notebooks]"
 	(sed -n '/^#/p' constraints.txt; $(VENV)-lock/bin/python -m pip freeze --exclude-editable | sed 's/+cpu$$//') > constraints.new
 	mv constraints.new constraints.txt
 	rm -rf $(VENV)-lock
@@ -57,4 +62,8 @@ $(VENV)/installed: $(BIN)/python pyproject.toml constraints.txt
 
 $(VENV)/installed-test: $(BIN)/python pyproject.toml constraints.txt
 	$(PIP) install -q -c constraints.txt -e ".[test]"
+	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-notebooks: $(BIN)/python pyproject.toml constraints.txt
+	$(PIP) install -q -c constraints.txt -e ".[notebooks]"
 	@touch $@ $(VENV)/installed

@@ -1,8 +1,8 @@
 """Which learners discover a causal schema by acting, and carry it to a new situation?
 
 The names below are loaded when they are first used, so that importing the package costs little
-more than importing Gymnasium. Importing it registers the environment
-``causal_openlock/OpenLock-v0``.
+more than importing Gymnasium. Importing it registers the environments
+``causal_openlock/OpenLock-v0`` and ``causal_openlock/MixedRooms-v0``.
 """
 
 from __future__ import annotations
@@ -35,9 +35,10 @@ if TYPE_CHECKING:
     from causal_openlock.schema_file import write_schema as write_schema
     from causal_openlock.session import Session as Session
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 ENV_ID = "causal_openlock/OpenLock-v0"
+MIXED_ID = "causal_openlock/MixedRooms-v0"
 
 _HOMES = {
     "envs": ("OpenLockEnv", "OpenLockVectorEnv"),
@@ -61,6 +62,7 @@ if ENV_ID not in registry:
         entry_point="causal_openlock.envs:OpenLockEnv",
         vector_entry_point="causal_openlock.envs:OpenLockVectorEnv",
     )
+    register(id=MIXED_ID, entry_point="causal_openlock.envs:MixedRoomsEnv")
 
 
 def __getattr__(name: str) -> Any:

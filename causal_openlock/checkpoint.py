@@ -14,9 +14,9 @@ with which it was made: the record is then to the last bit the one of a cell tha
 interrupted, apart from wall times, which count the time played. One that is damaged or foreign is
 left aside with a warning, and the cell begins again.
 
-Reading a checkpoint runs no code, with one exception: the players of a
-:class:`~causal_openlock.one_subject.OneSubjectLearner` can hold anything and are pickled. Have no
-folder completed that is from somebody you do not trust.
+Reading a checkpoint from somebody else runs no code. The players of a
+:class:`~causal_openlock.one_subject.OneSubjectLearner` can hold anything and are pickled; such a
+state is read only if this user has written it, which its seal tells (:mod:`causal_openlock.seal`).
 """
 
 from __future__ import annotations

@@ -17,6 +17,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from causal_openlock.counted import counted
+
 if TYPE_CHECKING:
     import pyarrow as pa
 
@@ -40,8 +42,7 @@ def schema_html(schema: Schema) -> str:
     lines = [escape(" ".join([*levers, "door"])) for levers in solutions[:MOST_SOLUTIONS]]
     if len(solutions) > MOST_SOLUTIONS:
         lines.append(f"and {len(solutions) - MOST_SOLUTIONS} more")
-    several = "s" * (len(solutions) != 1)
-    said = f"{len(solutions)} solution{several}:<br>" + "<br>".join(lines)
+    said = f"{counted(len(solutions), 'solution')}:<br>" + "<br>".join(lines)
     title = schema.name if schema.title == schema.name else f"{schema.name}: {schema.title}"
     return _card(title, _schema_svg(schema), f"<div>{said}</div>")
 
@@ -79,7 +80,7 @@ def record_html(record: pa.Table) -> str | None:
         if len(values) == 1 and name not in ("subject", "attempt"):
             shared[name] = values[0].as_py()
     subjects = len(record.column("subject").unique())
-    about = [_many(record.num_rows, "attempt"), _many(subjects, "subject")]
+    about = [counted(record.num_rows, "attempt"), counted(subjects, "subject")]
     about += [f"{name} {value}" for name, value in shared.items()]
     columns = [name for name in (*CONSTANTS, *SHOWN) if name not in shared]
     whole = record.num_rows <= 2 * ENDS + 2
@@ -115,7 +116,7 @@ def experiment_html(experiment: Experiment) -> str:
         for entry in experiment.entries
     ]
     names = ", ".join(condition.name for condition in experiment.conditions)
-    cells = _many(len([*experiment.cells()]), "cell")
+    cells = counted(len([*experiment.cells()]), "cell")
     said = f"conditions {names}; seed {experiment.seed}; {cells}"
     title = experiment.title or experiment.name
     return _card(title, _table(heads, rows), f"<div>{escape(said)}</div>")
@@ -176,10 +177,6 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
     head, body = line("th", map(escape, heads)), "".join(line("td", row) for row in rows)
     return f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
-
-
-def _many(number: int, what: str) -> str:
-    return f"{number:,} {what}{'s' * (number != 1)}"
 
 
 def _schema_svg(schema: Schema) -> str:

@@ -31,6 +31,10 @@ class Interrupted(OpenLockError):  # noqa: N818 - it is none
     status = 130
 
 
+class Terminated(KeyboardInterrupt):
+    """The system, or a batch system, has asked the process to end: SIGTERM."""
+
+
 class SchemaError(OpenLockError):
     """A schema that has no meaning.
 
@@ -58,6 +62,40 @@ class ProtocolError(OpenLockError):
 
 class LearnerError(OpenLockError):
     """An unknown learner, a wrong hyper-parameter, or an action outside the action space."""
+
+
+class CellsFailed(LearnerError):  # noqa: N818 - the others did not
+    """Cells could not be played; all others are done.
+
+    Args:
+        reasons: Why, a sentence for each of them.
+        cells: How many cells the experiment has.
+    """
+
+    status = 1
+
+    def __init__(self, reasons: Iterable[str], cells: int) -> None:
+        self.reasons = tuple(reasons)
+        self.cells = cells
+        told = list(self.reasons[:MOST_TOLD])
+        if (more := len(self.reasons) - MOST_TOLD) > 0:
+            told.append(f"and {more:,} more")
+        super().__init__("\n".join([*told, self.summary]))
+
+    @property
+    def summary(self) -> str:
+        """How many, and what to do."""
+        failed = len(self.reasons)
+        what = f"{failed:,} of {self.cells:,} cells failed, and all others are done"
+        if failed == self.cells:
+            what = "every cell failed"
+        return (
+            f"{what}; mend or remove what failed and give the same command again: it plays only "
+            "what is missing"
+        )
+
+    def __reduce__(self) -> tuple[type[CellsFailed], tuple[tuple[str, ...], int]]:
+        return CellsFailed, (self.reasons, self.cells)
 
 
 class ExperimentError(OpenLockError):

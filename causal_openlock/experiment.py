@@ -10,11 +10,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from causal_openlock import __version__
+from causal_openlock.counted import counted
 from causal_openlock.learner import Learner
 from causal_openlock.learner_registry import learner_class, origin, parse_parameters
 from causal_openlock.protocol import Condition, Protocol
@@ -43,6 +44,11 @@ class Entry:
 
     def as_dict(self) -> dict[str, Any]:
         """The entry as plain data, with the class and package that the name stands for."""
+        return dict(self._described)
+
+    @cached_property
+    def _described(self) -> dict[str, Any]:
+        # Which package a learner is from is asked of all that are installed: once is enough.
         kind = learner_class(self.learner)
         material = ""
         if issubclass(kind, Learner):
@@ -55,7 +61,7 @@ class Entry:
             **({"material": material} if material else {}),
             "parameters": self.parameters,
             "protocol": self.protocol.as_dict(),
-            "reward": asdict(self.reward),
+            "reward": self.reward.as_dict(),
             "subjects": self.subjects,
         }
 
@@ -97,6 +103,13 @@ class Cell:
         )
 
     @property
+    def in_words(self) -> str:
+        """The cell in words, such as ``ddqn in CC4, subjects 0-19``."""
+        first, last = self.first_subject, self.first_subject + self.subjects - 1
+        who = f"subject {first}" if first == last else f"subjects {first}-{last}"
+        return f"{self.entry.name} in {self.condition.name}, {who}"
+
+    @property
     def name(self) -> str:
         """The cell in words that fit into a file name."""
         last = self.first_subject + self.subjects - 1
@@ -132,6 +145,13 @@ class Experiment:
 
     def cells(self) -> Iterator[Cell]:
         """The units of work, always in the same order."""
+        return iter(self._cells)
+
+    @cached_property
+    def _cells(self) -> tuple[Cell, ...]:
+        return tuple(self._cut())
+
+    def _cut(self) -> Iterator[Cell]:
         for entry in self.entries:
             for condition in self.conditions:
                 for first in range(0, entry.subjects, self.cell_size):
@@ -155,7 +175,7 @@ class Experiment:
         """What nobody can do in this experiment, a sentence each."""
         return [
             f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
-            f"gives {protocol.attempt_limit} attempts, so nobody can solve its trials"
+            f"gives {counted(protocol.attempt_limit, 'attempt')}, so nobody can solve its trials"
             for protocol in dict.fromkeys(entry.protocol for entry in self.entries)
             for schema in dict.fromkeys(s for c in self.conditions for s in c.schemas)
             if len(schema.solutions) > protocol.attempt_limit

@@ -7,7 +7,7 @@ An experiment file looks like this; only ``name``, ``conditions`` and ``learners
     seed: 2018
     protocol: human               # or rl, or one declared below
     subjects: 40
-    reward: paper                 # a preset, or a list of terms
+    reward: paper                 # a preset, a list of terms, weights, or module:function
     conditions: [CC4, CC3-CC4, chain3]
     learners:
       - random
@@ -29,6 +29,7 @@ editors is made (``experiments/schema.json``).
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass, replace
@@ -37,11 +38,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, Discriminator, Field, Tag
+from pydantic import BaseModel, Discriminator, Field, Tag, create_model
 
 from causal_openlock.errors import ExperimentError, FileError, OpenLockError, nearest
 from causal_openlock.experiment import Entry, Experiment
-from causal_openlock.learner_registry import learner_class, look_beside, parse_parameters
+from causal_openlock.learner_registry import (
+    file_that_runs,
+    learner_class,
+    look_beside,
+    parse_parameters,
+)
 from causal_openlock.model_faults import StrictModel
 from causal_openlock.protocol import (
     PROTOCOLS,
@@ -51,11 +57,14 @@ from causal_openlock.protocol import (
     find_protocol,
     plan,
 )
-from causal_openlock.rewards import PAPER_REWARD, find_reward
+from causal_openlock.rewards import PAPER_REWARD, WEIGHTS, find_reward
 from causal_openlock.room import Layout
 from causal_openlock.schema import NAME, Schema
 from causal_openlock.schema_file import JSON_SCHEMA_ID, bundled, find_schema
 from causal_openlock.yaml_file import Document, Where, read_document
+
+LONGEST_NAMES = 28
+"""How long learners or conditions may be within the name of a comparison: two of them fit."""
 
 Positive = Annotated[int, Field(ge=1)]
 Name = Annotated[
@@ -82,8 +91,25 @@ def _written(*forms: str) -> Discriminator:
 
 
 A_NAME, A_LIST, A_MAPPING = Tag("<name>"), Tag("<list>"), Tag("<mapping>")
+
+
+def _maybe(kind: Any, meaning: str) -> tuple[Any, None]:
+    return Annotated[kind | None, Field(description=meaning)], None
+
+
+_CHANGES: dict[str, Any] = {
+    "preset": _maybe(str, "What is changed; the paper's reward if nothing is said."),
+    "terms": _maybe(list[str], "Terms that add up, instead of a preset."),
+    **{
+        name: _maybe(Annotated[float, Field(allow_inf_nan=False)], meaning)
+        for name, meaning in WEIGHTS.items()
+    },
+}
+RewardWeights = create_model("RewardWeights", __base__=StrictModel, **_CHANGES)
+RewardWeights.__doc__ = "A reward with other weights."
 RewardName = Annotated[
-    Annotated[str, A_NAME] | Annotated[list[str], A_LIST], _written("name", "list of terms")
+    Annotated[str, A_NAME] | Annotated[list[str], A_LIST] | Annotated[RewardWeights, A_MAPPING],
+    _written("name", "list of terms", "mapping of weights"),
 ]
 LayoutEntry = Annotated[
     Annotated[str, A_NAME] | Annotated[dict[str, str], A_MAPPING],
@@ -186,12 +212,16 @@ class Changes:
         return words
 
 
-def read_experiment(path: Path | str, changes: Changes | None = None) -> Experiment:
+def read_experiment(
+    path: Path | str, changes: Changes | None = None, tell: Callable[[str], None] | None = None
+) -> Experiment:
     """Read an experiment file.
 
     Args:
         path: The file.
         changes: What to change of it.
+        tell: Called with a sentence before code runs that the file names and that no installed
+            package brings along.
 
     Raises:
         FileError: With line, column and remedy of every fault of the file, or of a schema file
@@ -199,7 +229,13 @@ def read_experiment(path: Path | str, changes: Changes | None = None) -> Experim
         OpenLockError: If one of the changes does not fit.
     """
     document = read_document(path)
-    return _Builder(document, document.validate(ExperimentFile), changes or Changes()).build()
+    if isinstance(document.data, dict) and {"levers", "edges"} <= document.data.keys():
+        raise OpenLockError(f"{path} is a schema; play it with: compare --condition {path}")
+    file = document.validate(ExperimentFile)
+    builder = _Builder(document, file, changes or Changes())
+    if tell:
+        builder.tell_what_runs(tell)
+    return builder.build()
 
 
 def find_experiment(name: str | Path) -> Path:
@@ -228,9 +264,20 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock experiment"}
 
 
+def _is_code(reward: Any) -> bool:
+    """Whether a reward is a function of one's own."""
+    return isinstance(reward, str) and ":" in reward
+
+
 def _listed(names: Iterable[str]) -> str:
     *before, last = names
     return f"{', '.join(before)} and {last}" if before else last
+
+
+def _in_short(names: Sequence[str], what: str) -> str:
+    """Names as a part of a name; their number where they are many or long."""
+    said = re.sub(r"[^A-Za-z0-9_.-]+", "_", "_".join(names)).strip("_.-")
+    return said if 0 < len(said) <= LONGEST_NAMES else f"{len(names)}_{what}"
 
 
 class _Builder:
@@ -251,6 +298,22 @@ class _Builder:
             if where is None:
                 raise
             raise self.document.error(where, str(error)) from None
+
+    def tell_what_runs(self, tell: Callable[[str], None]) -> None:
+        """Say which files run that the file names; those on the command line its user knows."""
+        chosen = self.changes.learners
+        learners = [
+            one
+            for one in map(self.as_learner, self.file.learners)
+            if chosen is None or {one.name, one.learner} & {*chosen}
+        ]
+        runs = {file_that_runs(one.learner, self.folder) for one in learners}
+        rewards = {one.reward for one in learners if _is_code(one.reward)}
+        if _is_code(self.file.reward):
+            rewards.add(self.file.reward)
+        runs |= {file_that_runs(str(one), self.folder, "reward") for one in rewards}
+        for said in sorted(filter(None, runs)):
+            tell(said)
 
     def build(self) -> Experiment:
         file, changes = self.file, self.changes
@@ -290,12 +353,14 @@ class _Builder:
         self.check_unique("learner", "learners", [e.name for e in entries])
         self.check_schemas(conditions)
         self.check_fit(conditions, entries)
-        title = file.title or file.name
+        name, title = file.name, file.title or file.name
         if changes.conditions is not None or changes.learners is not None:
-            title = f"{_listed(e.name for e in entries)} in {_listed(c.name for c in conditions)}"
+            players, places = [e.name for e in entries], [c.name for c in conditions]
+            name = f"{_in_short(players, 'learners')}_in_{_in_short(places, 'conditions')}"
+            title = f"{_listed(players)} in {_listed(places)}"
         words = ["causal-openlock", "compare", self.document.path.as_posix(), *changes.options]
         return Experiment(
-            name=file.name,
+            name=name,
             title=title,
             command=shlex.join(words),
             seed=file.seed if changes.seed is None else changes.seed,
@@ -359,8 +424,10 @@ class _Builder:
             return None if where is None else (*where, *key)
 
         protocol = changes.protocol or declared.protocol or file.protocol
-        reward = file.reward if declared.reward is None else declared.reward
-        if ":" in declared.learner:
+        reward: Any = file.reward if declared.reward is None else declared.reward
+        if isinstance(reward, BaseModel):
+            reward = reward.model_dump(exclude_none=True)
+        if ":" in declared.learner or ":" in reward:
             look_beside(self.folder)
         self.at(part("learner"), lambda: learner_class(declared.learner))
         parameters = self.at(

@@ -3,15 +3,21 @@
 ``experiment.json`` holds an experiment as plain data, every default filled in. Here its parts
 become conditions, protocols and rewards again, and the whole of it an experiment file, for whoever
 wants to play it again without the file that it was declared in.
+
+A description can be damaged, or written by anybody; what is none is a :class:`StoreError`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
+from causal_openlock.errors import StoreError
 from causal_openlock.protocol import PROTOCOLS, Condition, Protocol, Trials
-from causal_openlock.rewards import PRESETS, AuthorsReward, Reward, RewardFunction
+from causal_openlock.reference import room_facts
+from causal_openlock.reward_code import OwnReward
+from causal_openlock.rewards import AuthorsReward, Reward, RewardFunction, Weights
 from causal_openlock.room import Layout, position_names, positions_for, published_layouts
 from causal_openlock.schema import Schema
 from causal_openlock.schema_file import schema_from_dict
@@ -22,7 +28,31 @@ BUDGETS = (
 )
 """What an experiment file can say of a protocol."""
 
+Given = ParamSpec("Given")
+Made = TypeVar("Made")
 
+
+def _reads(what: str) -> Callable[[Callable[Given, Made]], Callable[Given, Made]]:
+    """For what takes a description apart: whatever it trips over is said in a sentence."""
+
+    def reading(take: Callable[Given, Made]) -> Callable[Given, Made]:
+        @wraps(take)
+        def taking(*given: Given.args, **named: Given.kwargs) -> Made:
+            try:
+                return take(*given, **named)
+            except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+                said = " ".join(f"{type(error).__name__}: {error}".split())[:120]
+                raise StoreError(
+                    f"{what} in experiment.json is not as compare writes it ({said}); restore the "
+                    "file, or compare again"
+                ) from None
+
+        return taking
+
+    return reading
+
+
+@_reads("a condition")
 def condition_from_dict(data: Mapping[str, Any]) -> Condition:
     """A condition from :meth:`~causal_openlock.protocol.Condition.as_dict`."""
     train, test = (
@@ -49,13 +79,42 @@ def _layout(schema: Schema, places: list[int]) -> Layout:
     return Layout(tuple(places), positions_for(schema))
 
 
+def recorded_layout(schema: Schema, name: str, positions: int) -> Layout:
+    """A layout by its name in the record: a published one, or its positions in order.
+
+    Raises:
+        StoreError: If it is neither.
+    """
+    if name in room_facts()["layouts"]:
+        return Layout.of(schema, name, positions)
+    known = position_names(positions)
+    places = name.split()
+    if len(places) != len(schema.levers) or not set(places) <= set(known):
+        raise StoreError(
+            f"the layout {name!r} in the record does not say where the {len(schema.levers)} "
+            f"levers of {schema.name} stand; compare again to make a record that does"
+        )
+    return Layout(tuple(map(known.index, places)), positions)
+
+
+@_reads("a protocol")
+def protocol_from_dict(data: Mapping[str, Any]) -> Protocol:
+    """A protocol from :meth:`~causal_openlock.protocol.Protocol.as_dict`."""
+    return Protocol(**data)
+
+
+@_reads("a reward")
 def reward_from_dict(data: Mapping[str, Any]) -> RewardFunction:
-    """A reward from its fields."""
+    """A reward from :meth:`~causal_openlock.rewards.RewardFunction.as_dict`; no code is loaded."""
     if "terms" in data:
-        return Reward(data["name"], tuple(data["terms"]))
+        weights = Weights(**data.get("weights", {}))
+        return Reward(data["name"], tuple(data["terms"]), weights)
+    if "function" in data:
+        return OwnReward(data["function"], data["source"])
     return AuthorsReward(**data)
 
 
+@_reads("the experiment")
 def experiment_file(description: Mapping[str, Any], schemas: str = "schemas") -> dict[str, Any]:
     """The experiment file of a description, as plain data.
 
@@ -71,7 +130,7 @@ def experiment_file(description: Mapping[str, Any], schemas: str = "schemas") ->
     protocols: dict[str, Protocol] = {}
     names: list[str] = []
     for entry in learners:
-        names.append(_named(Protocol(**entry["protocol"]), protocols))
+        names.append(_named(protocol_from_dict(entry["protocol"]), protocols))
     return {
         "name": description["name"],
         "title": description.get("title", ""),
@@ -84,7 +143,7 @@ def experiment_file(description: Mapping[str, Any], schemas: str = "schemas") ->
                 "name": entry["name"],
                 "protocol": name,
                 "subjects": entry["subjects"],
-                "reward": _reward(entry["reward"]),
+                "reward": reward_from_dict(entry["reward"]).written(),
                 "parameters": entry["parameters"],
             }
             for entry, name in zip(learners, names, strict=True)
@@ -138,10 +197,4 @@ def _layout_in_words(schema: Schema, places: list[int]) -> Any:
     return {lever: names[place] for lever, place in zip(schema.levers, places, strict=True)}
 
 
-def _reward(data: Mapping[str, Any]) -> Any:
-    """The name of a preset, or a list of terms."""
-    reward = reward_from_dict(data)
-    return reward.name if PRESETS.get(reward.name) == reward else list(data["terms"])
-
-
-__all__ = ["condition_from_dict", "experiment_file", "reward_from_dict"]
+__all__ = ["condition_from_dict", "experiment_file", "protocol_from_dict", "reward_from_dict"]

@@ -30,6 +30,7 @@ from typing import Any, get_type_hints
 
 from causal_openlock.errors import LearnerError, nearest
 from causal_openlock.learner import Learner
+from causal_openlock.module_source import is_installed, module_source
 from causal_openlock.one_subject import Chorus, OneSubjectLearner
 
 ENTRY_POINTS = "causal_openlock.learners"
@@ -72,6 +73,11 @@ def origin(name: str) -> str:
     return f"{Path(source).name} {hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]}"
 
 
+def is_ours(name: str) -> bool:
+    """Whether a learner comes with the toolkit, by its registered name or ``module:Class``."""
+    return origin(name).startswith("causal-openlock ")
+
+
 def look_beside(*folders: Path) -> None:
     """Let modules be found in the working directory, then in folders: no package is needed there.
 
@@ -80,6 +86,27 @@ def look_beside(*folders: Path) -> None:
     for folder in (Path.cwd(), *folders):
         if (place := str(folder.resolve())) not in sys.path:
             sys.path.append(place)
+
+
+def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:
+    """Which file of no installed package a learner's name would run, said before it does.
+
+    Args:
+        name: As for :func:`learner_class`; nothing is imported.
+        beside: The folder of the experiment file that names it.
+        role: What it runs as.
+
+    Returns:
+        A sentence; ``None`` for a learner that is installed or has no source.
+    """
+    module, colon, kind = name.partition(":")
+    installed = {entry.module.partition(".")[0] for entry in registry().values()}
+    if not colon or module.partition(".")[0] in {"causal_openlock", *installed}:
+        return None
+    source = module_source(module, (Path.cwd(), beside))
+    if source is None or is_installed(source):
+        return None
+    return f"{source.name} in {source.parent} will run as {role} {kind}"
 
 
 @cache

@@ -3,6 +3,9 @@
 A :class:`~causal_openlock.learner.Learner` plays many subjects at once, which is fast and asks for
 arrays. A :class:`OneSubjectLearner` answers for one subject in plain numbers; each subject gets an
 instance of its own, and a :class:`Chorus` of them plays as one learner. The registry takes either.
+
+Such an instance can hold anything, so its state is a pickle. It carries a seal
+(:mod:`causal_openlock.seal`), and is read only if this user has made it for the same class.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from causal_openlock.learner import (
     Step,
     View,
 )
+from causal_openlock.seal import is_sealed, seal
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,8 @@ class Chorus(Learner):
 
     def act(self, view: View) -> IntArray:
         """Ask each player that still plays."""
+        # What a player writes into what it is shown does not change what it is told later.
+        self._seen = view.observation.copy()
         actions = np.zeros(len(self._players), dtype=np.int64)
         for subject in np.flatnonzero(view.playing):
             answer = self._players[subject].act(view.observation[subject])
@@ -108,8 +114,8 @@ class Chorus(Learner):
                 actions[subject] = operator.index(answer)
             except TypeError:  # an array would round 2.7 off without a word
                 raise LearnerError(
-                    f"{self._single.__name__} answers with the index of an action, an integer, "
-                    f"and not with {answer!r}"
+                    f"{self._single.__name__} has to answer with the index of an action, an "
+                    f"integer, and answered {answer!r}"
                 ) from None
         return actions
 
@@ -119,7 +125,7 @@ class Chorus(Learner):
         for subject in np.flatnonzero(step.view.playing):
             self._players[subject].learn(
                 Moment(
-                    observation=step.view.observation[subject],
+                    observation=self._seen[subject],
                     action=int(step.action[subject]),
                     outcome=step.outcome[subject],
                     reward=float(step.reward[subject]),
@@ -130,13 +136,28 @@ class Chorus(Learner):
                 )
             )
 
+    @property
+    def _kind(self) -> str:
+        return f"players of {self._single.__module__}:{self._single.__qualname__}"
+
     def state_dict(self) -> dict[str, Any]:
-        """Everything that the players hold, generators included."""
-        return {"players": pickle.dumps([vars(player) for player in self._players])}
+        """Everything that the players hold, generators included, under seal."""
+        players = pickle.dumps([vars(player) for player in self._players])
+        return {"players": players, "seal": seal(players, self._kind)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Give each player back what it held."""
-        for player, kept in zip(self._players, pickle.loads(state["players"]), strict=True):
+        """Give each player back what it held.
+
+        Raises:
+            LearnerError: If this user has not made the state, with the same class.
+        """
+        players = state.get("players", b"")
+        if not is_sealed(players, state.get("seal"), self._kind):
+            raise LearnerError(
+                f"what {self._single.__name__} held was not kept by this user on this machine, and "
+                "to read it could run any program"
+            )
+        for player, kept in zip(self._players, pickle.loads(players), strict=True):
             vars(player).update(kept)
 
     def _repr_html_(self) -> str:

@@ -20,14 +20,20 @@ when all solutions are found, how many trials there are and how often they are g
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 
-from causal_openlock.errors import LayoutError, ProtocolError, nearest
+from causal_openlock.errors import (
+    FileError,
+    LayoutError,
+    OpenLockError,
+    ProtocolError,
+    nearest,
+)
 from causal_openlock.room import Layout, positions_for, published_layouts
 from causal_openlock.schema import NAME, Schema
 from causal_openlock.tables import ACTIONS_LEFT
@@ -237,20 +243,41 @@ class Condition:
         """The baseline ``A`` or the transfer ``A-B`` over schemas A and B.
 
         Args:
-            name: One or two schema names; a path to a schema file stands for a baseline.
+            name: One or two schemas, by name or by the path of a ``.yaml`` file: ``CC4``,
+                ``CC3-CC4``, ``CC3-my/vault.yaml``. A path may have dashes in it; a file of the
+                whole name comes first.
             find: Finds a schema by name or path.
+
+        Raises:
+            ProtocolError: If it has another form.
+            OpenLockError: If there is no such schema, or its file has faults.
         """
-        if name.endswith((".yaml", ".yml")):
-            schema = find(name)
-            return cls(schema.name, (Trials(schema),))
-        parts = name.split("-")
-        if len(parts) > 2 or not all(map(NAME.fullmatch, parts)):
-            raise ProtocolError(
-                f"{name!r} is no condition; write one schema for a baseline (CC4) or two for a "
-                "transfer (CC3-CC4)"
-            )
-        groups = [(Trials(find(part)),) for part in parts]
-        return cls(name, *groups)
+        ways = [parts for parts in _ways(name) if all(map(_may_be_schema, parts))]
+        missing: tuple[int, OpenLockError] | None = None
+        for parts in ways:
+            schemas: list[Schema] = []
+            try:
+                for part in parts:
+                    schemas.append(find(part))
+            except FileError:  # it is there, and has faults
+                raise
+            except OpenLockError as error:
+                # What is told is what is missing where the most is there.
+                if missing is None or len(schemas) > missing[0]:
+                    missing = len(schemas), error
+                continue
+            words = [
+                part if NAME.fullmatch(part) else schema.name
+                for part, schema in zip(parts, schemas, strict=True)
+            ]
+            return cls("-".join(words), *[(Trials(schema),) for schema in schemas])
+        if missing is not None:
+            raise missing[1]
+        raise ProtocolError(
+            f"{name!r} is no condition; write one schema for a baseline (CC4) or two for a "
+            "transfer (CC3-CC4); a schema of one's own is the path of a .yaml file "
+            "(CC3-my/vault.yaml)"
+        )
 
     @property
     def schemas(self) -> tuple[Schema, ...]:
@@ -264,6 +291,17 @@ class Condition:
             "train": [trials.as_dict() for trials in self.train],
             "test": [trials.as_dict() for trials in self.test],
         }
+
+
+def _ways(name: str) -> Iterator[tuple[str, ...]]:
+    """The whole name, and its two parts at each of its dashes."""
+    yield (name,)
+    for dash in (index for index, character in enumerate(name) if character == "-"):
+        yield name[:dash], name[dash + 1 :]
+
+
+def _may_be_schema(part: str) -> bool:
+    return bool(NAME.fullmatch(part)) or part.endswith((".yaml", ".yml"))
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,9 @@ class RewardTable:
         tables, reward = self.tables, self.reward
         paid: FloatArray = self.table().take(choice)
         again = experienced if reward.heeds_found else _NOBODY
-        if len(again):
+        if reward.heeds_everything:
+            again = np.arange(len(choice))
+        elif len(again):
             again = again[self._heeds.reshape(-1)[choice[again]]]
         if reward.heeds_repeats:
             again = np.union1d(again, np.flatnonzero(choice % tables.actions == previous))

@@ -1,8 +1,8 @@
 """Rewards: terms that add up, judged on what one action led to.
 
 The paper words seven reward functions as changes to a basic one, so each is a *term* here and a
-reward is the sum of its terms (paper, "Reward Functions"). A term is a pure function of
-:class:`Events`, what happened in one action, for many actions at once:
+reward is the sum of its terms (paper, "Reward Functions"). A term is a pure function of what
+happened in one action (:mod:`causal_openlock.reward_events`), for many actions at once:
 
 ======================= ==========================================================================
 ``basic``               10 on the action that unlocks the door, 50 on the one that opens it.
@@ -16,6 +16,10 @@ reward is the sum of its terms (paper, "Reward Functions"). A term is a pure fun
                         before it: 60, 90, 135.
 ======================= ==========================================================================
 
+Every amount is a weight that can be changed (:class:`Weights`): ``{solution_multiplier: 2.0}`` is
+the paper's reward with another multiplier, ``{preset: basic, open: 100}`` the basic one with more
+for the door. What no term says is a function of one's own (:mod:`causal_openlock.reward_code`).
+
 What the authors' program of January 2018 paid differs from the text. Its rewards are a ladder,
 not a sum: the first rung that fits pays and the rest does not count. They are the presets
 ``authors_2018_*``, so that one can ask which of the two a result depends on.
@@ -23,141 +27,91 @@ not a sum: the first rung that fits pays and the rest does not count. They are t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
 from causal_openlock.errors import RewardError, nearest
-from causal_openlock.fsm import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from causal_openlock.tables import RoomTables
+from causal_openlock.fsm import FloatArray
+from causal_openlock.reward_events import Events as Events
+from causal_openlock.reward_events import RewardFunction as RewardFunction
 
 UNLOCK, OPEN = 10.0, 50.0
 MULTIPLIER = 1.5
 
 
 @dataclass(frozen=True)
-class Events:
-    """What N actions led to; every field is ``[N]``.
+class Weights:
+    """What the terms pay; the texts are what users are told."""
 
-    Attributes:
-        first: It was the attempt's first action.
-        last: The attempt is over.
-        inactive: It was aimed at an inactive lever.
-        changed: Something moved, so the observation changed.
-        unlocks: The door was locked before and is unlocked now.
-        unlocked: The door is unlocked now.
-        opens: The door was opened.
-        on_path: The attempt's actions so far are the beginning of a solution, or all of it.
-        repeated: It was the same action as the one before it in the attempt.
-        new: A solution stands pushed, or was completed, that is not yet found in this trial.
-        retraced: The attempt's actions so far begin a solution that is found already.
-        found: Solutions found in earlier attempts of the trial.
-    """
-
-    first: BoolArray
-    last: BoolArray
-    inactive: BoolArray
-    changed: BoolArray
-    unlocks: BoolArray
-    unlocked: BoolArray
-    opens: BoolArray
-    on_path: BoolArray
-    repeated: BoolArray
-    new: BoolArray
-    retraced: BoolArray
-    found: IntArray
-
-    @classmethod
-    def of(
-        cls,
-        tables: RoomTables,
-        row: IntArray,
-        action: IntArray,
-        after: IntArray,
-    ) -> Events:
-        """Read off the tables what N actions led to, as if nothing had gone before.
-
-        Args:
-            tables: The rooms.
-            row: ``[N]`` where each room was.
-            action: ``[N]`` what was done.
-            after: ``[N]`` where each room is then.
-        """
-        positions = tables.positions
-        lever = action < 2 * positions
-        # Beside what is pushed, an observation shows what is active.
-        active = tables.observation[row, positions + np.where(lever, action % positions, 0)] == 1
-        never = np.zeros(len(row), dtype=bool)
-        return cls(
-            first=tables.used[row] == 0,
-            last=tables.over[after],
-            inactive=lever & ~active,
-            changed=tables.state[row] != tables.state[after],
-            unlocks=tables.unlocked[after] & ~tables.unlocked[row],
-            unlocked=tables.unlocked[after],
-            opens=tables.opened[after] & ~tables.opened[row],
-            on_path=tables.on_path[after],
-            repeated=never,
-            new=tables.solution[after] >= 0,
-            retraced=never,
-            found=np.zeros(len(row), dtype=np.int64),
-        )
-
-    def with_history(
-        self, tables: RoomTables, after: IntArray, repeated: BoolArray, found: BoolArray
-    ) -> Events:
-        """The same events, given what went before.
-
-        Args:
-            tables: The rooms.
-            after: ``[N]`` where each room is then.
-            repeated: ``[N]`` whether the action before it was the same.
-            found: ``[N, K]`` which solutions are found already.
-        """
-        solution = tables.solution[after]
-        known = found[np.arange(len(after)), solution] & (solution >= 0)
-        return replace(
-            self,
-            repeated=repeated,
-            new=self.new & ~known,
-            retraced=np.logical_or.reduce(tables.begins(after) & found, axis=1),
-            found=found.sum(axis=1),
-        )
-
-    def at(self, which: IntArray) -> Events:
-        """The events of some of the actions."""
-        return Events(**{field.name: getattr(self, field.name)[which] for field in _FIELDS})
-
-    def paid(self) -> FloatArray:
-        """``[N]`` what ``basic`` pays."""
-        return UNLOCK * self.unlocks + OPEN * self.opens
+    unlock: Annotated[float, "for unlocking the door (basic)"] = UNLOCK
+    open: Annotated[float, "for opening the door (basic)"] = OPEN
+    state_change: Annotated[float, "for a change of what is seen"] = 0.5
+    negative_immovable: Annotated[float, "for an action that moves nothing"] = -0.5
+    negative_repeat: Annotated[float, "for the same action twice in a row"] = -0.25
+    partial_sequence: Annotated[float, "for a first action that begins a solution"] = 1.0
+    solution_multiplier: Annotated[
+        float, "factor on unlock and open of a new solution, for each found before it"
+    ] = MULTIPLIER
 
 
-_FIELDS = fields(Events)
+WEIGHTS: dict[str, str] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(Weights, include_extras=True).items()
+}
+"""What each weight means, by name."""
+
+
+def term_of(weight: str) -> str:
+    """The term that a weight belongs to."""
+    return "basic" if weight in ("unlock", "open") else weight
 
 
 @dataclass(frozen=True)
-class Reward:
+class Reward(RewardFunction):
     """A reward function of the paper: a sum of terms.
 
     Attributes:
-        name: A preset's name, or the terms joined by ``+``.
+        name: A preset's name, or the terms joined by ``+``; in brackets what is changed of it.
         terms: Names of terms, in :data:`TERMS`.
+        weights: What the terms pay.
     """
 
     name: str
     terms: tuple[str, ...]
+    weights: Weights = Weights()
 
     def pay(self, events: Events) -> FloatArray:
         """``[N]`` the reward of each action."""
         total = np.zeros(len(events.first))
         for term in self.terms:
-            total += TERMS[term](events, self.terms)
+            total += TERMS[term](events, self)
         return total
+
+    def paid(self, events: Events) -> FloatArray:
+        """``[N]`` what ``basic`` pays."""
+        return self.weights.unlock * events.unlocks + self.weights.open * events.opens
+
+    def as_dict(self) -> dict[str, Any]:
+        """The reward as plain data; of the weights those that are changed."""
+        changed = _differences(self.weights)
+        told: dict[str, Any] = {"name": self.name, "terms": self.terms}
+        return {**told, "weights": changed} if changed else told
+
+    def written(self) -> Any:
+        """A preset's name, a list of terms, or either with weights."""
+        base = self.name.partition("(")[0]
+        preset = PRESETS.get(base)
+        given = _told(self, preset.terms if isinstance(preset, Reward) else ())
+        for form in (base, base.split("+"), {"preset": base, **given}):
+            try:
+                if find_reward(form) == self:
+                    return form
+            except RewardError:
+                continue
+        return {"terms": base.split("+"), **_told(self, tuple(base.split("+")))}
 
     @property
     def heeds_repeats(self) -> bool:
@@ -170,36 +124,56 @@ class Reward:
         return not {"unique_solutions", "solution_multiplier"}.isdisjoint(self.terms)
 
 
-def _basic(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return events.paid()
+def _differences(weights: Weights) -> dict[str, float]:
+    """The weights that are not the paper's."""
+    return {name: value for name, value in asdict(weights).items() if value != _PAPERS[name]}
 
 
-def _unique_solutions(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return np.where(events.new, 0.0, -events.paid())
+_PAPERS = asdict(Weights())
 
 
-def _state_change(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    instead = events.first & events.on_path if "partial_sequence" in terms else False
-    return np.where(events.changed & ~np.asarray(instead), 0.5, 0.0)
+def _told(reward: Reward, base: tuple[str, ...]) -> dict[str, float]:
+    """The weights that make a reward of what has the terms ``base``."""
+    added = {*reward.terms} - {*base}
+    changed = _differences(reward.weights)
+    return {
+        name: value
+        for name, value in asdict(reward.weights).items()
+        if name in changed or term_of(name) in added
+    }
 
 
-def _negative_immovable(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return np.where(events.changed, 0.0, -0.5)
+def _basic(events: Events, reward: Reward) -> FloatArray:
+    return reward.paid(events)
 
 
-def _negative_repeat(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return np.where(events.repeated, -0.25, 0.0)
+def _unique_solutions(events: Events, reward: Reward) -> FloatArray:
+    return np.where(events.new, 0.0, -reward.paid(events))
 
 
-def _partial_sequence(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return np.where(events.first & events.on_path, 1.0, 0.0)
+def _state_change(events: Events, reward: Reward) -> FloatArray:
+    instead = events.first & events.on_path if "partial_sequence" in reward.terms else False
+    return np.where(events.changed & ~np.asarray(instead), reward.weights.state_change, 0.0)
 
 
-def _solution_multiplier(events: Events, terms: tuple[str, ...]) -> FloatArray:
-    return (MULTIPLIER**events.found - 1.0) * events.paid() * events.new
+def _negative_immovable(events: Events, reward: Reward) -> FloatArray:
+    return np.where(events.changed, 0.0, reward.weights.negative_immovable)
 
 
-TERMS: dict[str, Callable[[Events, tuple[str, ...]], FloatArray]] = {
+def _negative_repeat(events: Events, reward: Reward) -> FloatArray:
+    return np.where(events.repeated, reward.weights.negative_repeat, 0.0)
+
+
+def _partial_sequence(events: Events, reward: Reward) -> FloatArray:
+    return np.where(events.first & events.on_path, reward.weights.partial_sequence, 0.0)
+
+
+def _solution_multiplier(events: Events, reward: Reward) -> FloatArray:
+    factor = reward.weights.solution_multiplier**events.found
+    return (factor - 1.0) * reward.paid(events) * events.new
+
+
+TERMS: dict[str, Callable[[Events, Reward], FloatArray]] = {
     "basic": _basic,
     "unique_solutions": _unique_solutions,
     "state_change": _state_change,
@@ -211,7 +185,7 @@ TERMS: dict[str, Callable[[Events, tuple[str, ...]], FloatArray]] = {
 
 
 @dataclass(frozen=True)
-class AuthorsReward:
+class AuthorsReward(RewardFunction):
     """A reward of the authors' program of January 2018: the first rung that fits pays.
 
     Attributes:
@@ -264,8 +238,14 @@ class AuthorsReward:
         """Whether it depends on which solutions are found already."""
         return self.unique or self.multiplier
 
+    def as_dict(self) -> dict[str, Any]:
+        """The reward as plain data."""
+        return asdict(self)
 
-RewardFunction = Reward | AuthorsReward
+    def written(self) -> str:
+        """Its name."""
+        return self.name
+
 
 BASIC_REWARD = "basic"
 """The plain reward, and the default of environments."""
@@ -310,17 +290,36 @@ def _presets() -> dict[str, RewardFunction]:
 PRESETS = _presets()
 
 
-def find_reward(reward: str | Iterable[str] | RewardFunction) -> RewardFunction:
-    """A reward by the name of a preset, or as a list of terms that add up.
+RewardForm = str | Iterable[str] | Mapping[str, Any] | RewardFunction
+"""What :func:`find_reward` takes."""
+
+
+def find_reward(reward: RewardForm) -> RewardFunction:
+    """A reward as it is written.
+
+    Args:
+        reward: The name of a preset; a list of terms that add up; weights by name, with the
+            ``preset`` or the ``terms`` that they change (the paper's reward if neither is said);
+            or ``module:function``, code of one's own.
 
     Raises:
-        RewardError: If there is none of that name, or a term is unknown or listed twice.
+        RewardError: If there is none of that name, a term or a weight is unknown or does not fit,
+            or the code does not do what a reward does.
     """
-    if isinstance(reward, Reward | AuthorsReward):
+    if isinstance(reward, RewardFunction):
         return reward
+    if isinstance(reward, Mapping):
+        return _weighted(reward)
+    if isinstance(reward, str) and ":" in reward:
+        from causal_openlock.reward_code import own_reward
+
+        return own_reward(reward)
     if isinstance(reward, str):
         if reward not in PRESETS:
-            raise RewardError(f"there is no reward {reward!r}; {nearest(reward, PRESETS)}")
+            raise RewardError(
+                f"there is no reward {reward!r}; {nearest(reward, PRESETS)}; code of one's own is "
+                "written module:function"
+            )
         return PRESETS[reward]
     terms = tuple(reward)
     for index, term in enumerate(terms):
@@ -331,3 +330,31 @@ def find_reward(reward: str | Iterable[str] | RewardFunction) -> RewardFunction:
     if not terms:
         raise RewardError(f"a reward needs at least one term; known: {', '.join(TERMS)}")
     return Reward("+".join(terms), terms)
+
+
+def _weighted(said: Mapping[str, Any]) -> Reward:
+    """A reward with other weights; a weight of a term that it does not have adds the term."""
+    given = dict(said)
+    preset, terms = given.pop("preset", None), given.pop("terms", None)
+    if preset is not None and terms is not None:
+        raise RewardError("a reward is based on a preset or on terms; leave one of them out")
+    base = find_reward(terms if terms is not None else preset or PAPER_REWARD)
+    if not isinstance(base, Reward):
+        raise RewardError(
+            f"the reward {base.name} has no weights that could be changed; base it on another "
+            "preset"
+        )
+    for name, value in given.items():
+        if name == "unique_solutions":
+            raise RewardError("unique_solutions has no weight; list it among the terms")
+        if name not in WEIGHTS:
+            raise RewardError(f"there is no weight {name!r}; {nearest(str(name), WEIGHTS)}")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise RewardError(f"the weight {name} is a number, not {value!r}")
+    added = [term_of(name) for name in WEIGHTS if name in given]  # in an order of their own
+    terms = [*base.terms, *added]
+    found = Reward(
+        base.name, tuple(dict.fromkeys(terms)), Weights(**{n: float(v) for n, v in given.items()})
+    )
+    told = ", ".join(f"{name}={value:g}" for name, value in _told(found, base.terms).items())
+    return replace(found, name=f"{base.name}({told})") if told else base

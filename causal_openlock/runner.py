@@ -1,35 +1,28 @@
-"""Running an experiment: its cells on an executor, each kept as soon as it is done.
+"""Running an experiment: its cells are played, each kept as soon as it is done.
 
-The runner takes any :class:`concurrent.futures.Executor`; by default processes of this machine,
-one for each core. A cell's record depends on the cell alone, so it does not matter how many workers
-there are, in which order they finish, or how often the run was killed and started again.
+A crew plays them (:mod:`causal_openlock.workers`): by default processes of this machine, one for
+each core, or any :class:`concurrent.futures.Executor` that is given. A cell's record depends on the
+cell alone, so it does not matter how many workers there are, in which order they finish, or how
+often the run was killed and started again. A cell that fails, however it does, is no reason not to
+play the others.
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import (
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    as_completed,
-)
-from contextlib import contextmanager
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import replace
 from pathlib import Path
 
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment import Cell, Experiment
+from causal_openlock.learner_registry import is_ours
+from causal_openlock.standing import Course, Standing
 from causal_openlock.store import Store
-from causal_openlock.worker import Played, Watching, play_cell
-
-# One thread for each worker: the cores are shared out by cells, and the matrices are small.
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+from causal_openlock.worker import Played, Watching, blame, play_cell
+from causal_openlock.workers import Crew, available_cores, crew
 
 LOOK_EVERY = 1.0
 """Seconds after which the runner looks again how far the cells are."""
@@ -42,9 +35,11 @@ def run(
     executor: Executor | None = None,
     workers: int | None = None,
     done: Callable[[Cell, bool], None] | None = None,
+    failed: Callable[[Cell, str], None] | None = None,
     warn: Callable[[str], None] | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[Standing], None] | None = None,
     watching: Watching | None = None,
+    time_limit: float | None = None,
 ) -> Store:
     """Run what is not yet done of an experiment.
 
@@ -54,138 +49,171 @@ def run(
         executor: Where cells are played; by default processes of this machine.
         workers: How many of these; by default one for each core.
         done: Called with each cell that is done, and whether it was done before.
+        failed: Called with each cell that failed, and a sentence that says why.
         warn: Called with a sentence for each damaged file, whose cell is run again, and for what
             went wrong in a cell without stopping it.
-        progress: Called every second, in a thread of its own, with how many cells' worth is done
-            of those being played.
+        progress: Called every second, and before the first cell and after the last, with how far
+            everything is.
         watching: How often checkpoints are taken inside a cell, and what is logged.
+        time_limit: Seconds after which a cell is ended, counted from when it is begun or gone on
+            with; by default there is no limit. It then counts as failed, and keeps its checkpoint.
+            What an executor that is given has begun, nobody can end: there it is not heeded.
 
     Raises:
-        OpenLockError: If TensorBoard's logs are asked for and it is not installed.
+        CellsFailed: If cells failed, after all others were played. Why is in ``errors``.
+        OpenLockError: If TensorBoard's logs are asked for and it is not installed, or no process
+            can be started.
         StoreError: If the folder holds something else or cannot be written to.
-        LearnerError: If a learner fails. Cells that were done stay done.
     """
     watching = watching or Watching()
+    if time_limit is not None:  # a cell that is ended is to have got on
+        often = min(watching.checkpoint_every, time_limit / 5)
+        watching = replace(watching, checkpoint_every=often)
     if watching.tensorboard is not None:
         from causal_openlock.tensorboard import require_tensorboard
 
         require_tensorboard()
         # A worker may be in another directory.
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
+    if time_limit is not None and executor is not None and warn:
+        warn("the time limit is not heeded: nobody can end what a given executor has begun")
     store = Store(folder)
     store.open(experiment)
+    cells = list(experiment.cells())
+    reasons: list[str] = []
     try:
-        pending: list[Cell] = []
-        for cell in experiment.cells():
+        pending = []
+        for cell in cells:
             fault = store.check(cell)
             if fault is None:
                 store.clear(cell)
-                if done:
-                    done(cell, True)
-                continue
-            if fault != "missing" and warn:
-                warn(f"{fault}; its cell is run again")
-            pending.append(cell)
+                store.forgive(cell)
+            else:
+                if fault != "missing" and warn:
+                    warn(f"{fault}; its cell is run again")
+                pending.append(cell)
+        many = min(workers or available_cores(), max(1, len(pending)))
+        playing = _Run(cells, pending, store, watching, many, time_limit)
+        playing.done, playing.failed = done, failed
+        playing.warn, playing.progress = warn, progress
+        playing.known()
         if pending:
-            workers = min(workers or available_cores(), len(pending))
-            with worker_pool(executor, workers) as pool, _telling(store, progress):
-                futures = {
-                    pool.submit(play_cell, cell, str(store.folder.resolve()), watching): cell
-                    for cell in pending
-                }
-                _wait(futures, done, warn)
+            with crew(executor, many) as those:
+                reasons = playing.play(those)
     finally:
         store.close()
+    if reasons:
+        raise CellsFailed(reasons, len(cells))
     return store
 
 
-def _wait(
-    futures: dict[Future[Played], Cell],
-    done: Callable[[Cell, bool], None] | None,
-    warn: Callable[[str], None] | None,
-) -> None:
-    told: set[str] = set()
-    try:
-        for future in as_completed(futures):
-            for warning in future.result().warnings:
-                if warn and warning not in told:
-                    warn(warning)
-                told.add(warning)
-            if done:
-                done(futures[future], False)
-    except BrokenExecutor:
-        raise LearnerError(
-            "a worker process ended without a word (killed, out of memory, or a learner that ends "
-            "its process); run the same command again, perhaps with fewer --workers: it goes on "
-            "where it was"
-        ) from None
-    finally:
-        for future in futures:
-            future.cancel()
+class _Run:
+    """The cells that are to be played, are being played, and were."""
 
+    done: Callable[[Cell, bool], None] | None
+    failed: Callable[[Cell, str], None] | None
+    warn: Callable[[str], None] | None
+    progress: Callable[[Standing], None] | None
 
-@contextmanager
-def _telling(store: Store, progress: Callable[[float], None] | None) -> Iterator[None]:
-    """Tell every now and then how far the cells are that are being played."""
-    over = threading.Event()
+    def __init__(
+        self,
+        cells: Iterable[Cell],
+        pending: Iterable[Cell],
+        store: Store,
+        watching: Watching,
+        workers: int,
+        time_limit: float | None,
+    ) -> None:
+        self._cells, self._pending = tuple(cells), deque(pending)
+        self._store, self._watching, self._time_limit = store, watching, time_limit
+        self._course = Course(self._cells, workers)
+        self._running: dict[Future[Played], Cell] = {}
+        self._overdue: set[Future[Played]] = set()
+        self._reasons: dict[str, str] = {}
+        self._warned: set[str] = set()
+        self._looked = time.monotonic()
 
-    def look() -> None:
-        while progress and not over.wait(LOOK_EVERY):
-            progress(store.progress())
+    def known(self) -> None:
+        """Tell of the cells that were done before."""
+        waiting = {cell.file_name for cell in self._pending}
+        for cell in self._cells:
+            if cell.file_name not in waiting:
+                self._course.ended(cell, 0.0)
+                if self.done:
+                    self.done(cell, True)
 
-    looking = threading.Thread(target=look, daemon=True)
-    looking.start()
-    try:
-        yield
-    finally:
-        over.set()
-        looking.join()
-
-
-@contextmanager
-def worker_pool(executor: Executor | None, workers: int) -> Iterator[Executor]:
-    """The executor that is given, or so many processes of this machine with one thread each."""
-    if executor is not None:
-        yield executor
-        return
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    try:
-        # Fresh processes: a forked torch or Arrow may hang.
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker)
-        others = set(multiprocessing.active_children())
+    def play(self, crew: Crew) -> list[str]:
+        """Play all of them; returns why some failed."""
+        self._look(crew)
         try:
-            yield pool
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in set(multiprocessing.active_children()) - others:
-                worker.terminate()
-            raise
-        pool.shutdown()
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+            while self._pending or self._running:
+                while self._pending and crew.free():
+                    cell = self._pending.popleft()
+                    folder = str(self._store.folder.resolve())
+                    # What code that is not ours changes in its process stays with its own cell.
+                    alone = not is_ours(cell.entry.learner)
+                    future = crew.submit(play_cell, cell, folder, self._watching, alone=alone)
+                    self._running[future] = cell
+                    if crew.begun(future):
+                        self._course.began(cell, time.monotonic())
+                for future in wait(self._running, LOOK_EVERY, FIRST_COMPLETED).done:
+                    self._ended(future, crew)
+                if time.monotonic() >= self._looked + LOOK_EVERY:
+                    self._look(crew)
+        finally:
+            for future in self._running:
+                future.cancel()
+        self._look(crew)
+        names = [cell.file_name for cell in self._cells]
+        return [self._reasons[name] for name in names if name in self._reasons]
+
+    def _ended(self, future: Future[Played], crew: Crew) -> None:
+        cell, how = self._running.pop(future), crew.done(future)
+        error = future.exception()
+        kept = isinstance(error, BrokenExecutor) and self._store.check(cell) is None
+        if error is None or kept:  # a process may end after its record was written
+            self._store.forgive(cell)
+            for warning in () if kept else future.result().warnings:
+                if self.warn and warning not in self._warned:
+                    self.warn(warning)
+                self._warned.add(warning)
+            self._course.ended(cell, time.monotonic())
+            if self.done:
+                self.done(cell, False)
+            return
+        if future in self._overdue:
+            what = f"was ended after {self._time_limit:g} s"
+            why = self._store.blame(cell, what, "It has no traceback.\n")
+        elif how:
+            what = f"ended its process ({how})"
+            why = self._store.blame(cell, what, "A process that ends so leaves no traceback.\n")
+        elif isinstance(error, LearnerError):
+            why = str(error)
+        elif isinstance(error, OpenLockError):  # a disk that is full is full for all of them
+            raise error
+        else:
+            why = blame(self._store, cell, error)
+        why = f"{why}; see {self._store.error(cell)}"
+        self._reasons[cell.file_name] = why
+        self._course.ended(cell, time.monotonic(), failed=True)
+        if self.failed:
+            self.failed(cell, why)
+
+    def _look(self, crew: Crew) -> None:
+        """See how far the cells are, end those that take too long, and tell."""
+        self._looked = now = time.monotonic()
+        seconds = {one.cell.file_name: one.seconds for one in self._course.playing(now)}
+        for future, cell in self._running.items():
+            heard = self._store.share(cell)
+            if cell.file_name not in seconds and (heard or crew.begun(future)):
+                self._course.began(cell, now)
+            if heard:
+                self._course.heard(cell, *heard, now)
+            late = seconds.get(cell.file_name, 0.0) >= (self._time_limit or float("inf"))
+            if late and future not in self._overdue and crew.end(future):
+                self._overdue.add(future)
+        if self.progress:
+            self.progress(self._course.standing(now, self._pending))
 
 
-def _start_worker() -> None:
-    """Leave Ctrl-C to the parent, and end when it has ended, however that happened."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-
-        def end_with_parent() -> None:
-            parent.join()
-            os._exit(1)
-
-        threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-def available_cores() -> int:
-    """How many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+__all__ = ["LOOK_EVERY", "run"]

@@ -31,6 +31,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
+from causal_openlock.counted import counted
 from causal_openlock.errors import SchemaError, nearest
 
 DOOR = "door"
@@ -355,7 +356,8 @@ class Schema:
         return zlib.crc32(repr((self.name, self.levers, sorted(self.graph.edges))).encode())
 
     def __repr__(self) -> str:
-        return f"<Schema {self.name}: {len(self.levers)} levers, {len(self.solutions)} solutions>"
+        levers, solutions = counted(len(self.levers), "lever"), len(self.solutions)
+        return f"<Schema {self.name}: {levers}, {counted(solutions, 'solution')}>"
 
     def _repr_html_(self) -> str:
         from causal_openlock.display import schema_html

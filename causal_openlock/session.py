@@ -24,7 +24,7 @@ from causal_openlock.protocol import Condition, Protocol, Visit, plan
 from causal_openlock.randomness import Streams, generators
 from causal_openlock.record import AttemptLog, assemble
 from causal_openlock.reward_table import RewardTable
-from causal_openlock.rewards import PAPER_REWARD, RewardFunction, find_reward
+from causal_openlock.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.room import Layout, action_names, positions_for
 from causal_openlock.schema import Schema
 from causal_openlock.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
@@ -64,7 +64,7 @@ class Session:
         subjects: Sequence[int] | int,
         *,
         seed: int = 0,
-        reward: RewardFunction | str = PAPER_REWARD,
+        reward: RewardForm = PAPER_REWARD,
         learner: str = "learner",
         experiment: str = "session",
     ) -> None:

@@ -3,7 +3,8 @@
 A pickle can run any program when it is read, and a results folder is something people pass on. So
 a state is written as arrays in an uncompressed ``.npz`` archive, together with a text in JSON that
 says how they hang together; reading one makes nothing but plain values, NumPy arrays and tensors.
-The archive's checksums tell a file that does not read back as what was written.
+The archive's checksums tell a file that does not read back as what was written
+(:mod:`causal_openlock.archive`).
 
 >>> with open("learner.state", "wb") as file:
 ...     write_state(file, {"weights": np.ones(2), "steps": (3, None)})
@@ -15,7 +16,6 @@ from __future__ import annotations
 
 import json
 import sys
-import zipfile
 from collections import OrderedDict
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
@@ -23,6 +23,7 @@ from typing import Any, BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from causal_openlock.archive import Archive, ArchiveError, open_archive, reading
 from causal_openlock.errors import OpenLockError
 
 PLAIN = (type(None), bool, int, float, str)
@@ -31,6 +32,16 @@ OUTLINE = "outline"
 
 class StateError(OpenLockError):
     """A state that cannot be kept as plain data, or a file that holds none."""
+
+
+class Passing(bytes):
+    """Bytes that mean something to this process alone, so that no file is to hold them.
+
+    Attributes:
+        why: Why that is so.
+    """
+
+    why = ""
 
 
 def write_state(file: BinaryIO, state: Any) -> None:
@@ -52,18 +63,10 @@ def read_state(path: Path | str) -> Any:
         FileNotFoundError: If it is not there.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            damaged = archive.testzip()
-        if damaged is None:
-            with np.load(path, allow_pickle=False) as arrays:
-                outline = json.loads(arrays[OUTLINE].tobytes())
-                return _restored(outline, arrays)
-    except FileNotFoundError:
-        raise
-    # A file that anything may have happened to can fail to be read in any way.
-    except Exception as error:
-        raise StateError(f"{type(error).__name__}: {error}") from None
-    raise StateError(f"{damaged} is not what was written")
+        with open_archive(path) as arrays, reading():
+            return _restored(json.loads(arrays.read(OUTLINE).tobytes()), arrays)
+    except ArchiveError as error:
+        raise StateError(str(error)) from None
 
 
 def _outlined(value: Any, arrays: dict[str, NDArray[Any]], at: str) -> Any:
@@ -86,6 +89,8 @@ def _outlined(value: Any, arrays: dict[str, NDArray[Any]], at: str) -> Any:
     if type(value) in (list, tuple):
         parts = [_outlined(part, arrays, f"{at}.{index}") for index, part in enumerate(value)]
         return [type(value).__name__, parts]
+    if isinstance(value, Passing):
+        raise StateError(value.why)
     if type(value) is bytes:
         return kept("bytes", np.frombuffer(value, np.uint8))
     if type(value) is np.ndarray and not value.dtype.hasobject:
@@ -109,7 +114,7 @@ def _refuse(what: Any, at: str) -> NoReturn:
     )
 
 
-def _restored(outline: Any, arrays: Any) -> Any:
+def _restored(outline: Any, arrays: Archive) -> Any:
     if not isinstance(outline, list):
         return outline
     kind, held = outline
@@ -118,7 +123,7 @@ def _restored(outline: Any, arrays: Any) -> Any:
     if kind in ("list", "tuple"):
         parts = [_restored(part, arrays) for part in held]
         return parts if kind == "list" else tuple(parts)
-    array = arrays[held]
+    array = arrays.read(held)
     if kind == "bytes":
         return array.tobytes()
     if kind == "number":

@@ -16,8 +16,8 @@ from pathlib import Path
 from causal_openlock.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment import Cell
-from causal_openlock.files import write_text
 from causal_openlock.learner import Learner
+from causal_openlock.learner_check import check_new_learner
 from causal_openlock.learner_registry import create
 from causal_openlock.session import Session
 from causal_openlock.store import PROGRESS, Store, versions
@@ -57,13 +57,14 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> Played:
     """Play one cell and keep its record.
 
     Raises:
-        LearnerError: If the learner fails; its traceback is kept in the folder ``errors``.
-        StoreError: If the record cannot be written.
+        LearnerError: If the learner fails; why, and its traceback, are kept in ``errors``.
+        OpenLockError: If a file cannot be written.
     """
     store = Store(folder)
     made_with = {"identity": cell.identity, **versions()}
     checkpoint = Checkpoint(store.path(cell), made_with, watching.checkpoint_every)
     try:
+        checkpoint.warnings += check_new_learner(cell)
         session, learner = _begun(cell, checkpoint)
         with ExitStack() as stack:
             after = [_teller(session, store.path(cell).with_suffix(PROGRESS))]
@@ -79,23 +80,38 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> Played:
                     look()
 
             record = session.go_on(learner, watch)
-    except OpenLockError as error:
-        store.clear(cell)
-        raise LearnerError(f"{cell.entry.name} in {cell.condition.name}: {error}") from None
     except (Exception, SystemExit) as error:
         # A learner that failed will be mended, and is then another one: nothing to go on from.
         store.clear(cell)
-        kept = Path(folder) / "errors" / f"{cell.name}.txt"
-        write_text(kept, traceback.format_exc())
-        said = " ".join(str(error).split())[:200]
-        raise LearnerError(
-            f"the learner {cell.entry.name} failed in {cell.condition.name} "
-            f"({type(error).__name__}: {said}); its traceback is in {kept}"
-        ) from None
+        raise LearnerError(blame(store, cell, error)) from None
     store.write(cell, record)
     store.clear(cell)
+    store.forgive(cell)
     warnings = (f"{cell.entry.name}: {warning}" for warning in checkpoint.warnings)
     return Played(int(record.num_rows), tuple(warnings))
+
+
+def blame(store: Store, cell: Cell, error: BaseException) -> str:
+    """Keep what a cell failed by; returns a sentence that says so.
+
+    Raises:
+        OpenLockError: If it cannot be written.
+    """
+    said = _said(error)
+    if not isinstance(error, OpenLockError):
+        said = f"{type(error).__name__}: {said}" if said else type(error).__name__
+    try:
+        trace = "".join(traceback.format_exception(error))
+    except Exception:  # an exception can fail to say what it is
+        trace = f"{type(error).__name__}\n"
+    return store.blame(cell, f"failed: {said}", trace)
+
+
+def _said(error: BaseException) -> str:
+    try:
+        return " ".join(str(error).split())[:200]
+    except Exception:
+        return ""
 
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
@@ -125,7 +141,7 @@ def _made(cell: Cell) -> tuple[Session, Learner]:
 
 
 def _teller(session: Session, path: Path) -> Callable[[], None]:
-    """Writes down how far a session is, every now and then; see :meth:`Store.progress`."""
+    """Writes down how far a session is, every now and then; see :meth:`Store.share`."""
     due = time.perf_counter() + TELL_EVERY
 
     def tell() -> None:

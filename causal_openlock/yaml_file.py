@@ -12,6 +12,7 @@ keys that are no names, several documents in one file).
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -40,6 +41,7 @@ def yaml_parser() -> YAML:
 
     yaml = YAML(typ="rt", pure=True)
     yaml.Constructor = _constructor()
+    yaml.Emitter = _emitter()
     yaml.preserve_quotes = True
     yaml.width = 100
     yaml.indent(mapping=2, sequence=4, offset=2)
@@ -62,6 +64,30 @@ def _constructor() -> Any:
                 ) from None
 
     return Constructor
+
+
+@cache
+def _emitter() -> Any:
+    """ruamel.yaml's emitter, which then never breaks a text into lines.
+
+    A text that is broken does not always come back: where two spaces stand at the break, one of
+    them is lost. Nor does, unless it is quoted, one with a line break that only Unicode knows, or
+    one that begins with a question mark in the middle of a line.
+    """
+    from ruamel.yaml.emitter import Emitter as Plain
+
+    class Emitter(Plain):
+        def choose_scalar_style(self) -> Any:
+            text = self.event.value
+            odd = text.startswith("?") or any(one in text for one in "\x85\u2028\u2029")
+            return '"' if odd else super().choose_scalar_style()
+
+        def process_scalar(self) -> None:
+            width, self.best_width = self.best_width, sys.maxsize
+            super().process_scalar()
+            self.best_width = width
+
+    return Emitter
 
 
 @dataclass(frozen=True)
@@ -267,7 +293,7 @@ def _is_text(value: str) -> bool:
 
 
 def dump_yaml(data: Any, width: int = 100) -> str:
-    """Data as YAML text; longer lines are broken where they can be."""
+    """Data as YAML text; lists and mappings that are longer than a line are broken."""
     stream = io.StringIO()
     yaml = yaml_parser()
     yaml.width = width

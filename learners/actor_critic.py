@@ -119,9 +119,8 @@ class Trainer:
 
     def __init__(self, network: Memory, settings: PolicyGradient) -> None:
         self.network, self.settings = network, settings
-        self.optimiser = torch.optim.Adam(
-            network.parameters(), lr=settings.learning_rate, eps=1e-5, fused=True
-        )
+        # Not fused, which would compute the last few numbers of a piece in another way.
+        self.optimiser = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, eps=1e-5)
 
     def update(
         self, rollout: Rollout, entropy_weight: float, generator: np.random.Generator | None = None
@@ -191,7 +190,10 @@ class Trainer:
     def _cut(self) -> None:
         """Cut the gradients of each network to a norm."""
         gradients = [p.grad for p in self.network.parameters() if p.grad is not None]
-        squares = torch.stack([g.flatten(1).pow(2).sum(dim=1) for g in gradients]).sum(dim=0)
+        # One by one: torch would sum a stack of them in another order for a single network.
+        squares = torch.zeros(len(gradients[0]))
+        for gradient in gradients:
+            squares = squares + gradient.flatten(1).pow(2).sum(dim=1)
         share = (self.settings.largest_gradient / (squares.sqrt() + 1e-6)).clamp(max=1.0)
         for gradient in gradients:
             gradient *= share.view(-1, *[1] * (gradient.dim() - 1))

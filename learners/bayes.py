@@ -33,13 +33,18 @@ from pydantic import Field
 
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.believer import Believer, situation_of
+from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, TABLE_BYTES
 from causal_openlock.belief.intention import draw_intention
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
 from causal_openlock.belief.prior import Count, Prior, Share
+from causal_openlock.belief.sampling import DRAWS, LISTED_CAUSES, ROUNDS
 from causal_openlock.belief.space import Space
+from causal_openlock.belief.structures import behaviour_bytes
+from causal_openlock.expected_cost import Cost
 from causal_openlock.fsm import FloatArray, IntArray
 from causal_openlock.learner import Brief, Step, View
 from causal_openlock.randomness import Streams, pick
+from causal_openlock.schema import Schema
 
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
@@ -47,6 +52,11 @@ Policy = Literal[
 _PLANS: WeakKeyDictionary[Space, dict[Any, FloatArray]] = WeakKeyDictionary()
 """Plans made in this process: a plan follows from a belief, whoever holds it."""
 MOST_PLANS = 50_000
+SAMPLINGS, SAMPLINGS_A_SOLUTION = 8, 1.5
+"""How often hypotheses are sampled in a trial of many levers, as measured; for an estimate."""
+SECONDS_A_NODE = 2e-6
+"""Seconds to look at a structure, for each lever; the same."""
+COPIES = 4
 ALMOST_NOTHING = 1e-6
 
 
@@ -68,6 +78,20 @@ class Bayes(Believer):
 
     Parameters = BayesParameters
     parameters: BayesParameters
+
+    @classmethod
+    def expected_cost(cls, parameters: BayesParameters, schema: Schema, action_limit: int) -> Cost:
+        """What a room costs: hypotheses sampled time after time, and tables to compare them."""
+        levers = len(schema.levers)
+        if levers <= FREE_FORM_LEVERS:
+            return Cost(0.1, "every structure is listed")
+        large = levers > LISTED_CAUSES + 1
+        looked_at = parameters.effort if large else ROUNDS * DRAWS // 3
+        times = SAMPLINGS + SAMPLINGS_A_SOLUTION * len(schema.solutions)
+        work = f"about {times:.0f} times {looked_at:,} structures of {levers} levers are looked at"
+        seconds = times * looked_at * SECONDS_A_NODE * levers
+        many = min(parameters.hypothesis_limit * behaviour_bytes(levers, action_limit), TABLE_BYTES)
+        return Cost(seconds, work, COPIES * many / 1e6)
 
     def begin(self, brief: Brief) -> None:
         """Believe what there is to believe before the first room."""

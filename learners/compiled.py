@@ -3,7 +3,7 @@
 :class:`CompiledDoubleQ` is a :class:`~learners.stacked.StackedDoubleQ`, keeps its parameters and
 its optimiser's moments in the same tensors, and so writes and reads the same checkpoints; only how
 it evaluates and trains is its own (:mod:`learners.kernels`). An agent's numbers do not depend on
-which others there are.
+which others there are, nor on what else is evaluated.
 
 The first call compiles for some seconds; the machine code is kept beside the module (or, where that
 cannot be written to, in the user's cache) for all later processes of the installation.
@@ -11,30 +11,23 @@ cannot be written to, in the user's cache) for all later processes of the instal
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import scipy.linalg.cython_blas  # noqa: F401 (the BLAS that compiled code calls)
 import torch
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 from torch import Tensor
 
 from learners import kernels
 from learners.replay import Batch
-from learners.stacked import Loss, Optimiser, StackedDoubleQ, StackedMLP
+from learners.stacked import StackedDoubleQ, StackedMLP
 
-RULES = {"adam": kernels.ADAM, "rmsprop": kernels.RMSPROP, "sgd": kernels.SGD}
+RULES: dict[type[torch.optim.Optimizer], int] = {
+    torch.optim.Adam: kernels.ADAM,
+    torch.optim.RMSprop: kernels.RMSPROP,
+    torch.optim.SGD: kernels.SGD,
+}
 LOSSES = {"huber": kernels.HUBER, "squared": kernels.SQUARED}
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    """The loaded libraries for linear algebra, to set how many threads they use."""
-    return ThreadpoolController().select(user_api="blas")
 
 
 def networks_of(stack: StackedMLP) -> kernels.Networks:
@@ -46,40 +39,24 @@ def networks_of(stack: StackedMLP) -> kernels.Networks:
 
 
 class CompiledDoubleQ(StackedDoubleQ):
-    """A :class:`~learners.stacked.StackedDoubleQ` on a CPU, in compiled code.
+    """A :class:`~learners.stacked.StackedDoubleQ` on a CPU, in compiled code; made like one."""
 
-    Args:
-        sizes: As for :class:`~learners.stacked.StackedDoubleQ`, with all others.
-        generators: One source of initial weights for each agent.
-        learning_rate: Of the optimiser.
-        gamma: Discount factor.
-        target_period: Updates between copies of the network to the target network.
-        loss: Huber's loss, or half the squared error.
-        optimiser: By torch's rules and with torch's defaults.
-        device: A CPU.
-    """
-
-    def __init__(
-        self,
-        sizes: Sequence[int],
-        generators: Sequence[np.random.Generator],
-        learning_rate: float,
-        gamma: float,
-        target_period: int | None,
-        loss: Loss = "huber",
-        optimiser: Optimiser = "adam",
-        device: torch.device | str | None = None,
-    ) -> None:
-        super().__init__(
-            sizes, generators, learning_rate, gamma, target_period, loss, optimiser, device
-        )
-        self._rule = RULES[optimiser]
-        self._loss = LOSSES[loss]
+    _views: tuple[kernels.Networks, kernels.Networks] | None = None
 
     @property
     def _networks(self) -> tuple[kernels.Networks, kernels.Networks]:
-        """Views of the tensors, taken anew each time: those of a copy would be views of nothing."""
-        return networks_of(self.online), networks_of(self.target)
+        """The networks and the target networks, as views of the tensors."""
+        if self._views is None:
+            self._views = networks_of(self.online), networks_of(self.target)
+        return self._views
+
+    def __getstate__(self) -> dict[str, Any]:
+        # In a copy, views of the tensors here would be views of nothing.
+        return {**vars(self), "_views": None}
+
+    @property
+    def _rule(self) -> int:
+        return RULES[type(self.optimiser)]
 
     @property
     def _type(self) -> np.dtype[Any]:
@@ -96,25 +73,30 @@ class CompiledDoubleQ(StackedDoubleQ):
 
     def _room_for(self, observations: int) -> kernels.Scratch:
         sizes, widest = self.online.sizes, max(self.online.sizes[1:])
-        layer = max(one * other for one, other in pairwise(sizes))
+        terms = max(observations, kernels.BLOCK) + 4
         return kernels.Scratch(
             given=np.zeros(observations * sum(sizes), self._type),
-            slope=np.zeros(2 * observations * widest, self._type),
-            gradient=np.zeros(max(layer, widest), self._type),
+            slope=np.zeros(2 * (observations + 1) * widest, self._type),
+            rest=np.zeros(widest, self._type),
+            listed=np.zeros(terms, dtype=np.int64),
+            factors=np.zeros(terms, self._type),
             rows=np.zeros(observations, dtype=np.int64),
             inputs=np.zeros((observations, sizes[0]), self._type),
             column=np.full(len(self._table), -1),
         )
 
-    def greedy(self, observations: Tensor) -> Tensor:
-        """``[N]`` the best action for each agent's observation, ``[N, in]``."""
-        inputs = observations.to(self.online.parameters).numpy()
-        with _blas().limit(limits=1):
-            return torch.from_numpy(kernels.greedy(self._networks[0], inputs, self._scratch))
+    def greedy(
+        self, observations: NDArray[Any], wanted: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.int64]:
+        """As for :class:`~learners.stacked.StackedDoubleQ`."""
+        if wanted is None:
+            wanted = np.ones(self.online.agents, dtype=bool)
+        inputs = observations.astype(self._type)
+        return kernels.greedy(self._networks[0], inputs, wanted, self._scratch)
 
     def errors(self, batch: Batch) -> Tensor:
         """``[N, M]`` TD errors: the value of each transition's action, less its double-Q target."""
-        nothing = np.zeros(0, self._type)
+        nothing = self._networks[0].flat
         idle = kernels.Optimiser(kernels.SGD, np.zeros(6, self._type), nothing, nothing)
         return self._run(batch, np.zeros(self.online.agents, dtype=bool), idle)
 
@@ -129,25 +111,18 @@ class CompiledDoubleQ(StackedDoubleQ):
         most = min(2 * batch.before.shape[1], len(self._table))
         if len(self._scratch.rows) < most:
             self._scratch = self._room_for(most)
-        batches = kernels.Minibatch(
-            np.ascontiguousarray(batch.before.numpy()),
-            np.ascontiguousarray(batch.action.numpy()),
-            np.ascontiguousarray(batch.reward.numpy(), self._type),
-            np.ascontiguousarray(batch.after.numpy()),
-            np.ascontiguousarray(batch.goes_on.numpy(), self._type),
-            np.ascontiguousarray(batch.weight.numpy(), self._type),
+        parts = (batch.before, batch.action, batch.reward, batch.after, batch.goes_on, batch.weight)
+        batches = kernels.Minibatch(*(np.ascontiguousarray(part.numpy()) for part in parts))
+        errors = kernels.update(
+            *self._networks,
+            batches,
+            trains,
+            self._known,
+            optimiser,
+            self.gamma,
+            LOSSES[self.loss],
+            self._scratch,
         )
-        with _blas().limit(limits=1):
-            errors = kernels.update(
-                *self._networks,
-                batches,
-                trains,
-                self._known,
-                optimiser,
-                self.gamma,
-                self._loss,
-                self._scratch,
-            )
         return torch.from_numpy(errors)
 
     def _forget_judged(self) -> None:
@@ -170,7 +145,7 @@ class CompiledDoubleQ(StackedDoubleQ):
     def _step(self) -> kernels.Optimiser:
         """Count one more step, and state the optimiser as it takes it."""
         settings, state = self.optimiser.param_groups[0], self._remembered()
-        first = second = np.zeros(0, self._type)
+        first = second = self._networks[0].flat  # of any value, where the rule remembers nothing
         kept = kept_square = 0.0
         if state:
             state["step"] += 1

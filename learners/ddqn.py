@@ -165,8 +165,7 @@ class DDQN(Learner):
         actions = self._explore(view, explores, draws[:, 1])
         if not explores.all():
             seen = self._seen(view.observation, view.console.solutions_found)
-            inputs = self._torch.from_numpy(seen.astype(np.float32))
-            actions = np.where(explores, actions, self.q.greedy(inputs).cpu().numpy())
+            actions = np.where(explores, actions, self.q.greedy(seen, ~explores))
         return actions
 
     def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:

@@ -24,13 +24,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
-from causal_openlock.belief.optimal import Optimum, Point
-from causal_openlock.belief.placements import TooLargeError, placements
+from causal_openlock.belief.optimal import HYPOTHESIS_LIMIT, NODE_LIMIT, Optimum, Point
+from causal_openlock.belief.placements import (
+    TABLE_LIMIT,
+    TooLargeError,
+    placements,
+    ways_to_place,
+)
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.strength import Strengths, at_least, strengths
 from causal_openlock.belief.symmetry import bits
 from causal_openlock.errors import LearnerError
+from causal_openlock.expected_cost import Cost
 from causal_openlock.fsm import FloatArray, IntArray
 from causal_openlock.learner import Brief, InformedLearner, Observations, Step, Truth, View
 from causal_openlock.randomness import Streams
@@ -38,6 +44,8 @@ from causal_openlock.schema import Schema
 
 PLANNED = 600
 """The most hypotheses that a plan takes into account."""
+SECONDS_A_STATE, SECONDS_A_PLAN = 3e-4, 2e-4
+"""Seconds for a state of the search, and for a placement where it plans; for an estimate."""
 
 
 @dataclass(eq=False)
@@ -70,6 +78,22 @@ class Happened(NamedTuple):
 
 class Ideal(InformedLearner):
     """Knows the schema and not the layout, and needs the fewest attempts that are possible."""
+
+    @classmethod
+    def expected_cost(cls, parameters: Any, schema: Schema, action_limit: int) -> Cost:
+        """What a room costs: every placement is listed, and the exact search may be long."""
+        many = ways_to_place(schema)
+        if many << len(schema.levers) > TABLE_LIMIT:
+            return Cost(math.inf, f"its levers can be placed in {many:,} ways, too many to list")
+        if not schema.deterministic or many > HYPOTHESIS_LIMIT:
+            return Cost(many * SECONDS_A_PLAN, f"plans over {many:,} placements")
+        # The search over few placements is soon done; the more solutions, the more orders of them.
+        states = min(NODE_LIMIT, many * len(schema.solutions) * len(schema.levers))
+        return Cost(
+            states * SECONDS_A_STATE,
+            f"an exact search over {many:,} placements, of some {states:,} states before the first "
+            "action, and without a bound after it",
+        )
 
     def begin(self, brief: Brief) -> None:
         """Open one stream of numbers for each subject."""

@@ -1,14 +1,16 @@
-"""The double-Q update as compiled loops: one agent after the other, each in the cache.
+"""The double-Q update as compiled loops: one agent after the other, and every row by itself.
 
-A network of the paper's size takes 215 kB, its gradient and Adam's two moments as much each. Taken
-together they fit into a core's cache, those of twenty agents do not. So nothing here is done for
-all agents at once: an agent's minibatch is looked up, evaluated and propagated back, and each
-layer's gradient is spent by the optimiser while it is still in the cache, before the next agent's
-turn. Nor is anything padded: each agent evaluates as many observations as its minibatch has.
+A minibatch holds only some ten distinct observations, and half or more of the activations are zero:
+too little for a library of matrix products, which rearranges 64 kB of weights before it multiplies
+them with six rows. Here each row of a product is summed by itself, zeros left out, in an order that
+depends on nothing but the row. That is quicker, and it makes an agent's numbers its own: they do
+not depend on which observations are evaluated together, on which agents share a cell, or on whether
+a run was interrupted.
 
-Matrix products are BLAS's, through ``np.dot``; whoever calls sees to it that BLAS keeps to one
-thread, since several only wait for each other at this size. What is computed, and why, is told in
-:mod:`learners.stacked`, the reference for everything here.
+On the way back, the weights are gone through once. For each row of weights: what it passes on to
+the layer below, its gradient, and the optimiser's step, while all of it is in the cache. Nothing is
+done for all agents at once, since the parameters of twenty and Adam's two moments do not fit there.
+What is computed, and why, is told in :mod:`learners.stacked`, the reference for everything here.
 """
 
 from __future__ import annotations
@@ -27,6 +29,9 @@ Integers = NDArray[np.int64]
 ADAM, RMSPROP, SGD = range(3)
 HUBER, SQUARED = range(2)
 
+BLOCK = 64
+"""Rows of weights that all observations are multiplied with before the next rows are read."""
+
 
 def compiled(function: Compiled) -> Compiled:
     """Compile at the first call, once for an installation.
@@ -36,6 +41,12 @@ def compiled(function: Compiled) -> Compiled:
     that what is not a number stays so.
     """
     compiler = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+    return cast(Compiled, compiler(function))
+
+
+def inlined(function: Compiled) -> Compiled:
+    """Compile into the functions that call this one: small ones, whose calls would cost most."""
+    compiler = numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
     return cast(Compiled, compiler(function))
 
 
@@ -62,8 +73,8 @@ class Optimiser(NamedTuple):
         rule: ``ADAM``, ``RMSPROP`` or ``SGD``.
         settings: Size of the step; share of the new gradient in ``first``; shares of the old mean
             and of the new square in ``second``; epsilon; and what corrects the root of ``second``.
-        first: Mean of the gradients, laid out like the parameters; Adam's alone.
-        second: Mean of their squares; that of Adam and of RMSprop.
+        first: Mean of the gradients, laid out like the parameters; it is used by Adam alone.
+        second: Mean of their squares; it is used by Adam and by RMSprop.
     """
 
     rule: int
@@ -103,7 +114,9 @@ class Scratch(NamedTuple):
     Attributes:
         given: What each layer is given and the outputs, one after the other.
         slope: Two halves: the gradient by what a layer gives and by what it is given, in turns.
-        gradient: Of the weights and biases of one layer.
+        rest: Of a gradient, what has been summed of it; zeros between two of them.
+        listed: Which terms of a sum are not zero.
+        factors: By what they are multiplied.
         rows: Numbers of the distinct observations of a minibatch.
         inputs: These observations.
         column: ``[D]`` which of ``rows`` an observation is; -1 if it is none of them.
@@ -111,7 +124,9 @@ class Scratch(NamedTuple):
 
     given: Floats
     slope: Floats
-    gradient: Floats
+    rest: Floats
+    listed: Integers
+    factors: Floats
     rows: Integers
     inputs: Floats
     column: Integers
@@ -130,10 +145,10 @@ def weights_of(flat: Floats, networks: Networks, layer: int, agent: int) -> Floa
 
 @compiled
 def biases_of(flat: Floats, networks: Networks, layer: int, agent: int) -> Floats:
-    """``[out]`` an agent's biases in ``flat``."""
+    """``[1, out]`` an agent's biases in ``flat``."""
     rows, columns = networks.sizes[layer], networks.sizes[layer + 1]
     begin = networks.begins[layer] + (networks.agents * rows + agent) * columns
-    return flat[begin : begin + columns]
+    return flat[begin : begin + columns].reshape((1, columns))
 
 
 @compiled
@@ -151,23 +166,71 @@ def slope_by(scratch: Scratch, turn: int, many: int, width: int) -> Floats:
     return scratch.slope[begin : begin + many * width].reshape((many, width))
 
 
+@inlined
+def list_terms(values: Floats, filler: int, listed: Integers, factors: Floats) -> int:
+    """List and count what is not zero of some values.
+
+    Four terms of factor zero follow, all of the vector ``filler``, so that sums can go by fours.
+    """
+    many = 0
+    for i in range(len(values)):
+        listed[many], factors[many] = i, values[i]
+        many += values[i] != 0
+    for term in range(many, many + 4):
+        listed[term], factors[term] = filler, 0
+    return many
+
+
+@inlined
+def four_terms(rest: Any, vectors: Floats, which: Any, factors: Any, element: int) -> Any:
+    """One element of a sum of vectors: what has been summed so far, and four more terms."""
+    i, j, k, m = which
+    a, b, c, d = factors
+    return (
+        rest
+        + a * vectors[i, element]
+        + b * vectors[j, element]
+        + c * vectors[k, element]
+        + d * vectors[m, element]
+    )
+
+
+@inlined
+def add_terms(
+    first: int, many: int, listed: Integers, factors: Floats, vectors: Floats, output: Floats
+) -> None:
+    """Add the terms listed, from the first on, to a vector: in their order, whatever else there is.
+
+    Four go into one pass; with more, the compiler gives up on vectors.
+    """
+    for t in range(first, many, 4):
+        which = listed[t], listed[t + 1], listed[t + 2], listed[t + 3]
+        four = factors[t], factors[t + 1], factors[t + 2], factors[t + 3]
+        for element in range(len(output)):
+            output[element] = four_terms(output[element], vectors, which, four, element)
+
+
 @compiled
 def evaluate(networks: Networks, agent: int, inputs: Floats, scratch: Scratch) -> Floats:
     """``[U, out]`` an agent's values of ``[U, in]`` observations; ``scratch`` keeps the trace."""
     many, layers = len(inputs), len(networks.begins)
+    listed, factors = scratch.listed, scratch.factors
     given = given_to(scratch, networks, 0, many)
     given[:] = inputs
     for layer in range(layers):
         output = given_to(scratch, networks, layer + 1, many)
-        np.dot(given, weights_of(networks.flat, networks, layer, agent), output)
-        biases = biases_of(networks.flat, networks, layer, agent)
-        is_hidden = layer < layers - 1
-        for row in range(many):
-            for unit in range(len(biases)):
-                value = output[row, unit] + biases[unit]
-                if is_hidden and value < 0:  # ReLU
-                    value = biases.dtype.type(0)
-                output[row, unit] = value
+        output[:] = biases_of(networks.flat, networks, layer, agent)[0]
+        weights = weights_of(networks.flat, networks, layer, agent)
+        for begin in range(0, len(weights), BLOCK):
+            block = weights[begin : begin + BLOCK]
+            for row in range(many):
+                terms = list_terms(given[row, begin : begin + BLOCK], 0, listed, factors)
+                add_terms(0, terms, listed, factors, block, output[row])
+        if layer < layers - 1:  # ReLU; what is not a number stays so
+            for row in range(many):
+                for unit in range(output.shape[1]):
+                    value = output[row, unit]
+                    output[row, unit] = output.dtype.type(0) if value < 0 else value
         given = output
     return given
 
@@ -185,73 +248,152 @@ def best(values: Floats) -> int:
 
 
 @compiled
-def greedy(networks: Networks, observations: Floats, scratch: Scratch) -> Integers:
-    """``[N]`` the best action for each agent's observation, ``[N, in]``."""
-    actions = np.empty(networks.agents, dtype=np.int64)
+def greedy(
+    networks: Networks, observations: Floats, wanted: NDArray[np.bool_], scratch: Scratch
+) -> Integers:
+    """``[N]`` the best action for each agent's observation, ``[N, in]``; 0 where none is wanted."""
+    actions = np.zeros(networks.agents, dtype=np.int64)
     for agent in range(networks.agents):
-        values = evaluate(networks, agent, observations[agent : agent + 1], scratch)
-        actions[agent] = best(values[0])
+        if wanted[agent]:
+            values = evaluate(networks, agent, observations[agent : agent + 1], scratch)
+            actions[agent] = best(values[0])
     return actions
 
 
-# -- optimisers -----------------------------------------------------------------------------------
+# -- training -------------------------------------------------------------------------------------
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def four_products(
+    rows: Floats, i: int, j: int, k: int, m: int, weights: Floats, unit: int
+) -> tuple[Any, Any, Any, Any]:
+    """The inner products of four rows with a unit's weights.
+
+    Each is summed in several parts at once (``reassoc``), in an order that its length decides.
+    """
+    a = b = c = d = weights.dtype.type(0)
+    for output in range(weights.shape[1]):
+        weight = weights[unit, output]
+        a += rows[i, output] * weight
+        b += rows[j, output] * weight
+        c += rows[k, output] * weight
+        d += rows[m, output] * weight
+    return a, b, c, d
 
 
 @compiled
-def descend(optimiser: Optimiser, flat: Floats, begin: int, gradient: Floats) -> None:
-    """Move the parameters from ``begin`` on down their gradient, as torch's optimisers do."""
-    size, new, old_square, new_square, epsilon, correction = optimiser.settings
-    end = begin + len(gradient)
-    parameter = flat[begin:end]
-    if optimiser.rule == ADAM:
-        first, second = optimiser.first[begin:end], optimiser.second[begin:end]
-        for i in range(len(gradient)):
-            slope = gradient[i]
-            mean = first[i] + new * (slope - first[i])
-            square = old_square * second[i] + new_square * slope * slope
-            first[i], second[i] = mean, square
-            parameter[i] -= size * mean / (np.sqrt(square) * correction + epsilon)
-    elif optimiser.rule == RMSPROP:
-        second = optimiser.second[begin:end]
-        for i in range(len(gradient)):
-            square = old_square * second[i] + new_square * gradient[i] * gradient[i]
-            second[i] = square
-            parameter[i] -= size * gradient[i] / (np.sqrt(square) + epsilon)
-    else:
-        for i in range(len(gradient)):
-            parameter[i] -= size * gradient[i]
+def train_units(
+    given: Floats,
+    slope: Floats,
+    below: Floats,
+    weights: Floats,
+    first: Floats,
+    second: Floats,
+    optimiser: Optimiser,
+    scratch: Scratch,
+) -> None:
+    """Train the weights of units, one unit after the other, and pass the gradient on below.
+
+    What a unit passes on, its gradient and the step on it are done at once, while its weights are
+    in the cache: the sums of the gradient take no time beside the step's divisions and roots.
+
+    Args:
+        given: ``[R, U]`` what the units gave for R observations.
+        slope: ``[R + 1, out]`` gradient by the outputs; zeros in the last row.
+        below: ``[R + 1, U]`` set to the gradient by what the units gave, where they let something
+            through: the slope of a ReLU is 1 there and 0 elsewhere. What is in the last row means
+            nothing. Empty where nobody is below.
+        weights: ``[U, out]``.
+        first: ``[U, out]`` what the optimiser remembers of them.
+        second: The same.
+        optimiser: By what steps are taken.
+        scratch: Room to work in.
+    """
+    rule, settings = optimiser.rule, optimiser.settings
+    size, new, old_square = settings[0], settings[1], settings[2]
+    new_square, epsilon, correction = settings[3], settings[4], settings[5]
+    listed, factors, rest = scratch.listed, scratch.factors, scratch.rest
+    outputs = weights.shape[1]
+    below[:] = 0
+    for unit in range(len(weights)):
+        many = list_terms(given[:, unit], len(given), listed, factors)
+        for t in range(0, many if len(below) else 0, 4):
+            i, j, k, m = listed[t], listed[t + 1], listed[t + 2], listed[t + 3]
+            a, b, c, d = four_products(slope, i, j, k, m, weights, unit)
+            below[i, unit], below[j, unit], below[k, unit], below[m, unit] = a, b, c, d
+        add_terms(4, many, listed, factors, slope, rest[:outputs])
+        which = listed[0], listed[1], listed[2], listed[3]
+        four = factors[0], factors[1], factors[2], factors[3]
+        moving = many
+        if rule == ADAM and not many:
+            for output in range(outputs):
+                moving += first[unit, output] != 0
+        if not moving:
+            if rule != SGD:
+                for output in range(outputs):
+                    second[unit, output] *= old_square
+        elif rule == ADAM:
+            for output in range(outputs):
+                gradient = four_terms(rest[output], slope, which, four, output)
+                mean = first[unit, output] + new * (gradient - first[unit, output])
+                square = old_square * second[unit, output] + new_square * gradient * gradient
+                first[unit, output], second[unit, output] = mean, square
+                weights[unit, output] -= size * mean / (np.sqrt(square) * correction + epsilon)
+        elif rule == RMSPROP:
+            for output in range(outputs):
+                gradient = four_terms(rest[output], slope, which, four, output)
+                square = old_square * second[unit, output] + new_square * gradient * gradient
+                second[unit, output] = square
+                weights[unit, output] -= size * gradient / (np.sqrt(square) + epsilon)
+        else:
+            for output in range(outputs):
+                weights[unit, output] -= size * four_terms(rest[output], slope, which, four, output)
+        if many > 4:
+            rest[:outputs] = 0
 
 
 @compiled
 def backward(
-    networks: Networks, agent: int, many: int, optimiser: Optimiser, scratch: Scratch
+    networks: Networks, agent: int, many: int, used: int, optimiser: Optimiser, scratch: Scratch
 ) -> None:
-    """Train an agent's network on the gradient by its outputs, which ``slope_by(0)`` holds."""
+    """Train an agent's network on the gradient by its outputs, which ``slope_by(0)`` holds.
+
+    Args:
+        networks: The networks.
+        agent: Which of them.
+        many: Observations that were evaluated.
+        used: How many of these, from the first on, have a gradient.
+        optimiser: By what steps are taken.
+        scratch: The trace of the observations, and their gradient.
+    """
+    always = np.ones((used, 1), networks.flat.dtype)
     turn = 0
     for layer in range(len(networks.begins) - 1, -1, -1):
-        weights = weights_of(networks.flat, networks, layer, agent)
-        rows, columns = weights.shape
-        given = given_to(scratch, networks, layer, many)
-        slope = slope_by(scratch, turn, many, columns)
-        if layer:  # with the weights as they are before the step
-            below = slope_by(scratch, 1 - turn, many, rows)
-            np.dot(slope, weights.T, below)
-            for row in range(many):
-                for unit in range(rows):
-                    # The slope of a ReLU is 1 where it let something through and 0 elsewhere.
-                    if given[row, unit] == 0:
-                        below[row, unit] = 0
-        gradient = scratch.gradient[: rows * columns]
-        np.dot(given.T, slope, gradient.reshape((rows, columns)))
-        begin = networks.begins[layer]
-        descend(optimiser, networks.flat, begin + agent * rows * columns, gradient)
-        gradient = scratch.gradient[:columns]
-        gradient[:] = 0
-        for row in range(many):
-            for unit in range(columns):
-                gradient[unit] += slope[row, unit]
-        begin += networks.agents * rows * columns
-        descend(optimiser, networks.flat, begin + agent * columns, gradient)
+        given = given_to(scratch, networks, layer, many)[:used]
+        slope = slope_by(scratch, turn, used + 1, networks.sizes[layer + 1])
+        slope[used] = 0
+        below = slope_by(scratch, 1 - turn, used + 1 if layer else 0, networks.sizes[layer])
+        train_units(
+            given,
+            slope,
+            below,
+            weights_of(networks.flat, networks, layer, agent),
+            weights_of(optimiser.first, networks, layer, agent),
+            weights_of(optimiser.second, networks, layer, agent),
+            optimiser,
+            scratch,
+        )
+        # A bias is the weight of a unit that always gives 1.
+        train_units(
+            always,
+            slope,
+            below[:0],
+            biases_of(networks.flat, networks, layer, agent),
+            biases_of(optimiser.first, networks, layer, agent),
+            biases_of(optimiser.second, networks, layer, agent),
+            optimiser,
+            scratch,
+        )
         turn = 1 - turn
 
 
@@ -259,25 +401,59 @@ def backward(
 
 
 @compiled
-def look_up(batch: Minibatch, agent: int, table: Table, scratch: Scratch) -> int:
+def gather(
+    rings: Floats, slots: Integers, like: Floats
+) -> tuple[Integers, Integers, Integers, Floats, Floats]:
+    """The parts of minibatches, each ``[N, M]``, from rings of transitions.
+
+    Args:
+        rings: ``[5, N, capacity]`` as in ``learners.replay.Replay``.
+        slots: ``[N, M]`` which transitions.
+        like: Something of the type that rewards should have.
+
+    Returns:
+        Number of the observation before, action, number of the observation after, reward, and
+        whether a value follows.
+    """
+    before, action, after = np.empty_like(slots), np.empty_like(slots), np.empty_like(slots)
+    reward, goes_on = np.empty(slots.shape, like.dtype), np.empty(slots.shape, like.dtype)
+    for agent in range(slots.shape[0]):
+        for transition in range(slots.shape[1]):
+            slot = slots[agent, transition]
+            before[agent, transition] = rings[0, agent, slot]
+            action[agent, transition] = rings[1, agent, slot]
+            after[agent, transition] = rings[2, agent, slot]
+            reward[agent, transition] = rings[3, agent, slot]
+            goes_on[agent, transition] = rings[4, agent, slot]
+    return before, action, after, reward, goes_on
+
+
+@compiled
+def look_up(batch: Minibatch, agent: int, table: Table, scratch: Scratch) -> tuple[int, int]:
     """Gather the distinct observations of an agent's minibatch in ``scratch``, and count them.
 
-    What followed is left out where the target ends there, since nothing needs to be evaluated.
+    Those that an action was taken in come first. What followed is left out where the target ends
+    there, since nothing needs to be evaluated.
+
+    Returns:
+        How many an action was taken in, and how many there are.
     """
-    rows, column, many = scratch.rows, scratch.column, 0
-    for transition in range(batch.before.shape[1]):
-        for is_after in range(2):
-            row = batch.before[agent, transition]
-            if is_after:
-                if not batch.goes_on[agent, transition] > 0:
-                    continue
-                row = batch.after[agent, transition]
-            if column[row] < 0:
-                column[row] = many
-                rows[many] = row
-                scratch.inputs[many] = table.rows[row]
-                many += 1
-    return many
+    before, after, goes_on = batch.before[agent], batch.after[agent], batch.goes_on[agent]
+    column, rows = scratch.column, scratch.rows
+    many = 0
+    for row in before:
+        if column[row] < 0:
+            column[row], rows[many] = many, row
+            many += 1
+    acted_in = many
+    for transition in range(len(after)):
+        row = after[transition]
+        if column[row] < 0 and goes_on[transition] > 0:
+            column[row], rows[many] = many, row
+            many += 1
+    for observation in range(many):
+        scratch.inputs[observation] = table.rows[rows[observation]]
+    return acted_in, many
 
 
 @compiled
@@ -290,23 +466,10 @@ def forget(many: int, scratch: Scratch) -> None:
 @compiled
 def judge(target: Networks, agent: int, many: int, table: Table, scratch: Scratch) -> None:
     """Let the target network value those of the observations that it has not valued yet."""
-    missing = 0
-    inputs = np.empty((many, table.rows.shape[1]), dtype=table.rows.dtype)
-    for observation in range(many):
-        row = scratch.rows[observation]
+    for row in scratch.rows[:many]:
         if not table.is_judged[agent, row]:
-            inputs[missing] = table.rows[row]
-            missing += 1
-    if not missing:
-        return
-    values = evaluate(target, agent, inputs[:missing], scratch)
-    missing = 0
-    for observation in range(many):
-        row = scratch.rows[observation]
-        if not table.is_judged[agent, row]:
-            table.judged[agent, row] = values[missing]
+            table.judged[agent, row] = evaluate(target, agent, table.rows[row : row + 1], scratch)
             table.is_judged[agent, row] = True
-            missing += 1
 
 
 @compiled
@@ -381,13 +544,13 @@ def update(
     errors = np.empty(batch.reward.shape, dtype=online.flat.dtype)
     actions = online.sizes[-1]
     for agent in range(online.agents):
-        many = look_up(batch, agent, table, scratch)
+        acted_in, many = look_up(batch, agent, table, scratch)
         judge(target, agent, many, table, scratch)
         values = evaluate(online, agent, scratch.inputs[:many], scratch)
         td_errors(values, batch, agent, table, gamma, scratch, errors[agent])
         if trains[agent]:
-            slope = slope_by(scratch, 0, many, actions)
+            slope = slope_by(scratch, 0, acted_in, actions)
             pull(errors[agent], batch, agent, loss, scratch, slope)
-            backward(online, agent, many, optimiser, scratch)
+            backward(online, agent, many, acted_in, optimiser, scratch)
         forget(many, scratch)
     return errors

@@ -19,6 +19,7 @@ from learners.meta_rooms import Distribution
 from learners.random_schemas import random_schemas
 
 Positive = Annotated[int, Field(ge=1)]
+Units = Annotated[int, Field(ge=1, le=1024)]  # as learners.network_file reads them
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -65,9 +66,9 @@ class NetworkFile(StrictModel):
     """Kind and sizes of the network: :class:`learners.memories.Sizes`."""
 
     kind: Literal["levers", "flat"] = "levers"
-    lever: Positive = 32
-    room: Positive = 48
-    reader: Positive = 48
+    lever: Units = 32
+    room: Units = 48
+    reader: Units = 48
 
 
 class TrainingFile(StrictModel):

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.learner import Observations
+from learners import kernels
 
 LEAST_PRIORITY = 1e-6
 """Added to every TD error, so that a transition without one can still be drawn."""
@@ -84,6 +85,9 @@ class Replay:
 
     Attributes:
         length: ``[B]`` transitions that each ring holds now.
+        rings: ``[5, B, capacity]`` number of the observation before, action, number of the
+            observation after, reward, and whether a value follows. One piece takes one call to
+            write or to read; double precision holds all integers here.
     """
 
     def __init__(
@@ -92,9 +96,8 @@ class Replay:
         self.capacity = capacity
         self.length: IntArray = np.zeros(subjects, dtype=np.int64)
         self._next: IntArray = np.zeros(subjects, dtype=np.int64)
-        integers = torch.zeros(3, subjects, capacity, dtype=torch.int64, device=device)
-        self.before, self.action, self.after = integers
-        self.reward, self.goes_on = torch.zeros(2, subjects, capacity, device=device)
+        self._begins: IntArray = np.arange(subjects)[:, None] * capacity
+        self.rings = torch.zeros(5, subjects, capacity, dtype=torch.float64, device=device)
 
     def add(
         self,
@@ -111,16 +114,17 @@ class Replay:
             Where they are in the flattened rings.
         """
         slot = self._next[who]
-        # In one piece, which goes to a GPU in one copy; double precision holds all integers here.
-        told = np.array([who * self.capacity + slot, before, action, reward, after, goes_on])
-        places, *columns = torch.from_numpy(told.astype(np.float64)).to(self.before.device)
-        where = places.long()
-        rings = (self.before, self.action, self.reward, self.after, self.goes_on)
-        for ring, values in zip(rings, columns, strict=True):
-            ring.view(-1).index_copy_(0, where, values.to(ring.dtype))
+        where = who * self.capacity + slot
+        told = np.array([before, action, after, reward, goes_on], dtype=np.float64)
         self._next[who] = (slot + 1) % self.capacity
         self.length[who] = np.minimum(self.length[who] + 1, self.capacity)
-        return where
+        rings = self.rings.view(5, -1)
+        if rings.is_cuda:
+            places, columns = torch.from_numpy(where).to(rings.device), torch.from_numpy(told)
+            rings.index_copy_(1, places, columns.to(rings.device))
+            return places
+        rings.numpy()[:, where] = told
+        return torch.from_numpy(where)
 
     def sample(self, luck: FloatArray) -> Batch:
         """Transitions drawn with replacement, for each subject from its own ring.
@@ -129,12 +133,18 @@ class Replay:
             luck: ``[B, M]`` uniform numbers in [0, 1).
         """
         slots = torch.from_numpy((luck * self.length[:, None]).astype(np.int64))
-        slots = slots.to(self.before.device)
-        return self._at(slots, torch.ones_like(slots, dtype=self.reward.dtype))
+        slots = slots.to(self.rings.device)
+        return self._at(slots, torch.ones(slots.shape, device=slots.device))
 
     def _at(self, slots: Tensor, weight: Tensor) -> Batch:
-        rings = (self.before, self.action, self.reward, self.after, self.goes_on)
-        before, action, reward, after, goes_on = (ring.gather(1, slots) for ring in rings)
+        if self.rings.is_cuda:
+            places = slots + torch.from_numpy(self._begins).to(slots.device)
+            held = self.rings.view(5, -1).index_select(1, places.flatten()).view(5, *slots.shape)
+            before, action, after = held[:3].long()
+            reward, goes_on = held[3:].to(weight.dtype)
+        else:
+            parts = kernels.gather(self.rings.numpy(), slots.numpy(), weight.numpy())
+            before, action, after, reward, goes_on = map(torch.from_numpy, parts)
         return Batch(before, action, reward, after, goes_on, weight, slots)
 
     def state_dict(self) -> dict[str, Any]:
@@ -200,7 +210,7 @@ class PrioritisedReplay(Replay):
             beta: How much of the bias is undone, by subject (``[B]``) or for all: 0 nothing,
                 1 all of it.
         """
-        device = self.priority.device
+        device = self.rings.device
         stratum = (np.arange(luck.shape[1]) + luck) / luck.shape[1]
         upto = self.priority.cumsum(dim=1)
         total = upto[:, -1:]
@@ -208,10 +218,10 @@ class PrioritisedReplay(Replay):
         length = torch.from_numpy(self.length).to(device)[:, None]
         slots = torch.minimum(slots, length - 1).clamp_(min=0)
         chance = self.priority.gather(1, slots) / total
-        exponent = torch.from_numpy(np.broadcast_to(beta, self.length.shape)[:, None].copy())
-        weight = (length * chance) ** -exponent.to(device)
+        exponent = np.broadcast_to(beta, self.length.shape)[:, None]
+        weight = _power(length * chance, -exponent)
         weight /= weight.amax(dim=1, keepdim=True)
-        return self._at(slots, weight.to(self.reward.dtype))
+        return self._at(slots, weight.to(torch.get_default_dtype()))
 
     def reprioritise(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
         """Set the priorities of transitions whose TD errors were seen anew.
@@ -222,6 +232,17 @@ class PrioritisedReplay(Replay):
             who: ``[B]`` whose priorities to set.
         """
         mine = torch.from_numpy(np.flatnonzero(who)).to(slots.device)
-        priority = (errors[mine].abs().double() + LEAST_PRIORITY) ** self.alpha
+        priority = _power(errors[mine].abs().double() + LEAST_PRIORITY, self.alpha)
         self.priority[mine[:, None], slots[mine]] = priority
         self._highest[mine] = torch.maximum(self._highest[mine], priority.amax(dim=1))
+
+
+def _power(base: Tensor, exponent: FloatArray | float) -> Tensor:
+    """``base ** exponent``, each number by itself.
+
+    On a CPU, torch takes another formula for the last few numbers of a piece, and which these are
+    depends on how many subjects there are. NumPy does not.
+    """
+    if base.device.type == "cpu":
+        return torch.from_numpy(base.numpy() ** exponent)
+    return base ** torch.as_tensor(exponent, dtype=base.dtype, device=base.device)

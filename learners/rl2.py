@@ -71,18 +71,19 @@ class RL2(Learner):
     @classmethod
     def material(cls, parameters: RL2Parameters) -> str:
         """A hash of the trained network."""
-        from learners.network_file import BUNDLED
+        from learners.network_file import BUNDLED, MOST_BYTES
 
         path = Path(parameters.checkpoint or BUNDLED)
         try:
+            if path.exists() and not (path.is_file() and path.stat().st_size <= MOST_BYTES):
+                raise LearnerError(f"{path} is no checkpoint of rl2; name a file of its weights")
             return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-        except OSError as error:
-            raise LearnerError(
-                f"the network of rl2 cannot be read: {path}: {error.strerror}"
-            ) from None
+        except (OSError, ValueError) as error:
+            said = getattr(error, "strerror", None) or error
+            raise LearnerError(f"the network of rl2 cannot be read: {path}: {said}") from None
 
     def begin(self, brief: Brief) -> None:
-        """Load the network; if it goes on learning, one for each subject."""
+        """Load the network, once for each subject."""
         import torch
 
         from learners.actor_critic import PolicyGradient, Trainer
@@ -92,9 +93,8 @@ class RL2(Learner):
         torch.set_num_threads(settings.threads)
         self._torch = torch
         self.brief = brief
-        # Networks and rooms of each: one for all subjects, or one for each.
-        self._shape = (brief.subjects, 1) if settings.learns else (1, brief.subjects)
-        self.network, self.about = read_network(settings.checkpoint or BUNDLED, self._shape[0])
+        # One for each subject also where all are the same, so that each is evaluated by itself.
+        self.network, self.about = read_network(settings.checkpoint or BUNDLED, brief.subjects)
         if self.network.positions not in (None, brief.positions):
             raise LearnerError(
                 f"this network of rl2 knows rooms of {self.network.positions} positions and this "
@@ -127,12 +127,12 @@ class RL2(Learner):
     def _think(self, view: View) -> tuple[Any, Any, Any]:
         """``[B, A]`` logits, ``[B]`` values and ``[B, S]`` what will be remembered."""
         self._inputs = self._perception.inputs(view)
-        networks, rooms = self._shape
+        from_numpy = self._torch.from_numpy
         with self._torch.no_grad():
             logits, values, memory = self.network(
-                self._torch.from_numpy(self._inputs).view(networks, 1, rooms, -1),
-                self._torch.from_numpy(self._memory).view(networks, rooms, -1),
-                self._torch.from_numpy(self._fresh).view(networks, 1, rooms),
+                from_numpy(self._inputs)[:, None, None],
+                from_numpy(self._memory)[:, None],
+                from_numpy(self._fresh)[:, None, None],
             )
         return (
             logits.reshape(self.brief.subjects, -1).numpy(),

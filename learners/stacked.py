@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from learners.replay import Batch
@@ -215,10 +216,18 @@ class StackedDoubleQ:
         self._table = table.to(self.online.parameters)
         self._judged: Tensor | None = None
 
-    def greedy(self, observations: Tensor) -> Tensor:
-        """``[N]`` the best action for each agent's observation, ``[N, in]``."""
-        inputs = observations.to(self.online.parameters)[:, None]
-        return self.online(inputs).squeeze(1).argmax(dim=1)
+    def greedy(
+        self, observations: NDArray[Any], wanted: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.int64]:
+        """``[N]`` the best action for each agent's observation.
+
+        Args:
+            observations: ``[N, in]``.
+            wanted: ``[N]`` whose actions are wanted; the others' can be any. By default all are.
+        """
+        inputs = torch.from_numpy(observations).to(self.online.parameters)[:, None]
+        best: NDArray[np.int64] = self.online(inputs).squeeze(1).argmax(dim=1).cpu().numpy()
+        return best
 
     def errors(self, batch: Batch) -> Tensor:
         """``[N, M]`` TD errors: the value of each transition's action, less its double-Q target."""

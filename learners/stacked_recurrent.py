@@ -1,7 +1,11 @@
 """Many small recurrent networks as one, and double Q-learning with them on sequences.
 
 As in :mod:`learners.stacked`, N agents keep their weights as ``[N, in, out]`` tensors, and nothing
-is shared between them. Time must be walked step by step, but only for what depends on the step
+is shared between them. An agent's numbers do not depend on how many others there are: what torch
+computes in another way for the last few numbers of a piece, or for pieces that begin at odd places,
+is avoided (:func:`sigmoid`, :func:`product`, Adam that is not fused).
+
+Time must be walked step by step, but only for what depends on the step
 before: the inputs of all steps go through one product beforehand. torch's own LSTM is as fast as
 the GRU here when it runs once for each agent (it has a fused kernel), and its GRU four times
 slower.
@@ -21,6 +25,9 @@ from torch import Tensor, nn
 
 from learners.sequence_replay import Sequences
 
+ALIGNED = 16
+"""Single-precision numbers in the longest vector of today's processors."""
+
 CellName = Literal["gru", "lstm"]
 Generators = Sequence[np.random.Generator]
 
@@ -30,6 +37,33 @@ def initial(generators: Generators, width: int, *shape: int) -> nn.Parameter:
     bound = width**-0.5
     drawn = np.stack([generator.uniform(-bound, bound, shape) for generator in generators])
     return nn.Parameter(torch.tensor(drawn, dtype=torch.float32))
+
+
+def sigmoid(numbers: Tensor) -> Tensor:
+    """The logistic function, each number by itself.
+
+    ``torch.sigmoid`` takes another formula for the last few numbers of a piece on a CPU, and which
+    these are depends on how many agents there are.
+    """
+    return torch.tanh(numbers / 2) / 2 + 0.5
+
+
+def product(bias: Tensor, inputs: Tensor, weight: Tensor) -> Tensor:
+    """``[N, M, out]``: ``bias + inputs @ weight`` of each agent.
+
+    It is made with columns of zeros behind the others, so that each agent's part begins where a
+    vector of the processor's does: how a product is rounded may depend on that.
+
+    Args:
+        bias: ``[N, 1, out]``.
+        inputs: ``[N, M, in]``.
+        weight: ``[N, in, out]``.
+    """
+    outputs = weight.shape[-1]
+    if not (rest := -outputs % ALIGNED):
+        return torch.baddbmm(bias, inputs, weight)
+    bias, weight = (nn.functional.pad(part, (0, rest)) for part in (bias, weight))
+    return torch.baddbmm(bias, inputs, weight)[..., :outputs]
 
 
 class StackedLinear(nn.Module):
@@ -42,7 +76,7 @@ class StackedLinear(nn.Module):
 
     def forward(self, inputs: Tensor) -> Tensor:
         """One product for all agents."""
-        return torch.baddbmm(self.bias, inputs, self.weight)
+        return product(self.bias, inputs, self.weight)
 
 
 class StackedCell(nn.Module, ABC):
@@ -87,15 +121,13 @@ class StackedCell(nn.Module, ABC):
         Returns:
             ``[N, T, M, H]`` the outputs, and ``[N, M, S]`` the state in the end.
         """
-        projected = torch.baddbmm(self.input_bias, inputs.flatten(1, 2), self.input_weight)
+        projected = product(self.input_bias, inputs.flatten(1, 2), self.input_weight)
         # Cutting time into pieces once makes autograd join their gradients once.
         pieces = projected.view(*inputs.shape[:3], -1).unbind(1)
         happened = [None] * len(pieces) if real is None else real[..., None].unbind(1)
         outputs = []
         for piece, here in zip(pieces, happened, strict=True):
-            recalled = torch.baddbmm(
-                self.hidden_bias, state[..., : self.hidden], self.hidden_weight
-            )
+            recalled = product(self.hidden_bias, state[..., : self.hidden], self.hidden_weight)
             after = self.step(piece, recalled, state)
             state = after if here is None else torch.where(here, after, state)
             outputs.append(state[..., : self.hidden])
@@ -120,7 +152,7 @@ class StackedGRU(StackedCell):
     def step(self, projected: Tensor, recalled: Tensor, state: Tensor) -> Tensor:
         """How much to reset, how much to keep, and what is new."""
         two = 2 * self.hidden
-        reset, keep = torch.sigmoid(projected[..., :two] + recalled[..., :two]).chunk(2, dim=-1)
+        reset, keep = sigmoid(projected[..., :two] + recalled[..., :two]).chunk(2, dim=-1)
         new = torch.tanh(torch.addcmul(projected[..., two:], reset, recalled[..., two:]))
         return torch.lerp(new, state, keep)
 
@@ -133,9 +165,9 @@ class StackedLSTM(StackedCell):
     def step(self, projected: Tensor, recalled: Tensor, state: Tensor) -> Tensor:
         """How much to take in, how much to keep, what is new, and how much to show."""
         take, keep, new, show = (projected + recalled).chunk(4, dim=-1)
-        held = torch.sigmoid(keep) * state[..., self.hidden :]
-        held = torch.addcmul(held, torch.sigmoid(take), torch.tanh(new))
-        return torch.cat([torch.sigmoid(show) * torch.tanh(held), held], dim=-1)
+        held = sigmoid(keep) * state[..., self.hidden :]
+        held = torch.addcmul(held, sigmoid(take), torch.tanh(new))
+        return torch.cat([sigmoid(show) * torch.tanh(held), held], dim=-1)
 
 
 CELLS: dict[CellName, type[StackedCell]] = {"gru": StackedGRU, "lstm": StackedLSTM}
@@ -199,7 +231,7 @@ class RecurrentDoubleQ:
         self.gamma = gamma
         self.target_period = target_period
         self.updates = 0
-        self.optimiser = torch.optim.Adam(network.parameters(), lr=learning_rate, fused=True)
+        self.optimiser = torch.optim.Adam(network.parameters(), lr=learning_rate)
 
     @torch.no_grad()
     def values(self, inputs: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:

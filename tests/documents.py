@@ -37,6 +37,7 @@ from causal_openlock.analysis.drawings import style
 from causal_openlock.analysis.report import writing as report
 from causal_openlock.cli import app, main
 from causal_openlock.learner_registry import learner_class
+from causal_openlock.workers import Given
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -172,8 +173,8 @@ class AtOnce(Executor):
 
 
 @contextlib.contextmanager
-def _at_once(executor: Executor | None, workers: int) -> Iterator[Executor]:
-    yield executor or AtOnce()
+def _at_once(executor: Executor | None, workers: int) -> Iterator[Given]:
+    yield Given(executor or AtOnce())
 
 
 class Reader:
@@ -193,7 +194,7 @@ class Reader:
         patches.chdir(folder)
         patches.syspath_prepend(folder)
         patches.setenv("COLUMNS", "100")
-        patches.setattr(runner, "worker_pool", _at_once)
+        patches.setattr(runner, "crew", _at_once)
         patches.setattr(style, "KINDS", ())  # the figures as SVG are enough
         if not reports:
             patches.setattr(report, "sections_of", lambda *_: [])

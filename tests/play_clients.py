@@ -9,11 +9,12 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from waiting import HANGS
 
 from causal_openlock.play.people import People
 from causal_openlock.protocol import PROTOCOLS, Condition
@@ -73,7 +74,7 @@ class Server:
     def stop(self) -> str:
         """End it as Ctrl-C does; returns what it said on standard error."""
         self.process.send_signal(signal.SIGINT)
-        said = self.process.communicate(timeout=30)[1]
+        said = self.process.communicate(timeout=HANGS)[1]
         assert self.process.returncode == 0, said
         return said
 
@@ -93,7 +94,7 @@ class Caller:
     """Calls a server; keeps everything that it answers."""
 
     def __init__(self, port: int, host: str = "127.0.0.1") -> None:
-        self.connection = http.client.HTTPConnection(host, port, timeout=20)
+        self.connection = http.client.HTTPConnection(host, port, timeout=HANGS)
         self.port = port
         self.answers: list[str] = []
 
@@ -122,11 +123,3 @@ class Caller:
         status, said = self.call("/join", {})
         assert status == 200
         return str(said["id"])
-
-
-def until(happens: Any, seconds: float = 20) -> None:
-    """Wait until something is true."""
-    deadline = time.monotonic() + seconds
-    while not happens():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
 import resource
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from rich.console import Console
+from waiting import HANGS, until
 
+from causal_openlock.analysis.people.beside import beside
+from causal_openlock.analysis.report.counting import count
+from causal_openlock.analysis.report.reading import read_results
 from causal_openlock.cli import comparison, main
+from causal_openlock.cli.encoding import write_anything
 from causal_openlock.store import Store
 
 SLOW = """\
@@ -46,7 +49,7 @@ def openlock(
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=HANGS,
         **options,  # type: ignore[call-overload]
     )
     assert "Traceback" not in done.stderr, done.stderr
@@ -103,11 +106,7 @@ def test_a_comparison_killed_at_any_moment_goes_on_and_ends_the_same(
         stderr=subprocess.DEVNULL,
     )
     cells = tmp_path / "killed" / "cells"
-    deadline = time.monotonic() + 60
-    while len(list(cells.glob("*.parquet"))) < 3:
-        assert victim.poll() is None, "the comparison ended before it could be killed"
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+    until(lambda: len(list(cells.glob("*.parquet"))) >= 3, victim)
     victim.send_signal(signal.SIGKILL)
     victim.wait()
     done = {path.name: path.stat().st_mtime_ns for path in cells.glob("*.parquet")}
@@ -134,17 +133,12 @@ def test_workers_end_with_a_killed_parent(slow: Path, tmp_path: Path) -> None:
     if not children.exists():
         victim.kill()
         pytest.skip("needs /proc to find a process's children")
-    while not list((tmp_path / "out" / "cells").glob("*.parquet")):
-        assert victim.poll() is None
-        time.sleep(0.01)
+    until(lambda: list((tmp_path / "out" / "cells").glob("*.parquet")), victim)
     workers = [int(pid) for pid in children.read_text().split()]
     assert workers
     victim.kill()
     victim.wait()
-    deadline = time.monotonic() + 20
-    while any(_alive(pid) for pid in workers):
-        assert time.monotonic() < deadline, "a worker outlived its parent"
-        time.sleep(0.05)
+    until(lambda: not any(_alive(pid) for pid in workers))
 
 
 def _alive(pid: int) -> bool:
@@ -155,33 +149,132 @@ def _alive(pid: int) -> bool:
     return state != "Z"
 
 
-def test_a_comparison_stopped_by_hand_says_that_it_goes_on(slow: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("end", "all_of_them", "status"),
+    [(signal.SIGINT, True, 130), (signal.SIGTERM, False, 143), (signal.SIGTERM, True, 143)],
+)
+def test_a_comparison_that_is_stopped_says_that_it_goes_on(
+    slow: Path, tmp_path: Path, end: signal.Signals, all_of_them: bool, status: int
+) -> None:
+    words = ("compare", slow, "--out", "out", "--workers", "2", "--subjects", "400")
     going = subprocess.Popen(
-        command("compare", slow, "--out", "out", "--workers", "2", "--subjects", "400"),
+        command(*words, "--checkpoint-every", "0.01"),
         cwd=tmp_path,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # Where tests run in the background, a shell may have had SIGINT ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    while not list((tmp_path / "out" / "cells").glob("*.parquet")):
-        assert going.poll() is None
-        time.sleep(0.01)
-    os.killpg(going.pid, signal.SIGINT)  # as a terminal does
-    _, said = going.communicate(timeout=20)
-    assert going.returncode == 130
+    cells = tmp_path / "out" / "cells"
+    until(lambda: list(cells.glob("*.checkpoint")), going)
+    children = Path(f"/proc/{going.pid}/task/{going.pid}/children")
+    workers = [int(pid) for pid in children.read_text().split()] if children.exists() else []
+    # A terminal sends it to all processes, and so do batch systems.
+    (os.killpg if all_of_them else os.kill)(going.pid, end)
+    _, said = going.communicate(timeout=HANGS)
     assert said == "error: stopped; the same command goes on where it was\n"
+    assert going.returncode == status
+    until(lambda: not any(_alive(pid) for pid in workers))  # none outlives its parent
+    assert not (tmp_path / "out" / "errors").exists()
+
+
+def test_output_that_is_no_terminal_is_lines_that_tell_how_far_it_is(tmp_path: Path) -> None:
+    words = ("-c", "CC3", "-c", "CE3", "-l", "oracle", "--subjects", 1, "--workers", 1)
+    said = openlock("compare", *words, "--out", "out", cwd=tmp_path).stdout
+    lines = said.splitlines()
+    assert lines[0] == "oracle_in_CC3_CE3: 0 of 2 cells done, 0% of the work"
+    assert lines[1].startswith("oracle_in_CC3_CE3: 2 of 2 cells done, in ")
+    assert all(ord(sign) >= 32 for line in lines for sign in line), "no signs that steer a terminal"
+    again = openlock("compare", *words, "--out", "out", cwd=tmp_path).stdout.splitlines()
+    assert again[0] == "2 of 2 cells were there already"
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}],
+)
+def test_output_that_cannot_encode_a_sign_has_a_plainer_one(
+    tmp_path: Path, environment: dict[str, str]
+) -> None:
+    env = {**os.environ, **environment}
+    words = ("compare", "-c", "CC4", "-l", "random", "--subjects", 5, "--workers", 1)
+    said = openlock(*words, "--protocol", "human", "--out", "ä", cwd=tmp_path, env=env).stdout
+    assert said.isascii()
+    assert "report: " in said
+    # Typer writes UTF-8 wherever the encoding is ASCII, which is no reason to end, either.
+    openlock("schema", "show", "CC4", cwd=tmp_path, env=env)
+    for more in (("report", "nó"), ("schema", "show", "é→ß")):
+        wrong = openlock(*more, cwd=tmp_path, env=env, expect=2).stderr
+        assert wrong.isascii()
+        sentence(wrong)
+
+
+def test_signs_that_cannot_be_encoded_have_plainer_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", stream)
+    write_anything()
+    print("3.2–4.1 → ddqn … é \udc80 ×", file=stream)
+    stream.flush()
+    assert stream.buffer.getvalue() == b"3.2-4.1 -> ddqn ... \\xe9 \\udc80 x\n"
+
+
+def test_cells_of_many_and_of_few_layouts_are_compared(tmp_path: Path) -> None:
+    (tmp_path / "wide.yaml").write_text(
+        "name: wide\nsubjects: 40\ncell_size: 40\nlearners: [random]\nprotocol: short\n"
+        "conditions: [CC4, {name: anywhere, train: [{schema: CC4, layouts: random, trials: 5}]}]\n"
+        "protocols: {short: {attempt_limit: 2, baseline_trials: 2}}\n",
+        encoding="utf-8",
+    )
+    openlock("compare", "wide.yaml", "--out", "wide", "--workers", 1, cwd=tmp_path)
+    store = Store(tmp_path / "wide")
+    layouts = [len(set(store.read(path)["layout"].to_pylist())) for path in store.files()[0]]
+    assert min(layouts) < 10
+    assert max(layouts) >= 128
+    record, _ = beside([read_results(store)])
+    assert len(set(record["layout"].to_pylist())) > 128
+    assert record["layout"].combine_chunks().type.index_type == record["layout"].type.index_type
+    assert len(count(record).trials) == 40 * 2 + 40 * 5
+    openlock("export", "wide", cwd=tmp_path)
+
+
+def test_a_flipped_bit_is_told_by_every_command_and_mended_by_compare(tmp_path: Path) -> None:
+    words = ("compare", "-c", "CC3", "-l", "oracle", "-l", "random", "--subjects", 2)
+    openlock(*words, "--workers", 1, "--out", "out", cwd=tmp_path)
+    summary = (tmp_path / "out" / "summary.csv").read_bytes()
+    cell = next((tmp_path / "out" / "cells").glob("random_*.parquet"))
+    for path in (cell, tmp_path / "out" / "experiment.json"):
+        says = str(path.relative_to(tmp_path))
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 4
+        path.write_bytes(content)
+        for more in (
+            ("report", "out"),
+            ("report", "out", "out"),
+            ("report", "out", "--beside", "out"),
+            ("bundle", "out"),
+            ("export", "out"),
+            ("film", "CC3", "-l", "random", "--from", "out", "-o", "film.gif"),
+        ):
+            assert f"{says} is damaged (" in fails(*more, cwd=tmp_path), more
+    said = openlock(*words, "--workers", 1, "--out", "out", cwd=tmp_path).stdout
+    assert "1 of 2 cells were there already" in said
+    assert (tmp_path / "out" / "summary.csv").read_bytes() == summary
 
 
 def test_results_of_ones_own_choice_get_a_folder_of_their_own(tmp_path: Path) -> None:
     words = ("compare", "-l", "oracle", "--subjects", 1, "--workers", 1)
     folders = []
     for condition in ("CC3", "CE3"):
-        openlock(*words, "-c", condition, cwd=tmp_path)
+        said = openlock(*words, "-c", condition, cwd=tmp_path).stdout
+        assert f"oracle_in_{condition}" in said
         folders.append({path.name for path in (tmp_path / "results").iterdir()})
     assert len(folders[0]) == 1
     assert len(folders[1]) == 2
-    assert all(name.startswith("default-") for name in folders[1])
+    assert sorted(name[:-9] for name in folders[1]) == ["oracle_in_CC3", "oracle_in_CE3"]
 
 
 def test_an_export_does_not_replace_a_file_unasked(tmp_path: Path) -> None:
@@ -305,20 +398,11 @@ def test_mistakes_are_answered_with_one_sentence(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.yaml", "broken.yaml"]
 
 
-def test_a_damaged_description_is_one_sentence(tmp_path: Path) -> None:
-    words = ("compare", "-c", "CC3", "-l", "oracle", "--subjects", 1, "--out", "out")
-    openlock(*words, cwd=tmp_path)
-    described = tmp_path / "out" / "experiment.json"
-    described.write_text(described.read_text(encoding="utf-8")[:50], encoding="utf-8")
-    assert "experiment.json is damaged" in fails(*words, cwd=tmp_path)
-    assert "experiment.json is damaged" in fails("report", "out", cwd=tmp_path)
-
-
 def test_another_experiment_in_the_folder_is_refused(tmp_path: Path) -> None:
     words = ("compare", "-c", "CC3", "-l", "oracle", "--subjects", 1, "--out", "out")
     openlock(*words, cwd=tmp_path)
     assert "holds another experiment" in fails(*words, "--seed", 5, cwd=tmp_path)
-    assert json.loads((tmp_path / "out" / "experiment.json").read_text())["seed"] == 2018
+    assert Store(tmp_path / "out").description()["seed"] == 2018
 
 
 def test_a_disk_that_fills_up_is_one_sentence_and_the_run_can_go_on(tmp_path: Path) -> None:
@@ -339,7 +423,7 @@ def test_a_disk_that_fills_up_is_one_sentence_and_the_run_can_go_on(tmp_path: Pa
 def test_the_reader_of_a_pipe_may_go_away(tmp_path: Path) -> None:
     shell = f"{' '.join(command('schema', 'list'))} | head -n 1"
     done = subprocess.run(
-        shell, shell=True, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60
+        shell, shell=True, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=HANGS
     )
     assert "Traceback" not in done.stderr
 
@@ -357,7 +441,7 @@ def test_starting_loads_nothing_heavy(statement: str, tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=HANGS,
         env={**os.environ, "COLUMNS": "80"},
     )
     loaded = {line.rsplit("|", 1)[-1].strip().split(".")[0] for line in done.stderr.splitlines()}
@@ -382,3 +466,31 @@ def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> N
     comparison._print_headline(rows, ["somebody"], names, console)
     printed = console.file.getvalue()
     assert all(name in printed for name in [*names, "somebody", "ideal observer"])
+
+
+def test_what_a_learner_changes_in_its_process_stays_with_its_cell(tmp_path: Path) -> None:
+    (tmp_path / "leaks.py").write_text(
+        "import numpy as np\n\nfrom causal_openlock import OneSubjectLearner\n\n\n"
+        "class Leaks(OneSubjectLearner):\n"
+        "    many = 0\n\n"
+        "    def begin(self):\n"
+        "        type(self).many += 1\n\n"
+        "    def act(self, observation):\n"
+        "        return type(self).many % 15\n",
+        encoding="utf-8",
+    )
+    (tmp_path / "leaks.yaml").write_text(
+        "name: leaks\nsubjects: 6\ncell_size: 2\nprotocol: short\nconditions: [CC3]\n"
+        "learners: ['leaks:Leaks']\nprotocols: {short: {attempt_limit: 2, baseline_trials: 2}}\n",
+        encoding="utf-8",
+    )
+    told = []
+    for workers in (1, 3):
+        done = openlock(
+            "compare", "leaks.yaml", "--out", f"out{workers}", "--workers", workers, cwd=tmp_path
+        )
+        assert "report: " in done.stdout
+        store = Store(tmp_path / f"out{workers}")
+        told.append([store.read(path)["actions"].to_pylist() for path in store.files()[0]])
+    assert told[0] == told[1]
+    assert told[0][0] == told[0][1] == told[0][2]

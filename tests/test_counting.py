@@ -49,7 +49,7 @@ def test_pieces_that_cut_trials_or_subjects_apart_come_to_the_same() -> None:
 
 def test_a_broken_record_is_refused_in_pieces_too() -> None:
     good, bad = table(trial_rows([1, 2, 3])), table(trial_rows([1, 2, 3], subject=1)[1:])
-    with pytest.raises(StoreError, match="attempts missing or twice in 1 trials"):
+    with pytest.raises(StoreError, match="attempts missing or twice in 1 trial"):
         count(pa.concat_tables([good, bad]), 1)
 
 
@@ -100,5 +100,5 @@ def test_a_cell_of_a_few_bytes_is_one_whole_sentence_however_it_is_read(
             read()
         said = str(told.value)
         assert said.startswith(f"{cell} is damaged (")
-        assert said.endswith("); remove it and run compare again")
-        assert "smaller than" in said
+        assert said.endswith("); run compare again, with the same command, to make it anew")
+        assert "it has no checksum" in said

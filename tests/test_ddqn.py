@@ -152,12 +152,11 @@ def test_a_value_ends_with_the_attempt_or_reaches_over_it() -> None:
         learner.begin(session.brief)
         lever = session.truth.rooms[0].action_of(["L0"])[0]
         play(learner, session, [lever, 14, 14, 14, 14, 14])
-        held = learner._replay
-        goes_on = held.goes_on[0, :6].int().tolist()
+        before, _, after, _, goes_on = learner._replay.rings[:, 0, :6].int().tolist()
         # Two attempts of three actions, and the trial is over with the second.
         assert goes_on == ([1, 1, 1, 1, 1, 0] if over_attempts else [1, 1, 0, 1, 1, 0])
-        third = learner._table.rows[held.after[0, 2]]
-        start = learner._table.rows[held.before[0, 3]]
+        third = learner._table.rows[after[2]]
+        start = learner._table.rows[before[3]]
         assert np.array_equal(third, start) == over_attempts
 
 
@@ -259,7 +258,7 @@ def test_epsilon_is_the_share_of_random_actions() -> None:
     settings = DDQNParameters(epsilon_start=0.3, hidden_units=4, hidden_layers=1)
     learner = DDQN(settings)
     learner.begin(session.brief)
-    best = learner.q.greedy(torch.from_numpy(session.view.observation.astype(np.float32))).numpy()
+    best = learner.q.greedy(session.view.observation)
     # A random action is the best one by chance once in 15.
     shares = [(learner.act(session.view) != best).mean() for _ in range(50)]
     assert np.mean(shares) == pytest.approx(0.3 * 14 / 15, abs=0.015)

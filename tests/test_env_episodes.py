@@ -9,7 +9,7 @@ import pytest
 from cc4_in_trial7 import DOOR, L0, L1, L2, L3, NOTHING, SOLUTIONS, WHITE
 from env_play import CONSOLE, EPISODES, act, attempt, left, trial7
 
-from causal_openlock.envs import OpenLockEnv
+from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.room import Room
 from causal_openlock.schema_file import bundled_schemas
 
@@ -70,7 +70,8 @@ def test_once_everything_is_found_reset_begins_a_new_trial() -> None:
         room = Room.of(SCHEMAS["CC4"], dict(layouts[-1]))
         for count, levers in enumerate(SCHEMAS["CC4"].solutions, start=1):
             *_, info = act(env, tuple(room.action_of(levers)))
-            assert left(info) == (3 - count, 31 - count)
+            # Once it is solved and over, no attempt is left.
+            assert left(info) == (3 - count, 31 - count if count < 3 else 0)
             _, info = env.reset()
         assert left(info) == (3, 30)
         layouts.append(info["latent"]["layout"])
@@ -166,3 +167,32 @@ def test_a_trial_is_truncated_when_its_attempts_are_spent() -> None:
 def test_a_repeat_does_not_reach_over_the_end_of_an_attempt() -> None:
     env = trial7(episode="trial", reward="negative_repeat")
     assert [env.step(WHITE)[1] for _ in range(6)] == [0, -0.25, -0.25, 0, -0.25, -0.25]
+
+
+@pytest.mark.parametrize("episode", EPISODES)
+def test_no_attempt_is_left_once_a_trial_is_over(episode: Any) -> None:
+    env = trial7(episode=episode, attempt_limit=2)
+    counts = []
+    for _ in range(3):  # the third attempt is the first of a new trial
+        if episode == "attempt" or len(counts) in (0, 2):
+            env.reset()
+        *_, info = act(env, NOTHING)
+        counts.append(left(info)[1])
+    # Between attempts a whole trial shows the next one, which counts.
+    assert counts == ([2, 0, 2] if episode == "attempt" else [1, 0, 1])
+    env = trial7(episode=episode)
+    rooms = OpenLockVectorEnv(1, "CC4", "trial7", "basic", episode)
+    rooms.reset(seed=0)
+    for number, solution in enumerate(SOLUTIONS):
+        if number and episode == "attempt":
+            env.reset()
+        if number:
+            rooms.step(np.zeros(1, dtype=np.int64)) if episode == "attempt" else None
+        *_, info = act(env, solution)
+        for action in solution:
+            *_, batch = rooms.step(np.array([action]))
+    assert left(info) == (0, 0)
+    assert [batch["console"][name].tolist() for name in ("solutions_left", "attempts_left")] == [
+        [0],
+        [0],
+    ]

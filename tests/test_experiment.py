@@ -322,3 +322,23 @@ def test_the_protocol_of_the_command_line_is_every_learners(tmp_path: Path) -> N
     text = SMALL.replace("subjects: 3}", "protocol: human}")
     experiment = read_experiment(written(tmp_path, text), Changes(protocol="rl"))
     assert {entry.protocol.name for entry in experiment.entries} == {"rl"}
+
+
+def test_a_choice_of_ones_own_has_a_name_that_says_what_it_is(tmp_path: Path) -> None:
+    """What is not what the file declares does not go by the file's name."""
+    text = (
+        "name: mine\nconditions: [CC3, CE3, CC4, CE4]\nlearners: [random, oracle, ideal, bayes]\n"
+    )
+    path = written(tmp_path, text)
+
+    def name(**changes: object) -> str:
+        return read_experiment(path, Changes(**changes)).name  # type: ignore[arg-type]
+
+    assert name() == name(subjects=3, seed=2, protocol="rl") == "mine"
+    assert name(learners=["oracle", "random"], conditions=["CC3-CC4"]) == "oracle_random_in_CC3-CC4"
+    assert name(conditions=["CC4"]) == "random_oracle_ideal_bayes_in_CC4"
+    assert name(learners=["oracle"]) == "oracle_in_CC3_CE3_CC4_CE4"
+    crowd = ["random", "oracle", "ideal", "bayes", "ddqn"]
+    assert name(learners=crowd, conditions=["CC3-CC4", "CC3-CE4", "CE3-CC4", "CE3-CE4"]) == (
+        "5_learners_in_4_conditions"
+    )

@@ -179,6 +179,65 @@ def test_attempts_as_episodes_and_the_room_they_were_played_in(
     assert [about["attempt"] for about in data.storage.get_episode_metadata(range(3))] == [1, 2, 3]
 
 
+OWN = """
+name: own
+subjects: 2
+conditions: [CC3-vault, vault]
+learners: [random, {learner: random, name: long, protocol: rl, subjects: 1}]
+reward: [basic, negative_repeat]
+protocols: {rl2: {based_on: rl}}
+"""
+VAULT = "name: vault\nlevers: [key, dial]\nedges: {dial: [key], key: [door]}\n"
+
+
+@pytest.mark.parametrize("episodes", ["trial", "attempt"])
+def test_the_environment_of_a_data_set_is_recovered_and_does_what_the_data_say(
+    episodes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "own.yaml").write_text(OWN.replace("protocol: rl", "protocol: human"))
+    (tmp_path / "vault.yaml").write_text(VAULT)
+    with ThreadPoolExecutor(1) as pool:
+        results = run(read_experiment(tmp_path / "own.yaml"), tmp_path / "out", executor=pool)
+    folder, _ = write_minari(results, tmp_path / "sets", episodes=episodes)
+    monkeypatch.chdir(tmp_path / "sets")  # no schema is found beside this
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "sets"))
+    data = minari.load_dataset(folder.name)
+    env = data.recover_environment()
+    assert env.observation_space == data.spec.observation_space
+    kinds = set()
+    for seed in range(12):
+        seen, info = env.reset(seed=seed)
+        kinds.add(info["latent"]["schema"])
+        assert info["console"]["attempts_left"] == 30
+        assert seen in env.observation_space
+        over = False
+        while not over:
+            *_, terminated, truncated, info = env.step(env.action_space.sample())
+            over = terminated or truncated
+    assert kinds == {"CC3", "vault"}
+    # Attempt by attempt, another room comes when the trial is over, and not before.
+    if episodes == "attempt":
+        rooms = [info["latent"]]
+        for _ in range(70):
+            seen, info = env.reset()
+            rooms.append(info["latent"])
+            for _ in range(3):
+                *_, over, _, info = env.step(7)
+        assert len({str(sorted(room.items())) for room in rooms}) <= 5
+    again = [env.reset(seed=3)[1]["latent"] for _ in range(2)]
+    assert again[0] == again[1]
+
+
+def test_where_no_environment_can_be_recovered_the_export_says_why(
+    store: Store, tmp_path: Path
+) -> None:
+    words = ["export", str(store.folder), "-f", "minari", "-c", "CC4", "-o"]
+    said = CliRunner().invoke(app, [*words, str(tmp_path / "all")]).output
+    assert "recover_environment() finds none: trials of random go on after they are solved" in said
+    said = CliRunner().invoke(app, [*words, str(tmp_path / "some"), "-l", "oracle"]).output
+    assert "recover_environment" not in said
+
+
 def test_what_cannot_be_exported_is_told_in_a_sentence(
     store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

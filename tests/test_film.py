@@ -215,7 +215,8 @@ def check_against_record(played: PlayedTrial, sequence: list[Moment]) -> None:
             assert sum(map(bool, moment.panel.solutions)) == found
             assert len(moment.panel.solutions) == len(room.schema.solutions)
             limit = played.protocol.attempt_limit
-            assert moment.panel.attempts_left == limit + 1 - number - last
+            won = found == len(room.schema.solutions) and played.protocol.stop_when_solved
+            assert moment.panel.attempts_left == (None if won else limit + 1 - number - last)
     assert next(stills, None) is None
 
 

@@ -196,7 +196,7 @@ def test_a_player_is_briefed_on_its_own_subject_and_on_no_other() -> None:
 @pytest.mark.parametrize("answer", [2.7, None, "3", np.array([1, 2])])
 def test_a_player_that_answers_no_integer_is_told_so(answer: object) -> None:
     kind = type("Vague", (OneSubjectLearner,), {"act": lambda self, observation: answer})
-    with pytest.raises(LearnerError, match="Vague answers with the index of an action"):
+    with pytest.raises(LearnerError, match="Vague has to answer with the index of an action"):
         session("CC3").play(Chorus(kind))
 
 

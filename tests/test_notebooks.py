@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
+import subprocess
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -81,3 +84,26 @@ def test_it_begins_with_a_title_and_leads_nowhere_that_does_not_exist(path: Path
             assert link.startswith("https://") or (FOLDER / link).exists(), link
         for number in re.findall(r"notebook (\d+)", text):
             assert 1 <= int(number) <= len(NOTEBOOKS)
+
+
+def test_jupyterlab_is_one_command_away_in_exact_versions() -> None:
+    root = FOLDER.parent
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [re.split("[>=]", one)[0] for one in project["optional-dependencies"]["notebooks"]]
+    assert wanted == ["ipykernel", "jupyterlab"]
+    pins = (root / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = dict(line.split("==") for line in pins if not line.startswith("#"))
+    # JupyterLab, and the parts of it that change most.
+    assert {*wanted, "jupyter_server", "jupyterlab_server", "nbconvert", "notebook_shim"} <= {
+        *pinned
+    }
+    if shutil.which("make"):
+        made = subprocess.run(
+            ["make", "--no-print-directory", "-n", "notebooks"],
+            cwd=root,
+            env={name: value for name, value in os.environ.items() if "MAKE" not in name},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        assert "-m jupyterlab notebooks" in made.splitlines()[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -232,6 +233,57 @@ def test_a_damaged_log_is_named_with_its_line(tmp_path: Path) -> None:
         people(tmp_path, practice=False)
     path.write_bytes(content)
     people(tmp_path, practice=False).close()  # nothing was spoilt, and the folder is free
+
+
+JOINED = {"join": 0, "key": "0" * 64, "at": 1.0, "practice": True}
+TURN = {"of": 0, "turn": 0, "at": 2.0, "action": 1, "reaction": None}
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        [{}],
+        [[]],
+        ["text"],
+        [b"NaN"],
+        [b"no JSON"],
+        [b"[" * 100_000],
+        [b"9" * 5000],
+        [{**JOINED, "join": 1}],
+        [{**JOINED, "join": "0"}],
+        [{**JOINED, "key": 3}],
+        [{**JOINED, "at": "now"}],
+        [{**JOINED, "at": float("nan")}],
+        [{**JOINED, "practice": 1}],
+        [{"join": 0}],
+        [TURN],
+        [JOINED, JOINED],
+        [JOINED, TURN | {"of": 1}],
+        [JOINED, TURN | {"of": -1}],
+        [JOINED, TURN | {"turn": 1}],
+        [JOINED, TURN | {"turn": None}],
+        [JOINED, TURN | {"action": 15}],
+        [JOINED, TURN | {"action": -1}],
+        [JOINED, TURN | {"action": 2**70}],
+        [JOINED, TURN | {"reaction": float("inf")}],
+        [JOINED, TURN | {"more": 1}],
+        [JOINED, {key: TURN[key] for key in ("of", "turn")}],
+        [JOINED | {"practice": False}, {key: TURN[key] for key in ("of", "turn", "at")}],
+    ],
+    ids=lambda lines: str(lines)[:80],
+)
+def test_a_line_that_says_what_cannot_be_is_named(tmp_path: Path, lines: list[Any]) -> None:
+    people(tmp_path).close()
+    path = tmp_path / "log.jsonl"
+    with path.open("ab") as file:
+        for line in lines:
+            text = line if isinstance(line, bytes) else json.dumps(line).encode()
+            file.write(b"%b\t%08x\n" % (text, zlib.crc32(text)))
+    content = path.read_bytes()
+    says = "this line is|a turn is missing before|nobody could do this then"
+    with pytest.raises(StoreError, match=rf"log\.jsonl:{len(lines) + 1}: ({says})"):
+        people(tmp_path)
+    assert path.read_bytes() == content
 
 
 def test_what_cannot_be_put_on_file_has_not_happened(

@@ -9,12 +9,14 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from play_clients import Caller, people, serving, solving, until
+from play_clients import Caller, people, serving, solving
+from waiting import HANGS, until
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.play import PlayServer, read_reactions
@@ -164,7 +166,10 @@ def test_behind_a_proxy_the_address_that_people_use_is_ours_and_no_other(
 
 @pytest.mark.parametrize(
     "address",
-    ["study.example.org", "ftp://a.org", "https://a.org/rooms", "https://me@a.org", "://"],
+    [
+        *("study.example.org", "ftp://a.org", "https://a.org/rooms", "https://me@a.org", "://"),
+        *("https://[", "https://a.org:x", "https://a.org:99999"),
+    ],
 )
 def test_an_address_that_nobody_can_type_is_refused(tmp_path: Path, address: str) -> None:
     home = people(tmp_path)
@@ -234,19 +239,113 @@ def test_a_connection_that_sends_rubbish_or_nothing_is_no_harm(
 ) -> None:
     idle = socket.create_connection(("127.0.0.1", server.port))
     for rubbish in (b"\0\0\0\r\n\r\n", b"POST /join HTTP/1.1\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n"):
-        with socket.create_connection(("127.0.0.1", server.port), timeout=5) as connection:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=HANGS) as connection:
             connection.sendall(rubbish)
             assert connection.recv(100)
     smuggled = (
         b"GET /brief HTTP/1.1\r\nHost: localhost:%d\r\nContent-Length: 5\r\n\r\n" % server.port
     )
-    with socket.create_connection(("127.0.0.1", server.port), timeout=5) as connection:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=HANGS) as connection:
         connection.sendall(smuggled + b"POST /join HTTP/1.1\r\nContent-Length: 2\r\n\r\n{}")
         received = b"".join(iter(lambda: connection.recv(4096), b""))
     assert received.count(b"HTTP/1.1 ") == 1
     assert server.people.number == 0
     assert caller.call("/brief")[0] == 200
     idle.close()
+
+
+JOIN = b"POST /join HTTP/1.1\r\nHost: localhost:PORT\r\n"
+ODD = {
+    "both ends": JOIN + b"Transfer-Encoding: chunked\r\nContent-Length: 2\r\n\r\n{}",
+    "chunked": JOIN + b"Transfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
+    "chunked get": b"GET /brief HTTP/1.1\r\nHost: localhost:PORT\r\nTransfer-Encoding: x\r\n\r\n",
+    "two lengths": JOIN + b"Content-Length: 2\r\nContent-Length: 30\r\n\r\n{}",
+    "folded": JOIN + b"X: a\r\n Content-Length: 9\r\nContent-Length: 2\r\n\r\n{}",
+    "two hosts": JOIN + b"Host: evil.example\r\nContent-Length: 2\r\n\r\n{}",
+    "space before colon": JOIN + b"Content-Length : 2\r\n\r\n{}",
+    "no header": JOIN + b"nothing\r\nContent-Length: 2\r\n\r\n{}",
+    "long number": JOIN + b"Content-Length: " + b"2" * 5000 + b"\r\n\r\n{}",
+    "zeros": JOIN + b"Content-Length: " + b"0" * 5000 + b"2\r\n\r\n{}",
+    "negative": JOIN + b"Content-Length: -2\r\n\r\n{}",
+    "plus": JOIN + b"Content-Length: +2\r\n\r\n{}",
+    "list": JOIN + b"Content-Length: 2, 2\r\n\r\n{}",
+    "none": JOIN + b"\r\n{}",
+    "too long": JOIN + b"Content-Length: 1025\r\n\r\n" + b" " * 1025,
+    "short": JOIN + b"Content-Length: 9\r\n\r\n{}",
+    "no JSON": JOIN + b"Content-Length: 2\r\n\r\n{[",
+    "deep": JOIN + b"Content-Length: 1000\r\n\r\n" + b"[" * 1000,
+    "no UTF-8": JOIN + b"Content-Length: 2\r\n\r\n\xff\xfe",
+    "no object": JOIN + b"Content-Length: 3\r\n\r\nNaN",
+}
+
+
+@pytest.mark.parametrize("sent", ODD.values(), ids=ODD)
+def test_a_request_whose_end_is_in_doubt_is_refused_and_is_the_last(
+    server: PlayServer, sent: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=5) as connection:
+        connection.sendall(sent.replace(b"PORT", b"%d" % server.port))
+        connection.shutdown(socket.SHUT_WR)
+        received = b"".join(iter(lambda: connection.recv(4096), b""))
+    assert received.startswith(b"HTTP/1.1 400 ")
+    assert received.count(b"HTTP/1.1 ") == 1
+    assert b"this is no call" in received
+    assert server.people.number == 0
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["http://[", "http://[::1", "//", "null", "", "http://", "http://localhost:x@a", "\xe4", "a b"],
+)
+def test_an_origin_that_is_none_is_another_site(
+    server: PlayServer, caller: Caller, origin: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert caller.call("/join", {}, None, {"Origin": origin})[0] == 403
+    assert caller.call("/brief", None, None, {"Origin": origin})[0] == 403
+    assert server.people.number == 0
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        *(b'{"turn": NaN, "action": 1}', b'{"turn": 0, "action": 1e999}', b'{"turn": -0.0}'),
+        *(b'{"turn": true, "action": 1}', b'{"turn": "0", "action": 1}', b'{"turn": [0]}'),
+        b'{"turn": 0, "action": 1, "reaction": Infinity}',
+        b'{"turn": 0, "action": ' + b"9" * 900 + b"}",
+    ],
+)
+def test_numbers_that_are_none_are_refused(
+    server: PlayServer, caller: Caller, body: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    name = caller.join()
+    before = log(server)
+    assert caller.call("/act", body, name)[0] == 400
+    assert log(server) == before
+    assert capfd.readouterr().err == ""
+
+
+def test_old_and_long_requests_are_answered_without_a_traceback(
+    server: PlayServer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for sent in (
+        b"GET /brief\r\n",
+        b"GET /brief HTTP/1.0\r\n\r\n",
+        b"GET /brief HTTP/1.1\r\nX: " + b"x" * 70_000 + b"\r\n\r\n",
+        b"GET /brief HTTP/1.1\r\n" + b"X: x\r\n" * 200 + b"\r\n",
+        b"GET /" + b"x" * 70_000 + b" HTTP/1.1\r\n\r\n",
+        b"TRACE / HTTP/1.1\r\n\r\n",
+    ):
+        with (
+            socket.create_connection(("127.0.0.1", server.port), timeout=5) as connection,
+            suppress(ConnectionError),  # it may close before it has read all
+        ):
+            connection.sendall(sent)
+            connection.shutdown(socket.SHUT_WR)
+            received = b"".join(iter(lambda: connection.recv(4096), b""))
+            assert b"200 OK" not in received
+    assert capfd.readouterr().err == ""
 
 
 def test_a_server_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
@@ -319,7 +418,7 @@ def test_mistakes_on_the_command_line_are_one_sentence(tmp_path: Path) -> None:
                 [*command, "--out", str(tmp_path / "out")],
                 capture_output=True,
                 text=True,
-                timeout=60,
+                timeout=HANGS,
                 check=False,
             )
             assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from causal_openlock.errors import OpenLockError, ProtocolError
+from causal_openlock.errors import FileError, OpenLockError, ProtocolError
 from causal_openlock.protocol import (
     PAPER_CONDITIONS,
     PROTOCOLS,
@@ -267,12 +267,40 @@ def test_a_condition_is_one_schema_or_two_by_name_or_a_path(tmp_path: Path) -> N
     assert by_path == Condition("one", (Trials(ONE),))
 
 
+def test_a_transfer_may_name_files_by_their_paths(tmp_path: Path) -> None:
+    folder = tmp_path / "my-own-schemas"
+    folder.mkdir()
+    write_schema(ONE, folder / "with-dashes.yaml")
+    path = f"{folder}/with-dashes.yaml"
+    for name, expected, schemas in (
+        (path, "one", ["one"]),
+        (f"CC3-{path}", "CC3-one", ["CC3", "one"]),
+        (f"{path}-CC3", "one-CC3", ["one", "CC3"]),
+        (f"{path}-{path}", "one-one", ["one", "one"]),
+    ):
+        condition = named(name)
+        assert condition.name == expected
+        assert [group.schema.name for group in (*condition.train, *condition.test)] == schemas
+    # A file of the whole name comes first.
+    write_schema(find_schema("CE4"), folder / "CC3-CC4.yaml")
+    assert named(f"{folder}/CC3-CC4.yaml").name == "CE4"
+    with pytest.raises(OpenLockError, match=r"^\S*/nothing.yaml: cannot be read"):
+        named(f"CC3-{folder}/nothing.yaml")
+    with pytest.raises(OpenLockError, match=r"cannot be read"):
+        named(f"CC33-{path}")
+    (folder / "bad.yaml").write_text("name: [", encoding="utf-8")
+    with pytest.raises(FileError, match=r"bad\.yaml:1:"):
+        named(f"CC3-{folder}/bad.yaml")
+
+
 # -- errors ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["CC3-CC4-CE4", "", "CC3-", "C C", "-CC4"])
 def test_what_is_no_condition_is_told_what_one_looks_like(name: str) -> None:
-    with pytest.raises(ProtocolError, match=r"is no condition; write one schema .* or two"):
+    with pytest.raises(
+        ProtocolError, match=r"is no condition; write one schema .* or two .*my/vault.yaml"
+    ):
         named(name)
 
 

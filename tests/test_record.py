@@ -9,9 +9,18 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from causal_openlock.protocol import PROTOCOLS, Condition
-from causal_openlock.record import CATEGORIES, AttemptLog, assemble, categorise, record_schema
+from causal_openlock.record import (
+    CATEGORIES,
+    AttemptLog,
+    assemble,
+    categorise,
+    compact,
+    record_schema,
+)
 from causal_openlock.schema_file import find_schema
 from causal_openlock.session import Session
 
@@ -240,3 +249,33 @@ def test_a_session_takes_memory_for_its_record_and_for_nothing_else() -> None:
     assert session._log.rows - before == 50 * 1000
     log = sum(column.nbytes for column in session._log._columns.values())
     assert grown < log + 100_000
+
+
+# -- compact --------------------------------------------------------------------------------------
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.integers(0, 400), min_size=1, max_size=4), st.integers(0, 400))
+def test_compact_records_of_any_cells_can_be_put_together(sizes: list[int], apart: int) -> None:
+    cells = []
+    for cell, many in enumerate(sizes):
+        log = AttemptLog(3)
+        shape = (max(many, 1), 1)
+        append(log, list(range(many)))
+        layouts = [[f"layout{apart * cell + n}"] for n in range(shape[0])]
+        schemas = [[f"S{cell}_{n % 200}"] for n in range(shape[0])]
+        visited = {
+            **visits(*shape),
+            "layout": np.array(layouts, dtype=object),
+            "schema": np.array(schemas, dtype=object),
+        }
+        told = {**constants(list(range(shape[0]))), "learner": f"learner{cell}"}
+        cells.append(assemble(log, visited, told))
+    together = pa.concat_tables([compact(cell) for cell in cells])
+    whole = pa.concat_tables(cells)
+    assert together.to_pylist() == whole.to_pylist()
+    # Names are counted as one: where every cell has some, all of them may be many.
+    for name in ("layout", "schema", "learner", "category"):
+        found = together[name].combine_chunks().dictionary.to_pylist() if sum(sizes) else []
+        assert set(whole[name].to_pylist()) <= set(found)
+    assert compact(cells[0].slice(0, 0)).schema == together.schema

@@ -27,10 +27,11 @@ def test_a_full_ring_overwrites_its_oldest_transition() -> None:
     assert replay.length.tolist() == [3, 3]
     replay = filled(2, capacity=5, many=12)
     assert replay.length.tolist() == [5, 5]
-    assert sorted(replay.before[1].tolist()) == [107, 108, 109, 110, 111]
-    for column in (replay.action, replay.reward, replay.after):
-        assert np.array_equal(column, replay.before)
-    assert np.array_equal(replay.goes_on, replay.before % 2 == 0)
+    before, action, after, reward, goes_on = replay.rings
+    assert sorted(before[1].tolist()) == [107, 108, 109, 110, 111]
+    for column in (action, reward, after):
+        assert np.array_equal(column, before)
+    assert np.array_equal(goes_on, before % 2 == 0)
 
 
 def test_rings_fill_each_at_its_own_pace() -> None:
@@ -39,7 +40,7 @@ def test_rings_fill_each_at_its_own_pace() -> None:
         who = np.array([0, 2]) if t < 3 else np.array([2])
         replay.add(who, who * 10 + t, who, who.astype(float), who, who > 0)
     assert replay.length.tolist() == [3, 0, 4]
-    assert replay.before.tolist() == [[0, 1, 2, 0], [0, 0, 0, 0], [24, 25, 22, 23]]
+    assert replay.rings[0].tolist() == [[0, 1, 2, 0], [0, 0, 0, 0], [24, 25, 22, 23]]
     late = replay.sample(np.full((3, 1), 0.99))[0]
     assert late[:, 0].tolist() == [2, 0, 23]
 
@@ -49,7 +50,7 @@ def test_samples_are_uniform_and_from_the_subject_s_own_ring() -> None:
     luck = np.random.default_rng(0).random((3, 20_000))
     before, action, reward, after, goes_on, weight, slot = replay.sample(luck)
     assert (weight == 1).all()
-    assert torch.equal(replay.before.gather(1, slot), before)
+    assert torch.equal(replay.rings[0].long().gather(1, slot), before)
     for subject in range(3):
         marks, counts = np.unique(before[subject], return_counts=True)
         assert marks.tolist() == [100 * subject + t for t in range(5)]

@@ -76,10 +76,11 @@ def test_what_changed_is_told_field_by_field() -> None:
 def test_what_is_there_only_once_is_one_line() -> None:
     told = changes(described(), described(learners=["bayes"], conditions=["CC4", "CE3-CC4"]))
     assert told.to_numpy().tolist() == [
+        ["name", "bayes_random_in_CC4", "bayes_in_CC4_CE3-CC4"],
         ["learner random", "there", "–"],
         ["condition CE3-CC4", "–", "there"],
     ]
-    assert said_of_changes(told).startswith("2 things differ in what was run: learner random;")
+    assert said_of_changes(told).startswith("3 things differ in what was run: name")
 
 
 def test_equal_experiments_differ_in_nothing() -> None:
@@ -142,7 +143,7 @@ def test_the_page_stands_alone_and_has_its_tables_as_files(tmp_path: Path) -> No
     assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", text)
     assert "a <1> and b" in page.text
     assert "1 of 1 means differ by more than noise (bayes in CC4)." in page.text
-    assert "seed 9, 1 cells missing" in page.text
+    assert "seed 9, 1 cell missing" in page.text
     assert ["seed", "1", "9"] in page.tables[0]
     assert "+10.00" in page.tables[1][1]
     names = {path.name for path in (tmp_path / "tables").iterdir()}

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from waiting import HANGS
 
 from causal_openlock.contract_probes import GlobalRandomness
 from causal_openlock.envs import OpenLockEnv
@@ -137,7 +138,7 @@ def test_a_program_can_end_while_its_models_wait() -> None:
         cwd=Path(__file__).parent,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANGS,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")

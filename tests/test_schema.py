@@ -12,6 +12,7 @@ import networkx as nx
 import pytest
 from hypothesis import given, settings
 from strategies import schemas
+from waiting import HANGS
 
 from causal_openlock.errors import SchemaError
 from causal_openlock.schema import DOOR, MAX_LEVERS, Gate, Schema
@@ -303,4 +304,6 @@ def test_a_pickled_schema_is_the_same_key_in_another_process() -> None:
         "import pickle, sys; from causal_openlock import find_schema;"
         "sent = pickle.load(sys.stdin.buffer); assert {find_schema('CC4'): 1}[sent] == 1"
     )
-    subprocess.run([sys.executable, "-c", code], input=pickle.dumps(schema), check=True, timeout=60)
+    subprocess.run(
+        [sys.executable, "-c", code], input=pickle.dumps(schema), check=True, timeout=HANGS
+    )

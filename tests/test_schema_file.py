@@ -16,7 +16,7 @@ from strategies import schemas
 
 from causal_openlock import experiment_file
 from causal_openlock.errors import FileError, OpenLockError
-from causal_openlock.schema import DOOR, Gate, Schema
+from causal_openlock.schema import DOOR, NO_TEXT, Gate, Schema
 from causal_openlock.schema_file import (
     bundled,
     bundled_schemas,
@@ -28,10 +28,16 @@ from causal_openlock.schema_file import (
     schema_from_dict,
     write_schema,
 )
+from causal_openlock.yaml_edit import styled
+from causal_openlock.yaml_file import dump_yaml, parse_document
 
 ROOT = Path(__file__).parent.parent
 BUNDLED = bundled_schemas()
 TITLES = st.text(st.characters(exclude_categories=["C"]), max_size=150)
+# Spaces, signs that YAML heeds and line breaks that only Unicode knows, in texts of many lines.
+HARD = st.text(
+    st.sampled_from("ab  :#'\"\\-\t\xa0\x85\u2028\u2029\u3000,[]{}%@&*!|>?\n\r"), max_size=400
+)
 
 COMMENTED = """\
 # yaml-language-server: $schema=./schema.json
@@ -72,6 +78,19 @@ def test_any_schema_survives_being_dumped(schema: Schema) -> None:
     assert back == schema
     assert back.as_dict() == schema.as_dict()
     assert schema_from_dict(schema.as_dict()) == schema
+
+
+@settings(max_examples=100, deadline=None)
+@given(title=HARD | st.lists(st.text("abc", min_size=1)).map("  ".join))
+@example(title="  ".join(["five"] * 18))  # longer than a line, with two spaces where it may break
+@example(title="a\x85b")
+def test_any_title_comes_back_whatever_its_length_and_spaces(title: str) -> None:
+    if not NO_TEXT.search(title):
+        schema = Schema("X", ["A"], {"A": [DOOR]}, title=title)
+        assert parse_schema(dump_schema(schema)) == schema
+    inside = {"conditions": [{"name": title, "train": [title] * 3}]}
+    for text in (dump_yaml(inside), dump_yaml(styled(inside))):
+        assert parse_document(text).data == inside
 
 
 @pytest.mark.parametrize("name", ["null", "true", "False", "on", "no", "y", "Inf", "e1", "NaN"])

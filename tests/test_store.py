@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
+import runpy
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
-from causal_openlock import files, runner
+from causal_openlock import __version__, files, runner
+from causal_openlock.analysis.report.reading import made_with, read_results
 from causal_openlock.analysis.summary import write_summary
-from causal_openlock.errors import LearnerError, StoreError
+from causal_openlock.checksums import json_bytes, table_bytes
+from causal_openlock.errors import StoreError
 from causal_openlock.experiment import Experiment
 from causal_openlock.experiment_file import read_experiment
+from causal_openlock.record import compact
 from causal_openlock.store import Store
+
+flipped = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "bit_flips.py"))["flipped"]
 
 TEXT = """\
 name: small
@@ -33,6 +42,16 @@ def experiment(tmp_path: Path) -> Experiment:
     path = tmp_path / "experiment.yaml"
     path.write_text(TEXT, encoding="utf-8")
     return read_experiment(path)
+
+
+@pytest.fixture
+def quick(experiment: Experiment) -> Experiment:
+    """The same with few subjects and attempts, for what is played again and again."""
+    short = dataclasses.replace(
+        experiment.entries[0].protocol, name="short", attempt_limit=2, baseline_trials=1
+    )
+    entries = [dataclasses.replace(one, subjects=3, protocol=short) for one in experiment.entries]
+    return dataclasses.replace(experiment, entries=tuple(entries))
 
 
 def play(experiment: Experiment, folder: Path, **options: object) -> Store:
@@ -84,8 +103,8 @@ def damage_flip(content: bytes) -> bytes:
 
 @pytest.mark.parametrize(
     "damage",
-    [damage_cut, damage_flip, lambda content: b"", lambda content: b"no parquet at all"],
-    ids=["cut short", "one byte flipped", "emptied", "replaced"],
+    [damage_cut, damage_flip, lambda c: b"", lambda c: b"no parquet at all", lambda c: c + b"0"],
+    ids=["cut short", "one byte flipped", "emptied", "replaced", "one byte more"],
 )
 def test_a_damaged_file_is_named_and_its_cell_run_again(
     experiment: Experiment, tmp_path: Path, damage: object
@@ -123,9 +142,162 @@ def test_a_folder_of_another_experiment_is_refused_and_left_alone(
 ) -> None:
     kept = play(experiment, tmp_path / "out")
     files = {path: path.read_bytes() for path in kept.folder.rglob("*") if path.is_file()}
-    with pytest.raises(StoreError, match="holds another experiment"):
-        play(dataclasses.replace(experiment, seed=4), tmp_path / "out")
+    (condition, _), entries = experiment.conditions, experiment.entries
+    long = dataclasses.replace(entries[0].protocol, attempt_limit=31)
+    for other in (
+        dataclasses.replace(experiment, seed=4),
+        dataclasses.replace(experiment, name="other"),
+        dataclasses.replace(experiment, conditions=(dataclasses.replace(condition, name="x"),)),
+        dataclasses.replace(
+            experiment, entries=tuple(dataclasses.replace(one, protocol=long) for one in entries)
+        ),
+    ):
+        with pytest.raises(StoreError, match="holds another experiment"):
+            play(other, tmp_path / "out")
     assert {path: path.read_bytes() for path in files} == files
+
+
+def test_a_folder_is_reused_for_another_form_of_its_experiment(
+    quick: Experiment, tmp_path: Path
+) -> None:
+    experiment = quick
+    random, oracle = experiment.entries
+    forms = {
+        "a learner less": dataclasses.replace(experiment, entries=(oracle,)),
+        "a condition less": dataclasses.replace(experiment, conditions=experiment.conditions[:1]),
+        "more subjects": dataclasses.replace(
+            experiment,
+            entries=tuple(dataclasses.replace(one, subjects=7) for one in experiment.entries),
+        ),
+        "larger cells": dataclasses.replace(experiment, cell_size=3),
+        "a learner more": dataclasses.replace(
+            experiment, entries=(random, oracle, dataclasses.replace(random, name="again"))
+        ),
+        "as it was": experiment,
+    }
+    first = play(experiment, tmp_path / "out")
+    kept = {path: path.read_bytes() for path in first.cells.iterdir()}
+    known = {cell.identity for cell in experiment.cells()}
+    for name, form in forms.items():
+        new: list[str] = []
+        store = play(
+            form,
+            tmp_path / "out",
+            done=lambda cell, before, new=new: None if before else new.append(cell.identity),
+        )
+        assert set(new) == {cell.identity for cell in form.cells()} - known, name
+        known |= set(new)
+        fresh = play(form, tmp_path / name)
+        assert contents(store, form).equals(contents(fresh, form)), name
+        assert store.description() == fresh.description(), name
+    assert {path: path.read_bytes() for path in kept} == kept
+
+
+def test_a_damaged_description_is_healed_where_cells_are_of_the_experiment(
+    quick: Experiment, tmp_path: Path
+) -> None:
+    experiment = quick
+    kept = play(experiment, tmp_path / "out")
+    path = kept.folder / "experiment.json"
+    content = path.read_bytes()
+    whole = kept.description()
+    odd = [
+        content.replace(b'"seed": 3', b'"seed": 4'),
+        content[:50],
+        b"",
+        content + b" ",
+        json.dumps({**whole, "seed": "3"}).encode(),  # as of earlier versions
+        json_bytes({**whole, "seed": "3"}),
+        json_bytes({**whole, "learners": [7]}),
+        json_bytes({**whole, "conditions": {}}),
+        json_bytes({**whole, "cells": {}}),
+        json_bytes({**whole, "learners": [{**whole["learners"][0], "protocol": {"name": []}}]}),
+        json_bytes({**whole, "conditions": [{"name": "CC3", "train": [[]], "test": None}]}),
+    ]
+    for damaged in odd:
+        path.write_bytes(damaged)
+        for read in (kept.description, kept.record, kept.files, lambda: read_results(kept)):
+            with pytest.raises(StoreError, match=r"experiment\.json is damaged \(.*\); run comp"):
+                read()
+        with pytest.raises(StoreError, match="is damaged"):
+            play(dataclasses.replace(experiment, seed=4), tmp_path / "out")
+        seen: list[bool] = []
+        play(experiment, tmp_path / "out", done=lambda cell, before, seen=seen: seen.append(before))
+        assert all(seen)
+        assert path.read_bytes() == content
+
+
+def test_no_flipped_bit_passes_for_what_was_written(experiment: Experiment, tmp_path: Path) -> None:
+    kept = play(dataclasses.replace(experiment, cell_size=5), tmp_path / "out")
+    rng = np.random.default_rng(7)
+    files = [(path, lambda path=path: kept.read(path)) for path in kept.files()[0][:2]]
+    files.append((kept.folder / "experiment.json", kept.description))
+    for path, read in files:
+        counts = flipped(path, read, 150, rng)
+        assert counts == {"noticed": 150}, path
+        content = path.read_bytes()
+        # Where the checksum stands, too.
+        place = content.rindex(b"sha256")
+        for bit in range(8 * place, 8 * (place + 12 + 64), 5):
+            changed = bytearray(content)
+            changed[bit // 8] ^= 1 << bit % 8
+            path.write_bytes(changed)
+            with pytest.raises(StoreError, match="is damaged"):
+                read()
+        path.write_bytes(content)
+
+
+def test_after_a_flipped_bit_that_cell_alone_is_played_again(
+    quick: Experiment, tmp_path: Path
+) -> None:
+    experiment = quick
+    kept = play(experiment, tmp_path / "out")
+    write_summary(kept.record()[0], tmp_path / "before.csv")
+    rng = np.random.default_rng(3)
+    for cell in list(experiment.cells())[::5]:
+        path = kept.path(cell)
+        content = bytearray(path.read_bytes())
+        place = int(rng.integers(8 * len(content)))
+        content[place // 8] ^= 1 << place % 8
+        path.write_bytes(content)
+        for read in (kept.record, lambda: read_results(kept), lambda: made_with(kept.files()[0])):
+            with pytest.raises(StoreError) as told:
+                read()
+            assert str(told.value).startswith(f"{path} is damaged (")
+        again: list[Path] = []
+        play(
+            experiment,
+            tmp_path / "out",
+            done=lambda one, before, again=again: None if before else again.append(kept.path(one)),
+        )
+        assert again == [path]
+    write_summary(kept.record()[0], tmp_path / "after.csv")
+    assert (tmp_path / "after.csv").read_bytes() == (tmp_path / "before.csv").read_bytes()
+
+
+def test_files_of_earlier_versions_are_made_anew_and_other_tables_refused(
+    experiment: Experiment, tmp_path: Path
+) -> None:
+    kept = play(experiment, tmp_path / "out")
+    before = contents(kept, experiment)
+    path = kept.path(next(experiment.cells()))
+    table = kept.read(path)
+    pq.write_table(table, path)
+    assert "has no checksum" in (kept.check(next(experiment.cells())) or "")
+    for odd in (
+        table.drop_columns(["layout"]),
+        table.set_column(4, "subject", pa.array(["no number"] * table.num_rows)),
+        table.set_column(4, "subject", pa.array([None] * table.num_rows, pa.int32())),
+    ):
+        path.write_bytes(table_bytes(odd, table.schema.metadata))
+        for read in (kept.record, lambda: read_results(kept)):
+            with pytest.raises(StoreError, match="columns are not those of a record"):
+                read()
+    play(experiment, tmp_path / "out")
+    assert contents(kept, experiment).equals(before)
+    # Names coded by fewer bytes are the same names.
+    path.write_bytes(table_bytes(compact(table), table.schema.metadata))
+    assert contents(kept, experiment).equals(before)
 
 
 def test_a_folder_that_holds_something_else_is_refused(
@@ -185,65 +357,6 @@ def test_a_read_only_folder_is_one_sentence(experiment: Experiment, tmp_path: Pa
         play(experiment, folder / "out")
 
 
-def test_a_failing_learner_is_named_and_what_was_done_stays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "brittle.py").write_text(
-        "from causal_openlock import OneSubjectLearner\n"
-        "class Brittle(OneSubjectLearner):\n"
-        "    def act(self, observation):\n"
-        "        raise ZeroDivisionError('the learner broke')\n"
-        "class Stray(OneSubjectLearner):\n"
-        "    def act(self, observation):\n"
-        "        return 99\n",
-        encoding="utf-8",
-    )
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "experiment.yaml"
-    text = "name: e\nsubjects: 2\nconditions: [CC3]\nlearners: [random, 'brittle:Brittle']\n"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(LearnerError, match="the learner broke") as caught:
-        play(read_experiment(path), tmp_path / "out")
-    kept = tmp_path / "out" / "errors" / "Brittle_CC3_0-1.txt"
-    assert str(kept) in str(caught.value)
-    assert "ZeroDivisionError" in kept.read_text(encoding="utf-8")
-    path.write_text(text.replace("Brittle", "Stray"), encoding="utf-8")
-    with pytest.raises(LearnerError, match="Stray in CC3: action 99 is outside"):
-        play(read_experiment(path), tmp_path / "out2")
-
-
-LETHAL = """\
-import os, sys
-from causal_openlock import OneSubjectLearner
-
-class Exits(OneSubjectLearner):
-    def act(self, observation):
-        sys.exit(0)
-
-class Dies(OneSubjectLearner):
-    def act(self, observation):
-        os._exit(9)
-"""
-
-
-@pytest.mark.parametrize(
-    ("learner", "says"),
-    [("Exits", "the learner Exits failed in CC3"), ("Dies", "a worker process ended")],
-)
-def test_a_learner_that_ends_its_process_is_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, learner: str, says: str
-) -> None:
-    (tmp_path / "lethal.py").write_text(LETHAL, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "experiment.yaml"
-    path.write_text(
-        f"name: e\nsubjects: 1\nconditions: [CC3]\nlearners: ['lethal:{learner}']\n",
-        encoding="utf-8",
-    )
-    with pytest.raises(LearnerError, match=says):
-        runner.run(read_experiment(path), tmp_path / "out", workers=1)
-
-
 def test_a_start_cut_short_leaves_a_folder_that_can_be_used(
     experiment: Experiment, tmp_path: Path
 ) -> None:
@@ -299,7 +412,7 @@ def test_a_record_tells_which_cells_are_missing_and_what_the_others_were_made_wi
     kept = play(experiment, tmp_path / "out")
     _, description = kept.record()
     assert "missing_cells" not in description
-    assert description["versions"]["causal-openlock"] == "0.1.0"
+    assert description["versions"]["causal-openlock"] == __version__
     lost = kept.path(list(experiment.cells())[2])
     lost.unlink()
     record, description = kept.record()

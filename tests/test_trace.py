@@ -18,6 +18,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from waiting import HANGS
 
 from causal_openlock.analysis.drawings.belief import draw_trace, save_trace_figure
 from causal_openlock.belief.believer import Believer
@@ -482,7 +483,7 @@ def test_the_help_loads_nothing_heavy(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=HANGS,
     )
     loaded = {line.rsplit("|", 1)[-1].strip().split(".")[0] for line in done.stderr.splitlines()}
     assert "causal_openlock" in loaded

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from causal_openlock.counted import counted
 from causal_openlock.errors import StoreError
 from causal_openlock.fsm import IntArray
 from causal_openlock.protocol import PAPER_CONDITIONS
@@ -302,7 +303,8 @@ def _check_complete(table: pd.DataFrame, rows: IntArray) -> None:
         trial = table.iloc[wrong[0]]
         where = ", ".join(f"{column} {trial[column]}" for column in [*CELL, "subject", *VISIT])
         raise StoreError(
-            f"the record has attempts missing or twice in {len(wrong)} trials, first in {where}: "
+            f"the record has attempts missing or twice in {counted(len(wrong), 'trial')}, "
+            f"first in {where}: "
             f"{rows[wrong[0]]} rows for {trial['last_attempt']} attempts; read every cell once"
         )
 

@@ -27,6 +27,7 @@ from causal_openlock.analysis.people.comparable import Pairs, comparable
 from causal_openlock.analysis.people.published import PUBLISHED_COLUMNS, beside_published
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.files import write_text
+from causal_openlock.plain_text import cell
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -121,7 +122,7 @@ def write_table(table: pd.DataFrame, path: Path | str) -> None:
     """Write a table of results as CSV; see :func:`write_summary`."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table.columns)
+    writer.writerow([cell(str(name)) for name in table.columns])
     for row in table.itertuples(index=False):
         writer.writerow([_cell(value) for value in row])
     write_text(path, text.getvalue())
@@ -130,7 +131,7 @@ def write_table(table: pd.DataFrame, path: Path | str) -> None:
 def _cell(value: object) -> str:
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value + 0.0:.6g}"  # + 0.0: no minus zero
-    return str(value)
+    return cell(value) if isinstance(value, str) else str(value)
 
 
 def headline_table(record: pa.Table, experiment: Mapping[str, Any] | None = None) -> pd.DataFrame:

@@ -1,12 +1,14 @@
 """Beliefs about causal structure: hypotheses, evidence, plans.
 
 From a grammar to a decision, one idea a module:
+:mod:`~causal_openlock.belief.lever_sets` (sets of levers, a bit for each),
 :mod:`~causal_openlock.belief.structures` (gate-DAGs as arrays),
 :mod:`~causal_openlock.belief.grammar` (schema classes of any size),
 :mod:`~causal_openlock.belief.catalogue` (what n levers can do, alike behaviours merged),
 :mod:`~causal_openlock.belief.strength` (how surely levers move),
 :mod:`~causal_openlock.belief.space` (the hypotheses about a room),
 :mod:`~causal_openlock.belief.sampling` (hypotheses where there are too many to list),
+:mod:`~causal_openlock.belief.steering` (and where hardly any draw keeps the console's promise),
 :mod:`~causal_openlock.belief.evidence` (likelihoods),
 :mod:`~causal_openlock.belief.knowledge` (what is carried from room to room),
 :mod:`~causal_openlock.belief.beliefs` (many subjects' posteriors),

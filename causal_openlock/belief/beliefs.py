@@ -24,7 +24,14 @@ from causal_openlock.belief.knowledge import Knowledge, rule_prior
 from causal_openlock.belief.one_belief import Belief as Belief
 from causal_openlock.belief.prior import Prior
 from causal_openlock.belief.recall import evidence, evidence_of_all, in_mind
-from causal_openlock.belief.sampling import Happened, Sampler, listed, sampled, with_sampled
+from causal_openlock.belief.sampling import (
+    LISTED_CAUSES,
+    Happened,
+    Sampler,
+    listed,
+    sampled,
+    with_sampled,
+)
 from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import strengths
 from causal_openlock.belief.structures import Structures
@@ -33,6 +40,8 @@ from causal_openlock.learner import Brief, Step, View
 
 enumerated = lru_cache(maxsize=64)(enumerate_space)
 STRENGTH_NODES = 10
+SECOND_THOUGHTS = 2
+"""How often a subject draws again before it believes that the levers of a large room may fail."""
 FEW = 40
 """So few draws are all that there is to draw; drawing again would bring the same."""
 
@@ -136,7 +145,13 @@ class Beliefs:
             space.strengths.typical,
             happened.items(),
         )
-        own = sampled(sampler, space.sight, self.prior.particles, self._generators[subject])
+        own = sampled(
+            sampler,
+            space.sight,
+            self.prior.particles,
+            self._generators[subject],
+            self.prior.effort,
+        )
         whole = with_sampled(space, own)
         weight = self._weights(whole, np.array([subject]), np.argsort(slots)[None])[0]
         fresh = self._fresh(whole, slots, weight)
@@ -264,7 +279,12 @@ class Beliefs:
         """Every hypothesis is ruled out: draw others, or believe that levers may fail to move."""
         belief = self._belief(subject)
         sight = belief.space.sight
-        fresh = self._again(subject, sight) if sight.grey > FREE_FORM_LEVERS else None
+        fresh = None
+        if sight.grey > FREE_FORM_LEVERS:
+            fresh = self._again(subject, sight)
+            # That of many levers nothing was found is no proof that there is nothing.
+            for _ in range(SECOND_THOUGHTS if sight.grey > LISTED_CAUSES + 1 else 0):
+                fresh = fresh if fresh.possible else self._again(subject, sight)
         if fresh is None or not fresh.possible:
             self.unsure[subject] = True
             fresh = self._again(subject, belief.space.sight)

@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.belief.grammar import Generated, assigned, outlines, schema_classes
+from causal_openlock.belief.lever_sets import meeting
 from causal_openlock.belief.structures import (
     Masks,
     Structures,
+    behaviour_bytes,
     gate_dags,
     linear_extensions,
     merge,
@@ -27,6 +29,9 @@ from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 
 FREE_FORM_LEVERS = 4
 """Up to so many levers every gate-DAG is enumerated; five have seventeen million."""
+
+TABLE_BYTES = 1 << 27
+"""Bytes of the table by which structures are compared; of many levers fewer of them are listed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +110,17 @@ def solution_masks(structures: Structures) -> Masks:
 
 def fits(structures: Structures, solutions: int, action_limit: int) -> BoolArray:
     """``[M]`` whether there are exactly so many solutions, each done in an attempt."""
-    found = structures.solutions()
-    length = np.bitwise_count(np.arange(found.shape[1]))
-    longest = (found * length).max(axis=1, initial=0)
-    fitting: BoolArray = (found.sum(axis=1) == solutions) & (longest < action_limit)
+    fitting: BoolArray = distance(structures, solutions, action_limit) == 0
     return fitting
+
+
+def distance(structures: Structures, solutions: int, action_limit: int) -> IntArray:
+    """``[M]`` how many solutions are too many or too few, or too long for an attempt."""
+    found, levers = structures.solving(), structures.levers
+    too_long = meeting(levers)[(1 << levers) - 1, min(action_limit, levers + 1)]
+    number = np.bitwise_count(found).sum(axis=1, dtype=np.int64)
+    away: IntArray = np.abs(number - solutions)
+    return away + np.bitwise_count(found & too_long).sum(axis=1, dtype=np.int64)
 
 
 @cache
@@ -166,13 +177,15 @@ def catalogue(
         uncertain: Whether levers may fail to move, so that more behaviours differ.
         simplicity: As for :func:`free_form_weight`.
         limit: Of more than four levers, only so many structures of the shortest classes are
-            listed; the others are of the free form, which is sampled there.
+            listed, and no more than :data:`TABLE_BYTES` can compare; the others are of the free
+            form, which is sampled there.
     """
     outline, splits = outlines(levers)
     fitting = np.flatnonzero(fits(outline.structures, solutions, action_limit))
     if levers > FREE_FORM_LEVERS:  # classes come in the order of their length
         ways = [_ways(splits[index]) for index in fitting]
-        fitting = fitting[np.cumsum(ways) <= limit]
+        most = min(limit, TABLE_BYTES // behaviour_bytes(levers, action_limit))
+        fitting = fitting[np.cumsum(ways) <= most]
     parts = [
         assigned(
             Generated(outline.structures[fitting], outline.kind[fitting], outline.chance[fitting]),

@@ -24,7 +24,7 @@ from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
-from causal_openlock.belief.structures import Structures
+from causal_openlock.belief.structures import Structures, renamed
 from causal_openlock.fsm import FloatArray, IntArray
 
 MAX_ROLES = 4
@@ -76,7 +76,7 @@ class SchemaClass:
     def sizes(self, levers: int) -> Iterator[tuple[int, ...]]:
         """How many levers can play each role, if there are so many of them."""
         for cuts in combinations(range(1, levers), len(self.roles) - 1):
-            sizes = tuple(np.diff([0, *cuts, levers]).tolist())
+            sizes = tuple(end - start for start, end in pairwise((0, *cuts, levers)))
             if all(role.many or size == 1 for role, size in zip(self.roles, sizes, strict=True)):
                 yield sizes
 
@@ -241,31 +241,29 @@ def assigned(outline: Generated, splits: tuple[tuple[int, ...], ...]) -> Generat
         splits: The size of each role.
     """
     levers = outline.structures.levers
-    parts: list[Generated] = []
+    causes = [np.zeros((0, levers + 1), dtype=np.uint16)]
+    threshold = [np.zeros((0, levers + 1), dtype=np.uint8)]
+    kind, chance = [outline.kind[:0]], [outline.chance[:0]]
     for split in sorted(set(splits)):
         rows = np.array([index for index, own in enumerate(splits) if own == split])
-        orders = list(_orders(split))
-        for order in orders:
-            parts.append(
-                Generated(
-                    outline.structures[rows].relabelled(order),
-                    outline.kind[rows],
-                    outline.chance[rows] / len(orders),
-                )
-            )
-    if not parts:
-        parts = [Generated(outline.structures[:0], outline.kind[:0], outline.chance[:0])]
+        orders = np.array(list(_orders(split)))[:, None]
+        each = outline.structures[rows]
+        own_place = np.full((len(orders), 1, 1), levers)  # the door's
+        at = np.concatenate([orders.argsort(axis=2), own_place], axis=2)
+        called = renamed(each.causes, orders[:, :, None])
+        causes.append(np.take_along_axis(called, at, axis=2).reshape(-1, levers + 1))
+        gates = np.take_along_axis(each.threshold[None], at, axis=2)
+        threshold.append(gates.reshape(-1, levers + 1))
+        kind.append(np.tile(outline.kind[rows], len(orders)))
+        chance.append(np.tile(outline.chance[rows] / len(orders), len(orders)))
     return Generated(
-        Structures(
-            np.concatenate([part.structures.causes for part in parts]).reshape(-1, levers + 1),
-            np.concatenate([part.structures.threshold for part in parts]).reshape(-1, levers + 1),
-        ),
-        np.concatenate([part.kind for part in parts]),
-        np.concatenate([part.chance for part in parts]),
+        Structures(np.concatenate(causes), np.concatenate(threshold)),
+        np.concatenate(kind),
+        np.concatenate(chance),
     )
 
 
-def _orders(split: tuple[int, ...]) -> Iterator[IntArray]:
+def _orders(split: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
     """Every way to deal the levers out to roles of these sizes, order within a role aside."""
     levers = frozenset(range(sum(split)))
 
@@ -277,4 +275,4 @@ def _orders(split: tuple[int, ...]) -> Iterator[IntArray]:
             for rest in deal(left - set(hand), sizes[1:]):
                 yield (*hand, *rest)
 
-    return (np.array(order) for order in deal(levers, split))
+    return deal(levers, split)

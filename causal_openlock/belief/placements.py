@@ -15,7 +15,7 @@ import numpy as np
 
 from causal_openlock.belief.catalogue import solution_masks
 from causal_openlock.belief.space import Hypotheses
-from causal_openlock.belief.structures import NEVER, Structures, merge, renamed_sets
+from causal_openlock.belief.structures import NEVER, Structures, merge, renamed
 from causal_openlock.fsm import FloatArray
 from causal_openlock.schema import DOOR, Schema
 
@@ -37,15 +37,8 @@ def placements(schema: Schema, action_limit: int) -> Hypotheses:
     Raises:
         TooLargeError: If there are too many to list.
     """
-    names = [*schema.levers, DOOR]
-    own = Structures(
-        np.array([[schema.mask(schema.causes(node)) for node in names]], dtype=np.uint16),
-        np.array([[schema.threshold(node) for node in names]], dtype=np.uint8),
-    )
-    roles = _alike(own)
-    many = math.factorial(len(schema.levers))
-    for role in roles:
-        many //= math.factorial(len(role))
+    own = _structure(schema)
+    roles, many = _alike(own), ways_to_place(schema)
     if many << len(schema.levers) > TABLE_LIMIT:
         raise TooLargeError(f"{schema.name} can be placed in {many:,} ways")
     dealt = [own.relabelled(np.array(order)) for order in _deals(roles, len(schema.levers))]
@@ -61,6 +54,23 @@ def placements(schema: Schema, action_limit: int) -> Hypotheses:
         structures.inert(),
         solution_masks(structures),
         np.zeros(len(structures), dtype=np.uint8),
+    )
+
+
+def ways_to_place(schema: Schema) -> int:
+    """In how many ways a schema's levers can stand, those of one role being alike."""
+    many = math.factorial(len(schema.levers))
+    for role in _alike(_structure(schema)):
+        many //= math.factorial(len(role))
+    return many
+
+
+def _structure(schema: Schema) -> Structures:
+    """The schema as one structure, its levers in their order."""
+    names = [*schema.levers, DOOR]
+    return Structures(
+        np.array([[schema.mask(schema.causes(node)) for node in names]], dtype=np.uint16),
+        np.array([[schema.threshold(node) for node in names]], dtype=np.uint8),
     )
 
 
@@ -104,12 +114,18 @@ def on_slots(own: Hypotheses, slots: tuple[int, ...], room: int) -> Hypotheses:
         slots: The slot of each of them.
         room: Levers of the room.
     """
-    renamed = renamed_sets(slots)
+    names = np.array(slots)
     causes = np.zeros((len(own), room + 1), dtype=np.uint16)
     threshold = np.full((len(own), room + 1), NEVER, dtype=np.uint8)
     where = [*slots, room]
-    causes[:, where], threshold[:, where] = renamed[own.causes], own.threshold
-    return Hypotheses(causes, threshold, renamed[own.inert], renamed[own.solutions], own.strength)
+    causes[:, where], threshold[:, where] = renamed(own.causes, names), own.threshold
+    return Hypotheses(
+        causes,
+        threshold,
+        renamed(own.inert, names),
+        renamed(own.solutions, names),
+        own.strength,
+    )
 
 
 def _alike(one: Structures) -> list[list[int]]:

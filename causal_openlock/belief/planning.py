@@ -29,6 +29,10 @@ from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 MOST_BRANCHES = 5000
 """Sequences of pushes that a plan goes through at most, about; seven levers are looked at for four
 actions ahead, four levers for six."""
+FEW_LEVERS = 7
+MOST_PAIRS = 1_000_000
+"""With more levers than these, also the most sequences times hypotheses; two actions are always
+looked ahead."""
 TIE = 1e-9
 """Values that differ by less are equal but for rounding."""
 
@@ -110,7 +114,10 @@ class Planner:
         """How many actions can be looked ahead without the tree of plans growing too large."""
         can_move = (self._hypotheses.threshold[who, : self._door] < NEVER).any(axis=0)
         choices = sum(1 for slot in np.flatnonzero(can_move).tolist() if not pushed >> slot & 1)
-        return max(2, int(math.log(MOST_BRANCHES) / math.log(max(choices, 2))))
+        most = MOST_BRANCHES
+        if choices > FEW_LEVERS:
+            most = min(most, max(MOST_PAIRS // len(who), 1))
+        return max(2, int(math.log(most) / math.log(max(choices, 2))))
 
     def _look(
         self,

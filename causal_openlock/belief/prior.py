@@ -12,6 +12,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 OpenShare = Annotated[float, Field(gt=0, lt=1)]
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
+EFFORT = 8_000
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,11 @@ class Prior:
     particles: Annotated[
         Count, "hypotheses sampled where a room has too many levers to enumerate every structure"
     ] = 500
+    effort: Annotated[
+        Count,
+        "structures looked at, at most, each time that hypotheses are sampled for a room of eight "
+        "levers and more",
+    ] = EFFORT
     directness: Annotated[
         float, "how much levers are expected to act on the door themselves, in nats for each"
     ] = 0.0

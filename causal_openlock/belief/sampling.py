@@ -17,21 +17,32 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from causal_openlock.belief.catalogue import Catalogue, fits, gate_weight
+from causal_openlock.belief.catalogue import Catalogue, distance, gate_weight
 from causal_openlock.belief.evidence import DOOR
 from causal_openlock.belief.grammar import schema_classes
+from causal_openlock.belief.prior import EFFORT
 from causal_openlock.belief.space import Block, Hypotheses, RoomSight, Space, placed
+from causal_openlock.belief.steering import steered
 from causal_openlock.belief.strength import at_least
-from causal_openlock.belief.structures import Counts, Masks, Structures, merge
+from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.fsm import FloatArray, IntArray
 
 Happened = tuple[int, int, bool, bool]
 """What matters of an event to single gates: slot, pushed before, took effect, unlocked after."""
 ROUNDS = 12
 DRAWS = 4000
+BATCH = 1000
+CHAINS = 80
+"""Draws that are changed step by step where too few keep the console's promise."""
+LISTED_CAUSES = 6
+"""From more levers than these, a lever's causes are guessed at first, and listed if that fails."""
+GUESSES = 8
+AT_ONCE = 4000
+"""Draws for which every set of causes is listed at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +60,7 @@ class Gates:
     weight: FloatArray
 
     @classmethod
+    @cache
     def of(cls, levers: int, node: int, simplicity: float) -> Gates:
         """All gates of a lever, or of the door if ``node`` is the number of levers."""
         options = [
@@ -87,7 +99,7 @@ class Sampler:
         self.levers = levers
         chance, surely = at_least(strength), at_least(1.0)
         self._gates = [Gates.of(levers, node, simplicity) for node in range(levers + 1)]
-        prior = self._orders([gates.weight for gates in self._gates])
+        prior = _prior_of_all(levers, simplicity)
         happened = tuple(happened)
         weights = [gates.weight.copy() for gates in self._gates]
         for (slot, pushed, took_effect, unlocked), times in happened:
@@ -101,10 +113,14 @@ class Sampler:
             weights[levers] *= (self._gates[levers].holding(after, surely) > 0) == unlocked
         self._happened = happened
         self._chance = chance
-        self._weights = weights
-        self._sums = self._subset_sums(weights)
-        self._ways = self._recursion(self._sums)
-        self.evidence = self._total(self._ways, weights) / prior
+        self._ladders = [weight.cumsum() for weight in weights]
+        self._weights = np.zeros((levers, 1 << levers, levers + 1))
+        for lever, gates in enumerate(self._gates[:levers]):
+            self._weights[lever, gates.causes, gates.threshold] = weights[lever]
+        self._by_causes = _by_causes(self._gates, weights)
+        self._sums = _subset_sums(self._by_causes)
+        self._ways = _ways(self._sums)
+        self.evidence = float(self._ways[-1] * weights[levers].sum()) / prior
         """Probability of what happened to single gates, in the free form."""
 
     def _node(self, slot: int) -> int | None:
@@ -113,58 +129,84 @@ class Sampler:
             return self.levers
         return slot if slot < self.levers else None
 
-    def _orders(self, weights: list[FloatArray]) -> float:
-        return self._total(self._recursion(self._subset_sums(weights)), weights)
-
-    @staticmethod
-    def _total(ways: FloatArray, weights: list[FloatArray]) -> float:
-        return float(ways[-1] * weights[-1].sum())
-
-    def _subset_sums(self, weights: list[FloatArray]) -> FloatArray:
-        """``[n, 2^n]`` for each lever, the weight of all its gates with causes in a set."""
-        sums = np.zeros((self.levers, 1 << self.levers))
-        for lever in range(self.levers):
-            gates = self._gates[lever]
-            sums[lever] = np.bincount(gates.causes, weights[lever], minlength=sums.shape[1])
-            for other in range(self.levers):
-                halves = sums[lever].reshape(-1, 2, 1 << other)
-                halves[:, 1] += halves[:, 0]
-        return sums
-
-    def _recursion(self, sums: FloatArray) -> FloatArray:
-        """``[2^n]`` the weight of all orders in which exactly these levers come first."""
-        ways = np.zeros(1 << self.levers)
-        ways[0] = 1.0
-        for listed in range(1, 1 << self.levers):
-            for lever in range(self.levers):
-                if listed >> lever & 1:
-                    before = listed ^ 1 << lever
-                    ways[listed] += ways[before] * sums[lever, before]
-        return ways
-
     def draw(self, number: int, generator: np.random.Generator) -> Structures:
         """So many structures, independent of one another; none if nothing is possible."""
+        return self.draw_in_order(number, generator)[0]
+
+    def draw_in_order(
+        self, number: int, generator: np.random.Generator
+    ) -> tuple[Structures, IntArray]:
+        """The same, and ``[D, n]`` the levers of each in an order, causes before effects."""
         n = self.levers
+        order = np.zeros((number, n), dtype=np.int64)
         causes = np.zeros((number, n + 1), dtype=np.uint16)
         threshold = np.zeros((number, n + 1), dtype=np.uint8)
         if not self.evidence > 0:
-            return Structures(causes[:0], threshold[:0])
+            return Structures(causes[:0], threshold[:0]), order[:0]
         left = np.full(number, (1 << n) - 1)
-        for _ in range(n):
+        for before in reversed(range(n)):
             ladder = np.empty((number, n))
             for lever in range(n):
-                before = left & ~(1 << lever)
+                others = left & ~(1 << lever)
                 is_left = left >> lever & 1
-                ladder[:, lever] = is_left * self._ways[before] * self._sums[lever, before]
+                ladder[:, lever] = is_left * self._ways[others] * self._sums[lever, others]
             last = _pick(ladder.cumsum(axis=1), generator.random(number))
             left &= ~np.left_shift(1, last)
-            for lever in range(n):
-                self._choose(
-                    lever, np.flatnonzero(last == lever), left, generator, causes, threshold
-                )
-        everyone = np.arange(number)
-        self._choose(n, everyone, np.full(number, (1 << n) - 1), generator, causes, threshold)
-        return Structures(causes, threshold)
+            order[:, before] = last
+            by_lever = np.argsort(last, kind="stable")
+            chosen = self._gates_of(last[by_lever], left[by_lever], before, generator)
+            causes[by_lever, last[by_lever]], threshold[by_lever, last[by_lever]] = chosen
+        causes[:, n], threshold[:, n] = self.guess(np.full(number, n), generator)
+        return Structures(causes, threshold), order
+
+    def guess(self, node: IntArray, generator: np.random.Generator) -> tuple[IntArray, IntArray]:
+        """``[D]`` causes and threshold of a gate of each node, whatever levers come before it."""
+        draws = generator.random(len(node))
+        causes = np.zeros(len(node), dtype=np.int64)
+        threshold = np.zeros(len(node), dtype=np.int64)
+        for own in np.unique(node).tolist():
+            mine = np.flatnonzero(node == own)
+            hit = _pick(self._ladders[own][None], draws[mine])
+            causes[mine] = self._gates[own].causes[hit]
+            threshold[mine] = self._gates[own].threshold[hit]
+        return causes, threshold
+
+    def _gates_of(
+        self, lever: IntArray, before: IntArray, size: int, generator: np.random.Generator
+    ) -> tuple[IntArray, IntArray]:
+        """Causes and threshold of a lever in each of D draws, its causes among those before it.
+
+        Args:
+            lever: ``[D]`` whose gate it is, in ascending order.
+            before: ``[D]`` the levers before it.
+            size: How many these are.
+            generator: Draws.
+        """
+        causes = np.zeros(len(lever), dtype=np.int64)
+        threshold = np.zeros(len(lever), dtype=np.int64)
+        left = np.arange(len(lever))
+        for _ in range(GUESSES if size > LISTED_CAUSES else 0):
+            # Most gates have few causes, and these mostly come before: any gate may well do.
+            causes[left], threshold[left] = self.guess(lever[left], generator)
+            left = left[causes[left] & ~before[left] != 0]
+        for first in range(0, len(left), AT_ONCE):
+            some = left[first : first + AT_ONCE]
+            listed = self._listed(lever[some], before[some], size, generator.random(len(some)))
+            causes[some], threshold[some] = listed
+        return causes, threshold
+
+    def _listed(
+        self, lever: IntArray, before: IntArray, size: int, draws: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """The same by listing every set of causes; ``draws`` are numbers in [0, 1), that decide."""
+        rows, subsets = np.arange(len(lever)), _subsets(before, size, self.levers)
+        ladder = self._by_causes[lever[:, None], subsets].cumsum(axis=1)
+        at = _pick(ladder, draws)
+        causes = subsets[rows, at]
+        rest = draws * ladder[:, -1] - np.where(at > 0, ladder[rows, at - 1], 0.0)
+        gates = self._weights[lever, causes].cumsum(axis=1)
+        rest = np.minimum(rest, np.nextafter(gates[:, -1], 0.0))
+        return causes, (gates <= rest[:, None]).sum(axis=1)
 
     def likelihood(self, structures: Structures) -> FloatArray:
         """``[M]`` probability of what happened to single gates, but for the lock: it is certain."""
@@ -177,25 +219,57 @@ class Sampler:
                 result *= (works if took_effect else 1.0 - works) ** times
         return result
 
-    def _choose(
-        self,
-        node: int,
-        who: IntArray,
-        before: IntArray,
-        generator: np.random.Generator,
-        causes: Masks,
-        threshold: Counts,
-    ) -> None:
-        """A gate of a node for some of the draws, its causes among the levers before it."""
-        gates = self._gates[node]
-        draws = generator.random(len(who))
-        for allowed in np.unique(before[who]):
-            mine = before[who] == allowed
-            options = np.flatnonzero(gates.causes & ~allowed == 0)
-            ladder = self._weights[node][options].cumsum()
-            hit = options[_pick(ladder[None], draws[mine])]
-            causes[who[mine], node] = gates.causes[hit]
-            threshold[who[mine], node] = gates.threshold[hit]
+
+@cache
+def _prior_of_all(levers: int, simplicity: float) -> float:
+    """The weight of all structures, in all orders of their levers, before anything is tried."""
+    gates = [Gates.of(levers, node, simplicity) for node in range(levers + 1)]
+    weights = [own.weight for own in gates]
+    ways = _ways(_subset_sums(_by_causes(gates, weights)))
+    return float(ways[-1] * weights[-1].sum())
+
+
+def _by_causes(gates: list[Gates], weights: list[FloatArray]) -> FloatArray:
+    """``[n, 2^n]`` for each lever, the weight of all its gates with exactly these causes."""
+    levers = len(gates) - 1
+    return np.stack(
+        [
+            np.bincount(gates[lever].causes, weights[lever], minlength=1 << levers)
+            for lever in range(levers)
+        ]
+    )
+
+
+def _subset_sums(by_causes: FloatArray) -> FloatArray:
+    """``[n, 2^n]`` for each lever, the weight of all its gates with causes in a set."""
+    sums = by_causes.copy()
+    for other in range(len(sums)):
+        halves = sums.reshape(len(sums), -1, 2, 1 << other)
+        halves[:, :, 1] += halves[:, :, 0]
+    return sums
+
+
+def _ways(sums: FloatArray) -> FloatArray:
+    """``[2^n]`` the weight of all orders in which exactly these levers come first."""
+    levers, every = len(sums), np.arange(sums.shape[1])
+    ways = np.zeros(len(every))
+    ways[0] = 1.0
+    for size in range(1, levers + 1):
+        listed = every[np.bitwise_count(every) == size]
+        for lever in range(levers):
+            having = listed[listed >> lever & 1 == 1]
+            before = having ^ 1 << lever
+            ways[having] += ways[before] * sums[lever, before]
+    return ways
+
+
+def _subsets(sets: IntArray, size: int, levers: int) -> IntArray:
+    """``[D, 2^size]`` every subset of each of D sets of so many levers, in ascending order."""
+    held = np.nonzero(sets[:, None] >> np.arange(levers) & 1)[1].reshape(len(sets), size)
+    subsets = np.zeros((len(sets), 1), dtype=np.int64)
+    for column in held.T:
+        subsets = np.concatenate([subsets, subsets | np.left_shift(1, column)[:, None]], axis=1)
+    return subsets
 
 
 def _pick(ladder: FloatArray, draws: FloatArray) -> IntArray:
@@ -208,7 +282,11 @@ def _pick(ladder: FloatArray, draws: FloatArray) -> IntArray:
 
 
 def sampled(
-    sampler: Sampler, sight: RoomSight, wanted: int, generator: np.random.Generator
+    sampler: Sampler,
+    sight: RoomSight,
+    wanted: int,
+    generator: np.random.Generator,
+    effort: int = EFFORT,
 ) -> Catalogue:
     """A catalogue of structures of the free form that fit what the console promises.
 
@@ -220,16 +298,25 @@ def sampled(
         sight: What the room looks like.
         wanted: How many draws to accept.
         generator: Draws.
+        effort: Structures that are looked at, at most, where there are eight levers and more: a
+            quarter of them are draws, the rest steps towards the promise from those that come near.
     """
-    # Solutions are found set by set, which takes long with many levers.
-    draws = max(50, DRAWS >> max(0, sampler.levers - 7))
+    large = sampler.levers > LISTED_CAUSES + 1
+    most = max(1, effort // 4) if large else ROUNDS * DRAWS
+    promise = sight.solutions, sight.action_limit
     kept: list[Structures] = []
+    near: list[tuple[Structures, IntArray, IntArray]] = []
     accepted = tried = 0
-    while accepted < wanted and tried < ROUNDS * draws:
-        drawn = sampler.draw(draws, generator)
+    while accepted < wanted and tried < most:
+        draws = min(BATCH, most - tried) if large else DRAWS
+        drawn, order = sampler.draw_in_order(draws, generator)
         if not len(drawn):
             break
-        drawn = drawn[fits(drawn, sight.solutions, sight.action_limit)]
+        away = distance(drawn, *promise)
+        if large:
+            nearest = np.argsort(away, kind="stable")[:CHAINS]
+            near.append((drawn[nearest], order[nearest], away[nearest]))
+        drawn = drawn[away == 0]
         kept.append(drawn[: wanted - accepted])
         tried += (
             draws
@@ -237,17 +324,21 @@ def sampled(
             else round(draws * (wanted - accepted) / len(drawn))
         )
         accepted += len(kept[-1])
-    levers = sampler.levers
-    empty = Structures(
-        np.zeros((0, levers + 1), dtype=np.uint16), np.zeros((0, levers + 1), dtype=np.uint8)
-    )
-    everything = [empty, *kept]
-    causes = np.concatenate([part.causes for part in everything])
-    threshold = np.concatenate([part.threshold for part in everything])
-    first, member = merge(np.concatenate([causes.view(np.uint8), threshold], axis=1))
+    worth: float = max(tried, 1)
+    if near and accepted < wanted:
+        away = np.concatenate([each[2] for each in near])
+        nearest = np.argsort(away, kind="stable")[:CHAINS]
+        begin = Structures.joined([each[0] for each in near])[nearest]
+        orders = np.concatenate([each[1] for each in near])[nearest]
+        steps = max(1, 3 * effort // 4 // len(begin) - 1)
+        kept.append(steered(sampler.guess, begin, orders, promise, steps, generator))
+        worth = sum(map(len, kept)) * tried / max(accepted, 0.5)
+    empty = np.zeros((0, sampler.levers + 1), dtype=np.uint16)
+    every = Structures.joined([Structures(empty, empty.astype(np.uint8)), *kept])
+    first, member = merge(np.concatenate([every.causes.view(np.uint8), every.threshold], axis=1))
     times = np.bincount(member, minlength=len(first))
-    members = Structures(causes[first], threshold[first])
-    chance = times * sampler.evidence / max(tried, 1) / sampler.likelihood(members)
+    members = every[first]
+    chance = times * sampler.evidence / worth / sampler.likelihood(members)
     return listed(members, chance)
 
 

@@ -27,7 +27,7 @@ from causal_openlock.belief.catalogue import (
     feasible,
 )
 from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import NEVER, Counts, Masks, renamed_sets
+from causal_openlock.belief.structures import NEVER, Counts, Masks, renamed
 from causal_openlock.fsm import FloatArray, IntArray
 
 RULES = ("grey", "white", "position")
@@ -240,17 +240,17 @@ def placed(block: Block, positions: int, solutions: int) -> Hypotheses:
     """The behaviours of a block, each as its first structure, on the room's slots."""
     own = block.catalogue
     slots = block.slots
-    renamed = renamed_sets(slots)
+    names = np.array(slots)
     causes = np.zeros((len(own), positions + 1), dtype=np.uint16)
     threshold = np.full((len(own), positions + 1), NEVER, dtype=np.uint8)
     where = [*slots, positions]
     structures = own.members[own.first]
-    causes[:, where] = renamed[structures.causes]
+    causes[:, where] = renamed(structures.causes, names)
     threshold[:, where] = structures.threshold
     return Hypotheses(
         causes,
         threshold,
-        renamed[own.inert] | np.uint16(((1 << positions) - 1) ^ block.active),
-        renamed[own.solutions].reshape(-1, solutions),
+        renamed(own.inert, names) | np.uint16(((1 << positions) - 1) ^ block.active),
+        renamed(own.solutions, names).reshape(-1, solutions),
         np.zeros(len(own), dtype=np.uint8),
     )

@@ -13,6 +13,7 @@ tell them apart.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from causal_openlock.belief.lever_sets import Families, meeting, members, minimal, with_lever
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 
 Masks = NDArray[np.uint16]
@@ -55,36 +57,42 @@ class Structures:
         """Some of the structures."""
         return Structures(self.causes[chosen], self.threshold[chosen])
 
+    @classmethod
+    def joined(cls, parts: Sequence[Structures]) -> Structures:
+        """All structures of several."""
+        return cls(
+            np.concatenate([part.causes for part in parts]),
+            np.concatenate([part.threshold for part in parts]),
+        )
+
     def holds(self, pushed: int) -> BoolArray:
         """``[M, n + 1]`` whether the gate of each node holds while ``pushed`` are pushed."""
         return np.bitwise_count(self.causes & np.uint16(pushed)) >= self.threshold
 
     def works(self) -> BoolArray:
-        """``[M, 2^n]`` whether pushing exactly this set, in some order, unlocks the door.
+        """``[M, 2^n]`` whether pushing exactly this set, in some order, unlocks the door."""
+        return members(self._working(), self.levers)
+
+    def solutions(self) -> BoolArray:
+        """``[M, 2^n]`` whether this set of levers is a solution: it works, and no subset does."""
+        return members(self.solving(), self.levers)
+
+    def solving(self) -> Families:
+        """``[M, W]`` the solutions of each structure, a bit for each set of levers."""
+        return minimal(self._working(), self.levers)
+
+    def _working(self) -> Families:
+        """``[M, W]`` the sets that unlock the door.
 
         A set works if every gate in it, and the door's, is met by the set itself; as causes come
         before effects, its levers can then be pushed one after another.
         """
         n = self.levers
-        works = np.empty((len(self), 1 << n), dtype=bool)
-        for pushed in range(1 << n):
-            holds = self.holds(pushed)
-            works[:, pushed] = holds[:, n]
-            for lever in range(n):
-                if pushed >> lever & 1:
-                    works[:, pushed] &= holds[:, lever]
+        meets, lacks = meeting(n), ~with_lever(n)
+        works = meets[self.causes[:, n], self.threshold[:, n]]
+        for lever in range(n):
+            works &= meets[self.causes[:, lever], self.threshold[:, lever]] | lacks[lever]
         return works
-
-    def solutions(self) -> BoolArray:
-        """``[M, 2^n]`` whether this set of levers is a solution: it works, and no subset does."""
-        works = self.works()
-        contains = np.zeros_like(works)  # whether some proper subset works
-        for pushed in range(works.shape[1]):
-            for lever in range(self.levers):
-                if pushed >> lever & 1:
-                    smaller = pushed ^ 1 << lever
-                    contains[:, pushed] |= works[:, smaller] | contains[:, smaller]
-        return works & ~contains
 
     def inert(self) -> Masks:
         """``[M]`` the levers from which no path leads to the door."""
@@ -98,10 +106,9 @@ class Structures:
     def relabelled(self, order: IntArray) -> Structures:
         """All structures with lever i called ``order[i]``."""
         n = self.levers
-        renamed = renamed_sets(order.tolist())
         causes, threshold = np.empty_like(self.causes), np.empty_like(self.threshold)
         where = [*order, n]
-        causes[:, where] = renamed[self.causes]
+        causes[:, where] = renamed(self.causes, order)
         threshold[:, where] = self.threshold
         return Structures(causes, threshold)
 
@@ -120,15 +127,17 @@ class Structures:
         # As many levers can stand pushed as there were actions, and no more.
         sets = [pushed for pushed in range(1 << n) if pushed.bit_count() <= action_limit]
         inert, solutions = self.inert(), self.solutions()
-        reached = np.zeros((len(self), 1 << n), dtype=bool)
-        reached[:, 0] = True
+        reached = np.zeros((1 << n, len(self)), dtype=bool)
+        reached[0] = True
         parts: list[NDArray[Any]] = []
         for action in range(action_limit + 1):
             before = reached.copy()
             for pushed in sets if action < action_limit else ():
+                if pushed.bit_count() > action:
+                    continue  # so many actions push no more levers
                 holds = self.holds(pushed)
                 for lever in range(n):
-                    reached[:, pushed ^ 1 << lever] |= before[:, pushed] & holds[:, lever]
+                    reached[pushed ^ 1 << lever] |= before[pushed] & holds[:, lever]
             if action == action_limit - 1:
                 acting = before  # states in which there is an action left
         for pushed in sets:
@@ -136,22 +145,33 @@ class Structures:
             # Above 0 for a free lever too, which no count of causes would tell from a stuck one.
             how = 1 + np.bitwise_count(self.causes & np.uint16(pushed)) + 16 * self.threshold
             moves = np.where(holds, how if uncertain else 1, 0).astype(np.uint8)
-            moves[:, n] = np.where(acting[:, pushed] | ~holds[:, n], moves[:, n], 1)
-            moves[:, :n] *= acting[:, [pushed]]
-            moves[:, n] *= reached[:, pushed]
+            moves[:, n] = np.where(acting[pushed] | ~holds[:, n], moves[:, n], 1)
+            moves[:, :n] *= acting[pushed, :, None]
+            moves[:, n] *= reached[pushed]
             relevant = np.uint16(pushed) & ~inert
-            credited = solutions[np.arange(len(self)), relevant] & holds[:, n] & acting[:, pushed]
+            credited = solutions[np.arange(len(self)), relevant] & holds[:, n] & acting[pushed]
             parts += [moves, np.where(credited, relevant, 0).astype(np.uint16)[:, None]]
         return np.concatenate([part.view(np.uint8) for part in parts], axis=1)
 
 
-def renamed_sets(names: Sequence[int]) -> Masks:
-    """``[2^n]`` what each set of n levers is called if lever i is called ``names[i]``."""
-    sets = np.arange(1 << len(names))
-    renamed = np.zeros(len(sets), dtype=np.uint16)
-    for lever, name in enumerate(names):
-        renamed |= (sets >> lever & 1).astype(np.uint16) << np.uint16(name)
-    return renamed
+def behaviour_bytes(levers: int, action_limit: int) -> int:
+    """Bytes that tell what a structure does: some for each node and each set that can be pushed."""
+    sets = sum(math.comb(levers, pushed) for pushed in range(min(levers, action_limit) + 1))
+    return sets * (levers + 3)
+
+
+def renamed(sets: Masks, names: IntArray) -> Masks:
+    """What sets of n levers are called if lever i is called ``names[i]``.
+
+    Args:
+        sets: ``[...]`` sets of levers.
+        names: ``[n]``, or ``[..., n]`` names for each of the sets.
+    """
+    result = np.zeros(np.broadcast_shapes(sets.shape, names.shape[:-1]), dtype=np.uint16)
+    for lever in range(names.shape[-1]):
+        holds = sets >> np.uint16(lever) & np.uint16(1)
+        result |= np.left_shift(holds, names[..., lever].astype(np.uint16))
+    return result
 
 
 def merge(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:

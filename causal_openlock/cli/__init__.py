@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from causal_openlock.cli import comparison, data, film, fit, learners, play, schemas, trace
+from causal_openlock.cli.encoding import write_anything
 
 app = typer.Typer(
     name="causal-openlock",
@@ -55,6 +56,7 @@ def main() -> None:
     """Run the command line; the entry point ``causal-openlock``."""
     from causal_openlock.errors import OpenLockError
 
+    write_anything()
     try:
         app()
     except OpenLockError as error:
@@ -65,6 +67,7 @@ def main() -> None:
 
 
 def _fail(message: str, status: int) -> None:
-    for line in message.splitlines():
-        print(f"error: {line}", file=sys.stderr)
+    from causal_openlock.cli.terminal import complain
+
+    complain(message)
     sys.exit(status)

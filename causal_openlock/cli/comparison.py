@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,14 +12,18 @@ import typer
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
+    from causal_openlock.analysis.report.missing import Missing
+    from causal_openlock.cli.terminal import Console
     from causal_openlock.experiment import Cell, Experiment
     from causal_openlock.store import Store
     from causal_openlock.worker import Watching
 
 MOST_COLUMNS = 1000
+MOST_TOLD = 40
+"""Missing cells that are told of on the terminal; the report has them all."""
 
 
 def compare(
@@ -54,31 +59,53 @@ def compare(
         float,
         typer.Option(min=0, help="Seconds between checkpoints inside a cell; inf takes none."),
     ] = 60.0,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            min=0.001,
+            help="Seconds after which a cell is ended and counted as failed; by default never.",
+        ),
+    ] = None,
     tensorboard: Annotated[
         Path | None, typer.Option(help="Folder for TensorBoard's logs, a run for each cell.")
     ] = None,
 ) -> None:
-    """Compare learners; a folder that holds a part of this comparison is completed."""
-    from rich.console import Console
+    """Compare learners; a folder that holds a part of this comparison is completed.
 
-    from causal_openlock.errors import Interrupted
+    Exit status: 0 if everything was played, 1 if cells failed and all others were played, 2 if what
+    was asked for cannot be done, 130 or 143 if it was stopped.
+    """
+    from causal_openlock.cli.stopping import goes_on
+    from causal_openlock.cli.terminal import Console
+    from causal_openlock.errors import CellsFailed, OpenLockError
+    from causal_openlock.expected_cost import cost_cautions
     from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
+    from causal_openlock.store import Store
     from causal_openlock.worker import Watching
 
     changes = Changes(condition or None, learner or None, protocol, subjects, seed)
-    chosen = read_experiment(find_experiment(experiment), changes)
+    console = Console()
+    tell = partial(console.print, soft_wrap=True, highlight=False)
+    chosen = read_experiment(find_experiment(experiment), changes, tell)
     # A changed experiment is another one, and has results of its own.
     own = "" if changes == Changes() else f"-{chosen.identity[:8]}"
     folder = out or Path("results") / f"{chosen.name}{own}"
-    console = Console()
-    for caution in chosen.cautions():
+    if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
+        chosen = replace(chosen, name=name)
+    for caution in [*chosen.cautions(), *cost_cautions(chosen)]:
         _warn(console, caution)
-    try:
+    with goes_on():
         watching = Watching(checkpoint_every, str(tensorboard) if tensorboard else None)
-        store = _run(chosen, folder, workers, watching, console)
+        try:
+            store = _run(chosen, folder, workers, watching, time_limit, console)
+        except CellsFailed as failed:
+            if len(failed.reasons) == failed.cells:  # there is nothing to report
+                raise
+            _report(Store(folder), console)
+            error = OpenLockError(failed.summary)  # which they are stands above
+            error.status = failed.status
+            raise error from None
         _report(store, console)
-    except KeyboardInterrupt:
-        raise Interrupted("stopped; the same command goes on where it was") from None
 
 
 def report(
@@ -97,8 +124,7 @@ def report(
     ] = None,
 ) -> None:
     """Write the report of a comparison anew, or of what people played, or compare two of them."""
-    from rich.console import Console
-
+    from causal_openlock.cli.terminal import Console
     from causal_openlock.errors import OpenLockError
     from causal_openlock.store import Store
 
@@ -123,77 +149,70 @@ def _run(
     folder: Path,
     workers: int | None,
     watching: Watching,
+    time_limit: float | None,
     console: Console,
 ) -> Store:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeElapsedColumn as Elapsed
-    from rich.progress import TimeRemainingColumn as Remaining
-
+    from causal_openlock.cli.progress import shown
     from causal_openlock.runner import run
 
-    cells = list(experiment.cells())
-    known = finished = 0
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("cells"),
-        Elapsed(),
-        TextColumn("left"),
-        Remaining(),
-        console=console,
-    )
-    with bar:
-        task = bar.add_task(experiment.name, total=len(cells))
+    known = 0
 
-        def done(cell: Cell, before: bool) -> None:
-            nonlocal known, finished
-            known += before
-            finished += 1
-            bar.update(task, completed=finished, description=f"{experiment.name}: {cell.name}")
+    def done(cell: Cell, before: bool) -> None:
+        nonlocal known
+        known += before
 
-        def progress(inside: float) -> None:
-            bar.update(task, completed=finished + inside)
-
+    with shown(experiment.name, console) as show:
         store = run(
             experiment,
             folder,
             workers=workers,
             done=done,
-            warn=partial(_warn, bar.console),
-            progress=progress,
+            failed=lambda cell, why: _warn(console, why),
+            warn=partial(_warn, console),
+            progress=show,
             watching=watching,
+            time_limit=time_limit,
         )
-        bar.update(task, description=experiment.name)
     if known:
-        console.print(f"{known} of {len(cells)} cells were there already")
+        console.print(f"{known} of {len(list(experiment.cells()))} cells were there already")
     return store
 
 
 def _warn(console: Console, sentence: str) -> None:
-    console.print(f"warning: {sentence}", style="yellow", soft_wrap=True, highlight=False)
+    text = f"warning: {sentence}"
+    console.print(text, style="yellow", soft_wrap=True, highlight=False, markup=False)
 
 
 def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
     from causal_openlock.analysis.people.beside import beside
+    from causal_openlock.analysis.report.missing import missing_cells
     from causal_openlock.analysis.report.reading import read_results
     from causal_openlock.analysis.report.sections import columns_of
     from causal_openlock.analysis.report.writing import make_report
 
     columns = columns_of()
     record, description = beside([read_results(one, columns) for one in (store, *others)])
-    missing = description.get("missing_cells", [])
-    if missing:
-        _warn(
-            console,
-            f"{len(missing)} cells are not there yet ({', '.join(missing[:3])}"
-            f"{', ...' * (len(missing) > 3)}); compare completes them",
-        )
     made = make_report(record, store.folder, description)
     learners = [learner["name"] for learner in description["learners"]]
     conditions = [condition["name"] for condition in description["conditions"]]
     _print_headline(made.headline, learners, conditions, console)
+    _print_missing(missing_cells(description), console)
     console.print(f"report: {made.path}", soft_wrap=True, highlight=False)
+
+
+def _print_missing(missing: Sequence[Missing], console: Console) -> None:
+    """What none of the numbers is about, a line for each cell."""
+    from causal_openlock.counted import counted
+
+    if missing:
+        console.print(
+            f"\nunfinished: without {counted(len(missing), 'cell')}; compare plays what is missing",
+            style="yellow",
+        )
+    for one in missing[:MOST_TOLD]:
+        console.print(f"  {one.told}", soft_wrap=True, highlight=False, markup=False)
+    if len(missing) > MOST_TOLD:
+        console.print(f"  and {len(missing) - MOST_TOLD} more")
 
 
 def _print_headline(
@@ -205,7 +224,7 @@ def _print_headline(
     for protocol in table["protocol"].unique():
         rows = table[table["protocol"] == protocol]
         played = set(rows["condition"])
-        console.print(f"\n[bold]Attempts to find every solution, protocol {protocol}[/bold]")
+        console.print(f"\nAttempts to find every solution, protocol {protocol}", style="bold")
         shown = Table(box=None, padding=(0, 2, 0, 0))
         shown.add_column("", min_width=max(map(len, [*learners, "published model"])))
         for condition in (order := [name for name in conditions if name in played]):
@@ -247,17 +266,19 @@ def _first(rows: pd.DataFrame, condition: str, column: str) -> str:
     return "" if value != value else _number(value)
 
 
-def _cell(rows: pd.DataFrame) -> str:
+def _cell(rows: pd.DataFrame) -> Text:
     """Mean, interval, and how many trials were solved if not all were."""
+    from rich.text import Text
+
     if not len(rows):
-        return ""
+        return Text()
     row = rows.iloc[0]
-    lines = [_number(row.attempts)]
+    lines = [Text(_number(row.attempts))]
     if row.ci_low < row.ci_high:
-        lines.append(f"[dim]{_number(row.ci_low)}–{_number(row.ci_high)}[/dim]")
+        lines.append(Text(f"{_number(row.ci_low)}–{_number(row.ci_high)}", "dim"))
     if row.share_solved < 1:
-        lines.append(f"[dim]{row.share_solved:.0%} solved[/dim]")
-    return "\n".join(lines)
+        lines.append(Text(f"{row.share_solved:.0%} solved", "dim"))
+    return Text("\n").join(lines)
 
 
 def _number(attempts: float) -> str:

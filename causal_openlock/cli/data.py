@@ -35,10 +35,15 @@ def export(
     ] = None,
 ) -> None:
     """Write the record in another format."""
+    from causal_openlock.cli.terminal import say
+    from causal_openlock.counted import counted
     from causal_openlock.errors import OpenLockError, nearest
     from causal_openlock.store import Store
 
     store = Store(folder)
+    if missing := store.files()[1]:
+        what = counted(len(missing), "cell")
+        say(f"warning: without {what} that compare has yet to play", error=True)
     if form == "csv":
         if episodes or learner or condition:
             raise OpenLockError(
@@ -49,11 +54,11 @@ def export(
 
         path = out or folder / "record.csv"
         written = write_csv(store, path)
-        typer.echo(f"{path} written, {written:,} attempts")
+        say(f"{path} written, {counted(written, 'attempt')}")
         return
     if form != "minari":
         raise OpenLockError(f"there is no format {form!r}; {nearest(form, ['csv', 'minari'])}")
-    from causal_openlock.export.as_minari import EPISODES, write_minari
+    from causal_openlock.export.as_minari import EPISODES, why_no_environment, write_minari
 
     kind = episodes or EPISODES[0]
     if kind not in EPISODES:
@@ -62,10 +67,10 @@ def export(
     data, count = write_minari(
         store, root, episodes=kind, learners=learner or (), conditions=condition or ()
     )
-    typer.echo(f"{data} written, {count:,} episodes")
-    typer.echo(
-        f"With MINARI_DATASETS_PATH={root} it is loaded by: minari.load_dataset({data.name!r})"
-    )
+    say(f"{data} written, {counted(count, 'episode')}")
+    say(f"With MINARI_DATASETS_PATH={root} it is loaded by: minari.load_dataset({data.name!r})")
+    if why := why_no_environment(store, kind, learner or ()):
+        say(f"recover_environment() finds none: {why}")
 
 
 def bundle(
@@ -76,8 +81,7 @@ def bundle(
     ] = None,
 ) -> None:
     """Put an experiment, its record and its report into one file that anyone can run again."""
-    from rich.console import Console
-
+    from causal_openlock.cli.terminal import Console, say
     from causal_openlock.export.bundle import write_bundle
     from causal_openlock.store import Store
 
@@ -87,4 +91,4 @@ def bundle(
         console = Console(stderr=True)
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True, highlight=False)
     size = path.stat().st_size / 1e6
-    typer.echo(f"{path} written, {size:.1f} MB; its README.md says how to run it again")
+    say(f"{path} written, {size:.1f} MB; its README.md says how to run it again")

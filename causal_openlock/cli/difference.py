@@ -9,7 +9,8 @@ from causal_openlock.cli.comparison import print_whole
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.console import Console
+
+    from causal_openlock.cli.terminal import Console
 
 MOST_ROWS = 40
 """Changes and differences that are shown on the terminal; the page has them all."""
@@ -69,7 +70,7 @@ def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Con
     from causal_openlock.analysis.report.difference_page import MORE
     from causal_openlock.analysis.report.table_files import printed
 
-    console.print(f"\n[bold]Mean attempts in {names[0]} and in {names[1]}[/bold]")
+    console.print(f"\nMean attempts in {names[0]} and in {names[1]}", style="bold")
     shown = Table(box=None, padding=(0, 2, 0, 0))
     for head in ("learner", "condition", "protocol"):
         shown.add_column(head, no_wrap=True)

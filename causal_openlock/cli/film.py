@@ -49,8 +49,8 @@ def film(
     ] = None,
 ) -> None:
     """Show a trial: the arm carries out what a learner did, with the console beside the room."""
-    from rich.console import Console
-
+    from causal_openlock.cli.terminal import Console, say
+    from causal_openlock.counted import counted
     from causal_openlock.errors import OpenLockError
     from causal_openlock.render.film import STILLS, check_suffix, save_film
     from causal_openlock.render.played import play_trial, recorded_trial
@@ -79,8 +79,9 @@ def film(
         )
     what = "" if path.suffix.lower() in STILLS else f", {frames / fps:.0f} seconds"
     cut = f", the first {shown} of {len(played.attempts)} attempts (--attempts shows more)"
-    found = f"{played.found} of {len(played.schema.solutions)} solutions found in the trial"
-    typer.echo(f"{path} written{what}{cut * (shown < len(played.attempts))}; {found}")
+    many = counted(len(played.schema.solutions), "solution")
+    found = f"{played.found} of {many} found in the trial"
+    say(f"{path} written{what}{cut * (shown < len(played.attempts))}; {found}")
 
 
 def room(
@@ -102,6 +103,7 @@ def room(
     ] = None,
 ) -> None:
     """Draw a room as in the paper's Figure 2: at first, or after or amid some actions."""
+    from causal_openlock.cli.terminal import say
     from causal_openlock.errors import LayoutError, nearest
     from causal_openlock.render.film import save_still
     from causal_openlock.render.stills import look_after
@@ -123,4 +125,4 @@ def room(
     actions = [names.index(name) for name in after or []]
     title = ", ".join([f"{found.name} in {chosen.layout.name}", *(after or [])])
     save_still(look_after(chosen, actions, part), path, size, title=title)
-    typer.echo(f"{path} written")
+    say(f"{path} written")

@@ -9,8 +9,8 @@ import typer
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.console import Console
 
+    from causal_openlock.cli.terminal import Console
     from causal_openlock.fitting.outcome import Outcome
     from causal_openlock.fitting.study import Fit, Plan
 
@@ -55,15 +55,15 @@ def fit(
     ] = None,
 ) -> None:
     """Search a learner's parameters for the best likeness to people; goes on where it was."""
-    from rich.console import Console
-
-    from causal_openlock.errors import Interrupted, LearnerError
+    from causal_openlock.cli.stopping import goes_on
+    from causal_openlock.cli.terminal import Console
+    from causal_openlock.errors import LearnerError
     from causal_openlock.fitting.objective import conditions_to_fit
     from causal_openlock.fitting.outcome import outcome, write_outcome
     from causal_openlock.fitting.search import bundled_search, changed, read_search
     from causal_openlock.fitting.study import Plan, require_optuna
     from causal_openlock.learner_registry import learner_class
-    from causal_openlock.runner import available_cores
+    from causal_openlock.workers import available_cores
 
     require_optuna()
     learner_class(learner)  # says at once if there is none
@@ -78,10 +78,8 @@ def fit(
     conditions_to_fit(hold_out)  # says at once if there is no such way
     plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed)
     console = Console()
-    try:
+    with goes_on():
         fitted, trials = _fit(plan, folder, workers or available_cores(), console)
-    except KeyboardInterrupt:
-        raise Interrupted("stopped; the same command goes on where it was") from None
     found = outcome(fitted, trials)
     files = write_outcome(fitted, found, folder)
     _print(fitted, found, console)
@@ -168,7 +166,9 @@ def _print(fitted: Fit, found: Outcome, console: Console) -> None:
         return shown
 
     plan = fitted.plan
-    console.print("\n[bold]The nearest candidates[/bold], RMSE in attempts on what is fitted")
+    console.print(
+        "\n[bold]The nearest candidates[/bold], RMSE in attempts on what is fitted", markup=True
+    )
     names = list(plan.space.ranges)
     nearest = table("number", *names, "RMSE", "again")
     for row in fitted.table().head(plan.finalists).to_dict("records"):
@@ -179,7 +179,8 @@ def _print(fitted: Fit, found: Outcome, console: Console) -> None:
 
     console.print(
         f"\n[bold]Distance from people[/bold], RMSE in attempts, {plan.final_subjects} subjects on "
-        "a seed that nothing was chosen by"
+        "a seed that nothing was chosen by",
+        markup=True,
     )
     apart = table("", "fitted", "held out", "all 14 points")
     for name, one in ((found.label, found.score), ("published model", found.model)):
@@ -193,7 +194,7 @@ def _print(fitted: Fit, found: Outcome, console: Console) -> None:
             style="dim",
         )
 
-    console.print("\n[bold]What people show[/bold], differences in attempts")
+    console.print("\n[bold]What people show[/bold], differences in attempts", markup=True)
     effects = table("", "difference", "t", "p", "people's sign", "p < .05")
     for row in found.effects.to_dict("records"):
         sign = "yes" if row["like_people"] else "no"
@@ -202,6 +203,6 @@ def _print(fitted: Fit, found: Outcome, console: Console) -> None:
         effects.add_row(row["effect"], *tested, sign, clear)
     console.print(effects)
     console.print(f"as people's: {signs(found.effects)}")
-    console.print("\n[bold]For an experiment file[/bold], under learners:")
+    console.print("\n[bold]For an experiment file[/bold], under learners:", markup=True)
     text = dump_yaml([entry(found, plan.space.learner)])
     console.print(text, highlight=False, markup=False, soft_wrap=True, end="")

@@ -11,9 +11,10 @@ def show(
     name: Annotated[str | None, typer.Argument(help="Show the parameters of this learner.")] = None,
 ) -> None:
     """List the installed learners, or the parameters of one."""
-    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
+    from causal_openlock.cli.terminal import Console
     from causal_openlock.learner_registry import learner_class, parameter_table, registry
 
     console = Console()
@@ -26,7 +27,7 @@ def show(
         console.print("\ncausal-openlock learners NAME shows the parameters of one.")
         return
     about = learner_class(name).__doc__ or ""
-    console.print(f"[bold]{name}[/bold]: {_first_line(about)}\n")
+    console.print(Text(name, "bold"), f": {_first_line(about)}\n", sep="")
     rows = parameter_table(name)
     if not rows:
         console.print("It has no parameters.")

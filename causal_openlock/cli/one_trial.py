@@ -36,11 +36,15 @@ def one_trial(
     experiment: str,
 ) -> tuple[tuple[Learner, Condition, Protocol], dict[str, Any]]:
     """The arguments, in order and by name, of whatever lets a subject play up to a trial."""
+    from functools import partial
+
+    from causal_openlock.cli.terminal import say
     from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
     from causal_openlock.learner_registry import create
 
     changes = Changes([condition], [learner], protocol, None, seed)
-    chosen = read_experiment(find_experiment(experiment), changes)
+    tell = partial(say, error=True)
+    chosen = read_experiment(find_experiment(experiment), changes, tell)
     (entry,), (played,) = chosen.entries, chosen.conditions
     who = (create(entry.learner, entry.parameters), played, entry.protocol)
     return who, {

@@ -78,12 +78,16 @@ def _serve(server: PlayServer, browser: bool) -> None:
     import sys
     import webbrowser
 
-    from rich.console import Console
+    from causal_openlock.cli.terminal import Console
+    from causal_openlock.counted import counted
 
     console = Console()
 
     def say(sentence: str) -> None:
         console.print(sentence, soft_wrap=True, highlight=False)
+
+    def joined() -> str:
+        return counted(server.people.number, "person has", "people have")
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
@@ -95,7 +99,7 @@ def _serve(server: PlayServer, browser: bool) -> None:
     if server.address:
         say(f"people reach it at {server.address}, through the proxy")
     if server.people.number:
-        say(f"{server.people.number} people have joined before; they go on where they were")
+        say(f"{joined()} joined before; they go on where they were")
     if not server.loopback:
         say("warning: everybody who can reach this machine can play")
     say(f"what people do is kept in {folder}; stop with Ctrl-C")
@@ -107,4 +111,4 @@ def _serve(server: PlayServer, browser: bool) -> None:
         pass
     finally:
         server.finish()
-    say(f"{server.people.number} people have joined; causal-openlock report {folder}")
+    say(f"{joined()} joined; causal-openlock report {folder}")

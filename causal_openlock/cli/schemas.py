@@ -20,9 +20,9 @@ Output = Annotated[Path | None, typer.Option("--out", "-o", help="File to write.
 @app.command("list")
 def list_schemas() -> None:
     """List the schemas that come with the package, and those in ./schemas."""
-    from rich.console import Console
     from rich.table import Table
 
+    from causal_openlock.cli.terminal import Console
     from causal_openlock.errors import OpenLockError
     from causal_openlock.schema_file import bundled_schemas, read_schema
 
@@ -57,10 +57,11 @@ def show(
 ) -> None:
     """Show a schema: its graph, its solutions, and the states that an attempt can reach."""
     from causal_openlock.fsm import compile
+    from causal_openlock.plain_text import printable
     from causal_openlock.render.graph import schema_text
 
     schema = _read(name)
-    typer.echo(schema_text(schema))
+    typer.echo(printable(schema_text(schema)))
     if layout is not None:
         _show_layout(schema, layout)
     _show_states(compile(schema))
@@ -78,9 +79,9 @@ def _show_layout(schema: Schema, layout: str) -> None:
 
 
 def _show_states(fsm: FSM) -> None:
-    from rich.console import Console
     from rich.table import Table
 
+    from causal_openlock.cli.terminal import Console
     from causal_openlock.fsm import NO_SOLUTION, unroll
     from causal_openlock.protocol import default_action_limit
 
@@ -111,8 +112,10 @@ def _show_states(fsm: FSM) -> None:
 def check(
     names: Annotated[list[str], typer.Argument(help="Names of schemas, or paths of files.")],
 ) -> None:
-    """Check schemas; every fault is named with its line and column."""
+    """Check schemas; every fault is named with its line and column, and dear learners are too."""
     from causal_openlock.errors import OpenLockError
+    from causal_openlock.expected_cost import expected_cost
+    from causal_openlock.protocol import default_action_limit
 
     faults = []
     for name in names:
@@ -127,6 +130,10 @@ def check(
             f"{solutions} solution{'s' * (solutions > 1)}, attempts of at least "
             f"{schema.least_action_limit} actions"
         )
+        for learner in ("bayes", "ideal"):
+            cost = expected_cost(learner, {}, schema, default_action_limit(schema))
+            if cost is not None:
+                typer.echo(f"  the learner {learner} {cost}")
     if faults:
         raise OpenLockError("\n".join(faults))
 

@@ -43,15 +43,17 @@ def trace(
     from causal_openlock.analysis.drawings.belief import check_suffix, save_trace_figure
     from causal_openlock.belief.story import story
     from causal_openlock.belief.trace import trace_trial
+    from causal_openlock.cli.terminal import say
     from causal_openlock.files import write_text
+    from causal_openlock.plain_text import csv_of
 
     who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
     path = check_suffix(out or Path(f"trace_{who[1].name}.svg"))
     traced = trace_trial(*who, **how)
     for line in story(traced, attempts):
-        typer.echo(line)
+        say(line)
     save_trace_figure(traced, path, actions)
-    typer.echo(f"\n{path} written")
+    say(f"\n{path} written")
     if table is not None:
-        write_text(table, traced.table().to_csv(index=False))
-        typer.echo(f"{table} written")
+        write_text(table, csv_of(traced.table()))
+        say(f"{table} written")

@@ -16,14 +16,19 @@ An *episode* is either one attempt or a whole trial:
 With ``physics=True`` the one room has bodies: an action is a whole movement of a simulated arm
 (:mod:`causal_openlock.physics`), and what is seen is where the levers and the door then are.
 
+:class:`MixedRoomsEnv` has rooms of several kinds, one of them in each trial: exported data sets of
+transfers are recovered with it.
+
 ``reset(seed=...)`` and ``reset(options={"new_trial": True})`` always begin a new trial. ``info``
 carries the console, which a person sees too, and under the key ``"latent"`` what no learner may
-see: it is for analysis.
+see: it is for analysis. On the console, the present attempt counts as one that is left, until the
+trial is over: then none is.
 """
 
 from __future__ import annotations
 
+from causal_openlock.envs.mixed import MixedRoomsEnv
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.envs.vector import OpenLockVectorEnv
 
-__all__ = ["OpenLockEnv", "OpenLockVectorEnv"]
+__all__ = ["MixedRoomsEnv", "OpenLockEnv", "OpenLockVectorEnv"]

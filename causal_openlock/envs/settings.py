@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
 from causal_openlock.protocol import MAX_ACTION_LIMIT, default_action_limit
-from causal_openlock.rewards import RewardFunction, find_reward
+from causal_openlock.rewards import RewardForm, RewardFunction, find_reward
 from causal_openlock.room import RANDOM_LAYOUT, Layout, position_names, positions_for
 
 if TYPE_CHECKING:
@@ -48,9 +48,9 @@ class Settings:
     @classmethod
     def of(
         cls,
-        schema: str | os.PathLike[str] | Schema,
+        schema: str | os.PathLike[str] | Mapping[str, Any] | Schema,
         layout: str | Mapping[str, str] | Layout,
-        reward: str | Iterable[str] | RewardFunction,
+        reward: RewardForm,
         episode: str,
         attempt_limit: int,
         action_limit: int | None,
@@ -61,9 +61,9 @@ class Settings:
         Raises:
             OpenLockError: With what is wrong and how to mend it.
         """
-        from causal_openlock.schema_file import find_schema
+        from causal_openlock.schema_file import find_schema, schema_from_dict
 
-        schema = find_schema(schema)
+        schema = schema_from_dict(schema) if isinstance(schema, Mapping) else find_schema(schema)
         if positions is None:
             own = layout.positions if isinstance(layout, Layout) else 0
             positions = max(own, positions_for(schema))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from operator import index
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from causal_openlock.envs.settings import (
 )
 from causal_openlock.errors import OpenLockError
 from causal_openlock.reward_table import RewardTable
-from causal_openlock.rewards import BASIC_REWARD, RewardFunction
+from causal_openlock.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.room import RANDOM_LAYOUT, Layout
 from causal_openlock.tables import ACTIONS_LEFT, RoomTables
 
@@ -123,11 +123,11 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
     """One room.
 
     Args:
-        schema: Name of a schema, path of a schema file, or a Schema.
+        schema: Name of a schema, path of a schema file, its content as plain data, or a Schema.
         layout: A published layout such as ``trial7``, a mapping ``{lever: position}``, or
             ``random``, which draws one for every trial.
-        reward: Name of a preset, a list of terms, or a reward function
-            (:mod:`causal_openlock.rewards`).
+        reward: Name of a preset, a list of terms, weights by name, ``module:function`` or a
+            reward function; see :func:`~causal_openlock.rewards.find_reward`.
         episode: ``attempt`` or ``trial``.
         attempt_limit: Attempts in a trial.
         action_limit: Actions in an attempt; by default 3, or as many as the schema needs.
@@ -152,9 +152,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
 
     def __init__(
         self,
-        schema: str | os.PathLike[str] | Schema = "CC3",
+        schema: str | os.PathLike[str] | Mapping[str, Any] | Schema = "CC3",
         layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
-        reward: str | Iterable[str] | RewardFunction = BASIC_REWARD,
+        reward: RewardForm = BASIC_REWARD,
         episode: Episode = "attempt",
         attempt_limit: int = ATTEMPT_LIMIT,
         action_limit: int | None = None,
@@ -181,7 +181,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._whole_trial = self._settings.whole_trial
         self._stochastic = not self._settings.schema.deterministic
         # Whether an action may lead elsewhere than the table of rewards assumes.
-        self._surprising = self._stochastic or physics
+        self._surprising = self._stochastic or physics or self._settings.reward.heeds_everything
         self._heeds_repeats = self._settings.reward.heeds_repeats
         self._heeds_found = self._settings.reward.heeds_found
         # Row of the room; after the end of an episode its complement, which is negative.
@@ -200,7 +200,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         if seed is not None:
             super().reset(seed=seed)
         if self._row > 0 and not self._whole_trial:
-            self._spend_attempt(solved=False)  # the attempt in progress is given up
+            self._spend_attempt()  # the attempt in progress is given up
         asked = options is not None and options.get("new_trial", False)
         if self._new_trial_due or self._whole_trial or seed is not None or asked:
             self._begin_trial()
@@ -287,15 +287,16 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             self._solutions_left -= 1
             self._latent = self._describe()
         solved = not self._solutions_left
+        spent = self._attempts_left == 1 and not solved
+        if solved or spent:  # the trial is over
+            self._attempts_left, self._new_trial_due = 0, True
         outcome = self._observations[after].copy()
         if not self._whole_trial:
             info = self._info(after)
-            self._spend_attempt(solved)
+            self._spend_attempt()
             self._row = ~after
             return outcome, reward, True, False, info
-        spent = self._attempts_left == 1 and not solved
-        if not (solved or spent):
-            self._spend_attempt(solved)
+        self._spend_attempt()
         info = self._info(0)
         info["outcome"] = outcome
         if self._bodies is not None:
@@ -304,9 +305,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._row = ~0 if solved or spent else 0
         return self._observations[0].copy(), reward, solved, spent, info
 
-    def _spend_attempt(self, solved: bool) -> None:
-        self._attempts_left -= 1
-        self._new_trial_due = solved or not self._attempts_left
+    def _spend_attempt(self) -> None:
+        self._attempts_left = max(0, self._attempts_left - 1)
+        self._new_trial_due = not self._attempts_left
 
     def _info(self, row: int) -> dict[str, Any]:
         info: dict[str, Any] = {
@@ -331,6 +332,11 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             "solutions": schema.solutions,
             "found": tuple(sorted(self._found)),
         }
+
+    @property
+    def trial_over(self) -> bool:
+        """Whether the next reset begins a new trial anyway."""
+        return self._new_trial_due
 
     @property
     def physical_room(self) -> PhysicalRoom:
@@ -394,6 +400,6 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         found = len(self._found)
         return Panel(
             solutions=(*[None] * found, *[""] * self._solutions_left),
-            attempts_left=self._attempts_left,
+            attempts_left=self._attempts_left if self._solutions_left else None,
             actions_left=self._listed.actions_left[row],
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
 from causal_openlock.errors import OpenLockError
 from causal_openlock.reward_table import RewardTable
-from causal_openlock.rewards import BASIC_REWARD, RewardFunction
+from causal_openlock.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.room import RANDOM_LAYOUT, Layout
 from causal_openlock.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
 
@@ -60,9 +60,9 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
     def __init__(
         self,
         num_envs: int = 1,
-        schema: str | os.PathLike[str] | Schema = "CC3",
+        schema: str | os.PathLike[str] | Mapping[str, Any] | Schema = "CC3",
         layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
-        reward: str | Iterable[str] | RewardFunction = BASIC_REWARD,
+        reward: RewardForm = BASIC_REWARD,
         episode: Episode = "attempt",
         attempt_limit: int = ATTEMPT_LIMIT,
         action_limit: int | None = None,
@@ -220,15 +220,15 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if settings.whole_trial:
             truncated = spent.copy()
             spent[solved] = True
-            self._due = np.flatnonzero(spent)
-            self._spend(over & ~spent)
+            self._end_trials(spent)
+            self._spend(over)
             self._row = np.where(over, tables.start.take(self._room), self._row)
             info = self._info(tables.status.take(self._row) & ACTIONS_LEFT)
             terminated = self._nowhere()
             terminated[solved] = True
             return self._seen(), reward, terminated, truncated, info
         spent[solved] = True
-        self._due = np.flatnonzero(spent)
+        self._end_trials(spent)
         info = self._info(left)
         self._spend(over)
         return self._seen(), reward, over, self._nowhere(), info
@@ -281,8 +281,13 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             self._previous[over] = -1
         return solved, spent
 
+    def _end_trials(self, over: NDArray[np.bool_]) -> None:
+        self._due = np.flatnonzero(over)
+        if len(self._due):
+            self._attempts_left = np.where(over, np.int32(0), self._attempts_left)
+
     def _spend(self, over: NDArray[np.bool_]) -> None:
-        self._attempts_left = self._attempts_left - over
+        self._attempts_left = self._attempts_left - (over & (self._attempts_left > 0))
 
     def _seen(self) -> NDArray[np.int8]:
         return self._tables.observation.take(self._row, axis=0)

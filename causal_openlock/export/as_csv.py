@@ -2,7 +2,8 @@
 
 One line for each attempt, with the columns of :func:`causal_openlock.record.record_schema`. What an
 attempt has several of, its actions and whether each moved something, stands in one cell, separated
-by spaces: ``0 1 14`` and ``1 1 0``. The file is written cell by cell, so that a long record needs
+by spaces: ``0 1 14`` and ``1 1 0``. A name that a spreadsheet would take for a formula has an
+apostrophe in front. The file is written cell by cell, so that a long record needs
 no more memory than a short one.
 """
 
@@ -12,8 +13,8 @@ import gzip
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.analysis.report.reading import cell_files
 from causal_openlock.files import replacing
+from causal_openlock.plain_text import cell
 from causal_openlock.record import record_schema
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def write_csv(store: Store, path: Path | str) -> int:
     """
     from pyarrow import csv
 
-    cells, _ = cell_files(store)
+    cells, _ = store.files()
     written = 0
     with replacing(path) as file:
         sink: Any = gzip.GzipFile("", "wb", 6, file, 0) if _zipped(path) else file
@@ -68,7 +69,8 @@ def flat(record: pa.Table) -> pa.Table:
             offsets = pc.subtract(column.offsets, column.offsets[0])
             column = pc.binary_join(pa.ListArray.from_arrays(offsets, texts), " ")
         elif pa.types.is_dictionary(field.type):
-            column = pc.cast(column, pa.string())
+            names = pa.array(map(cell, column.dictionary.to_pylist()), pa.string())
+            column = names.take(column.indices)
         elif pa.types.is_boolean(field.type):
             column = pc.cast(column, pa.uint8())
         columns.append(column)

@@ -20,11 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from causal_openlock import __version__
-from causal_openlock.analysis.report.reading import cell_files
 from causal_openlock.errors import OpenLockError, StoreError, nearest
 from causal_openlock.export.replay import Steps, replay, trial_numbers
-from causal_openlock.from_description import condition_from_dict, reward_from_dict
-from causal_openlock.protocol import Condition, Protocol
+from causal_openlock.from_description import (
+    condition_from_dict,
+    protocol_from_dict,
+    reward_from_dict,
+)
+from causal_openlock.protocol import Condition
 from causal_openlock.room import positions_for
 from causal_openlock.schema_file import bundled_schemas
 
@@ -72,6 +75,12 @@ def write_minari(
         name: condition_from_dict(told)
         for name, told in _chosen(description["conditions"], conditions, "condition").items()
     }
+    for name, entry in entries.items():
+        if "function" in entry["reward"]:  # results may be somebody else's: no code of theirs runs
+            raise OpenLockError(
+                f"what each action of {name} was paid is decided by {entry['reward']['function']}, "
+                "code that an export does not run; choose others with --learner, or export to CSV"
+            )
     positions = {name: max(map(positions_for, one.schemas)) for name, one in played.items()}
     if len(set(positions.values())) > 1:
         said = ", ".join(f"{name} {number}" for name, number in positions.items())
@@ -95,7 +104,7 @@ def write_minari(
             data.resolve(),
             observation_space=spaces.MultiBinary(2 * width + 2),
             action_space=spaces.Discrete(2 * width + 1),
-            env_spec=_environment(entries, played, episodes),
+            env_spec=_environment(entries, played, episodes, width),
         )
         made = _Made()
         storage.update_episodes(made.episodes(store, entries, played, episodes))
@@ -153,7 +162,7 @@ class _Made:
         conditions: Mapping[str, Condition],
         kind: str,
     ) -> Iterator[Any]:
-        for path in cell_files(store)[0]:
+        for path in store.files()[0]:
             record = store.read(path)
             if not record.num_rows:
                 continue
@@ -166,7 +175,7 @@ class _Made:
     ) -> Iterator[Any]:
         from minari.data_collector import EpisodeBuffer
 
-        protocol = Protocol(**entry["protocol"])
+        protocol = protocol_from_dict(entry["protocol"])
         steps = replay(record, condition, protocol, reward_from_dict(entry["reward"]))
         attempts = np.arange(record.num_rows)
         number = trial_numbers(record) if kind == "trial" else attempts
@@ -205,33 +214,55 @@ def _buffer(steps: Steps, which: slice, terminated: bool, put_back: bool) -> dic
     }
 
 
+def why_no_environment(store: Store, episodes: str, learners: Sequence[str] = ()) -> str | None:
+    """Why ``recover_environment()`` of a data set does not work; ``None`` if it does.
+
+    Args:
+        store: The results folder that it is made from.
+        episodes: ``trial`` or ``attempt``.
+        learners: Labels of the learners that are in it; by default all.
+    """
+    entries = _chosen(store.description()["learners"], learners, "learner")
+    going_on = [n for n, one in entries.items() if not one["protocol"]["stop_when_solved"]]
+    if episodes == "trial" and going_on:
+        return (
+            f"trials of {', '.join(going_on)} go on after they are solved, and an environment's "
+            "do not; export attempts, or choose learners with --learner"
+        )
+    return None
+
+
 def _environment(
-    entries: Mapping[str, Any], conditions: Mapping[str, Condition], episodes: str
+    entries: Mapping[str, Any], conditions: Mapping[str, Condition], episodes: str, positions: int
 ) -> Any:
-    """The environment that all of it was played in, if it is one and others have its schema."""
+    """The environment that all of it was played in, as far as an environment can be that."""
     import gymnasium
 
-    schemas = {schema for one in conditions.values() for schema in one.schemas}
-    rewards = {one["reward"]["name"] for one in entries.values()}
-    limits = {one["protocol"]["attempt_limit"] for one in entries.values()}
-    actions = {one["protocol"]["action_limit"] for one in entries.values()}
-    stops = all(one["protocol"]["stop_when_solved"] for one in entries.values())
-    if max(map(len, (schemas, rewards, limits, actions))) > 1:
+    if episodes == "trial" and not all(
+        one["protocol"]["stop_when_solved"] for one in entries.values()
+    ):
         return None
-    if episodes == "trial" and not stops:  # there, a trial is over when it is solved
-        return None
-    (schema,), (reward,) = schemas, rewards
-    if bundled_schemas().get(schema.name) != schema:
-        return None
-    # A copy: the registry's own would be changed for everybody.
-    spec = copy.deepcopy(gymnasium.spec("causal_openlock/OpenLock-v0"))
-    spec.kwargs = {
-        "schema": schema.name,
-        "reward": reward.split("+") if "+" in reward else reward,
-        "episode": episodes,
-        "attempt_limit": limits.pop(),
-        "action_limit": actions.pop(),
-    }
+    known = bundled_schemas()
+    rooms: list[dict[str, Any]] = []
+    for entry in entries.values():
+        for schema in dict.fromkeys(s for one in conditions.values() for s in one.schemas):
+            room = {
+                "schema": schema.name if known.get(schema.name) == schema else schema.as_dict(),
+                "reward": reward_from_dict(entry["reward"]).written(),
+                "episode": episodes,
+                "attempt_limit": entry["protocol"]["attempt_limit"],
+                "action_limit": entry["protocol"]["action_limit"],
+                "positions": positions,
+            }
+            if room not in rooms:
+                rooms.append(room)
+    if len(rooms) == 1:
+        # A copy: the registry's own would be changed for everybody.
+        spec = copy.deepcopy(gymnasium.spec("causal_openlock/OpenLock-v0"))
+        spec.kwargs = rooms[0]
+    else:
+        spec = copy.deepcopy(gymnasium.spec("causal_openlock/MixedRooms-v0"))
+        spec.kwargs = {"rooms": rooms}
     return spec
 
 

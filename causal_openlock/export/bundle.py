@@ -12,32 +12,38 @@ A bundle is a ZIP file with one folder in it::
       results/               the results folder: the record, cell by cell, and the report
 
 Equal results give equal bundles, byte for byte. Whether its experiment is the one that was run is
-checked when it is made, by the identity that results folders go by.
+checked when it is made.
+
+The folder may be from somebody else, and what it says of itself forged. So nothing that it names is
+run, and a file from outside the folder gets in only if its content has the hash that the results
+were made with: whoever forged that has the content already. Paths in the bundle lead nowhere else,
+whatever things are called.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shlex
-import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock import __version__
-from causal_openlock.analysis.report.reading import cell_files, made_with
+from causal_openlock.analysis.report.reading import made_with
 from causal_openlock.analysis.report.writing import files_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment_file import read_experiment
 from causal_openlock.export.local_modules import local_modules
 from causal_openlock.files import replacing, write_bytes
 from causal_openlock.from_description import condition_from_dict, experiment_file
-from causal_openlock.learner_registry import look_beside, origin
+from causal_openlock.module_source import module_source
 from causal_openlock.play.person import LEARNER as PERSON
+from causal_openlock.rewards import PAPER_REWARD, find_reward
 from causal_openlock.schema_file import dump_schema
 from causal_openlock.yaml_file import dump_yaml
 
@@ -52,6 +58,11 @@ COMMAND = "causal-openlock compare experiment.yaml --out again"
 
 _THEN = (1980, 1, 1, 0, 0, 0)  # the date of every file in a bundle
 _PACKED = (".parquet", ".png")  # these cannot be made any smaller
+_MOST_BYTES = 1 << 28  # of a file that a parameter names
+_STOOD_IN = ("learner", "class", "package", "material", "parameters")
+_HASH = re.compile(r"[0-9a-f]{16,64}")
+_RESERVED = re.compile(r"(CON|PRN|AUX|NUL|COM\d|LPT\d)(\.|$)", re.IGNORECASE)  # by Windows
+_REQUIREMENT = re.compile(r"[A-Za-z0-9][\w.-]*( [\w.+!-]+| not installed)", re.ASCII)
 
 
 def write_bundle(store: Store, path: Path | str) -> list[str]:
@@ -69,7 +80,7 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
         OpenLockError: If a learner's file is not what it was, or the bundle cannot be written.
     """
     description = store.description()
-    cells, missing = cell_files(store)
+    cells, missing = store.files()
     if missing:
         raise StoreError(
             f"{store.folder} is unfinished, {len(missing)} of its cells are missing; run compare "
@@ -88,17 +99,24 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
     contents["README.md"] = _readme(description, versions, again, cautions).encode()
     results = [store.folder / "experiment.json", report, store.folder / "summary.csv", *cells]
     results += [store.folder / name for name in files_of(report)]
-    for one in filter(Path.exists, results):
+    for one in filter(Path.is_file, results):
         contents[f"results/{one.relative_to(store.folder).as_posix()}"] = one.read_bytes()
+    name = _part(description["name"])
     with replacing(path) as file, zipfile.ZipFile(file, "w") as bundle:
         for inside, content in sorted(contents.items()):
-            about = zipfile.ZipInfo(f"{description['name']}/{inside}", _THEN)
+            about = zipfile.ZipInfo("/".join([name, *map(_part, inside.split("/"))]), _THEN)
             about.external_attr = 0o644 << 16
             about.compress_type = (
                 zipfile.ZIP_STORED if inside.endswith(_PACKED) else zipfile.ZIP_DEFLATED
             )
             bundle.writestr(about, content)
     return cautions
+
+
+def _part(name: Any) -> str:
+    """A name as a part of a path, which leads nowhere else on any system."""
+    plain = re.sub(r"[^\w.+ -]", "_", str(name))[:200].strip(" .")
+    return f"_{plain}" if not plain or _RESERVED.match(plain) else plain
 
 
 def _experiment(
@@ -110,18 +128,15 @@ def _experiment(
         for schema in condition_from_dict(condition).schemas:
             contents[f"schemas/{schema.name}.yaml"] = dump_schema(schema).encode()
     entries, moved, cautions = [], False, []
-    # Learners may have been found beside the experiment file, where it was then.
-    command = shlex.split(str(description.get("command", "")))
-    if len(command) > 2 and Path(command[2]).is_file():
-        look_beside(Path(command[2]).parent)
+    places = _places(description)
     for entry in description["learners"]:
         if ":" in entry["learner"]:
-            found, warned = _module(entry, set(_packages(description, versions)))
+            found, warned = _module(entry, places, set(_packages(description, versions)))
             contents.update(found)
             cautions += [one for one in warned if one not in cautions]
         files = _files(entry)
         moved |= bool(files)
-        contents.update({inside: path.read_bytes() for inside, path in files.values()})
+        contents.update(files.values())
         parameters = {
             name: files[name][0] if name in files else value
             for name, value in entry["parameters"].items()
@@ -132,18 +147,33 @@ def _experiment(
     return contents, cautions if moved else cautions + _checked(contents, description)
 
 
-def _module(entry: Mapping[str, Any], packages: set[str]) -> tuple[Contents, list[str]]:
+def _places(description: Mapping[str, Any]) -> list[Path]:
+    """Where learners may have been found: here, and beside the experiment file where it was."""
+    try:
+        command = shlex.split(str(description.get("command", "")))
+        found = len(command) > 2 and Path(command[2]).is_file()
+    except (ValueError, OSError):
+        found = False
+    return [Path.cwd(), *([Path(command[2]).resolve().parent] if found else [])]
+
+
+def _module(
+    entry: Mapping[str, Any], places: Iterable[Path], packages: set[str]
+) -> tuple[Contents, list[str]]:
     """The files of a learner that comes with no package, and what is to be known of them."""
     name = entry["learner"]
     if name.startswith("causal_openlock."):
         return {}, []
-    if origin(name) != entry["package"]:
+    # The class may be in another module than the one that it is named by.
+    source = module_source(str(entry["class"]).partition(":")[0], places)
+    now = f"{source.name} {_hash(source.read_bytes())[:16]}" if source else "not found"
+    if now != entry["package"]:
         raise OpenLockError(
             f"{name} is not what the results were made with (that was {entry['package']}, and "
-            f"this is {origin(name)}); restore it, or compare again"
+            f"this is {now}); restore it, or compare again"
         )
     module = name.partition(":")[0]
-    found = local_modules(module)
+    found = local_modules(module, places)
     cautions = []
     helpers = sorted(set(found.files) - {f"{module.replace('.', '/')}.py"})
     if helpers:
@@ -164,42 +194,94 @@ def _module(entry: Mapping[str, Any], packages: set[str]) -> tuple[Contents, lis
     return {inside: path.read_bytes() for inside, path in found.files.items()}, cautions
 
 
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
 def _normal(package: str) -> str:
     """A package's name as indexes of packages compare it."""
     return re.sub(r"[-_.]+", "-", package).lower()
 
 
-def _files(entry: Mapping[str, Any]) -> dict[str, tuple[str, Path]]:
-    """Files that a learner's parameters name: by parameter, where it is in the bundle, and here."""
-    if not entry.get("material"):
-        return {}
-    return {
-        name: (f"files/{entry['name']}/{name}/{Path(value).name}", Path(value))
+def _files(entry: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
+    """Files that a learner's parameters name: by parameter, where it is in the bundle, and content.
+
+    Raises:
+        OpenLockError: If none of them is what the results were made with.
+    """
+    hashes = _HASH.findall(str(entry.get("material", "")))
+    named = {
+        name: Path(value)
         for name, value in entry["parameters"].items()
-        if isinstance(value, str) and Path(value).is_file()
+        if isinstance(value, str) and entry.get("material") and _is_file(value)
     }
+    files = {}
+    for name, path in named.items():
+        content = path.read_bytes() if path.stat().st_size <= _MOST_BYTES else b""
+        if any(map(_hash(content).startswith, hashes)):
+            inside = "/".join(["files", *map(_part, (entry["name"], name, path.name))])
+            files[name] = inside, content
+    if named and not files:
+        name, path = next(iter(named.items()))
+        raise OpenLockError(
+            f"{path}, which the parameter {name} of {entry['name']} names, is not the file that "
+            "the results were made with; restore it, or compare again"
+        )
+    return files
+
+
+def _is_file(value: str) -> bool:
+    try:
+        return Path(value).is_file()
+    except (OSError, ValueError):  # too long, or with a zero in it
+        return False
 
 
 def _checked(contents: Contents, description: Mapping[str, Any]) -> list[str]:
     """Why reading the experiment file does not give the experiment that was run, if it does not."""
+    foreign = {one["name"]: one for one in description["learners"] if ":" in one["learner"]}
+    # No code runs for this: another learner stands in for those that come with no package, whose
+    # source has been found to be what it was, and the paper's reward for functions of one's own.
+    paid = {
+        one["name"]: {"reward": one["reward"]}
+        for one in description["learners"]
+        if "function" in one["reward"]
+    }
+    entries = [
+        one
+        | ({"learner": "random", "parameters": {}} if one["name"] in foreign else {})
+        | ({"reward": find_reward(PAPER_REWARD).as_dict()} if one["name"] in paid else {})
+        for one in description["learners"]
+    ]
+    declared = experiment_file({**description, "learners": entries})
     with tempfile.TemporaryDirectory() as folder:
         for inside, content in contents.items():
-            write_bytes(Path(folder) / inside, content)
-        before = [*sys.path]
+            if inside.startswith("schemas/"):
+                write_bytes(Path(folder) / inside, content)
+        path = Path(folder) / "experiment.yaml"
+        write_bytes(path, dump_yaml(declared).encode())
         try:
-            experiment = read_experiment(Path(folder) / "experiment.yaml")
+            read = read_experiment(path).as_dict()
         except OpenLockError as error:
-            return [f"Nobody could check that it runs again ({str(error).splitlines()[0]})."]
-        finally:
-            sys.path[:] = before  # the folder is gone soon
-    if experiment.identity == description["identity"]:
-        return []
+            said = str(error).splitlines()[0].replace(f"{path}:", "experiment.yaml:")
+            return [f"Nobody could check that it runs again ({said})."]
+    # As plain data, in which a tuple is a list.
+    now = json.loads(json.dumps(read, default=str))
+    for one in now["learners"]:
+        as_it_was = foreign.get(one["name"], {})
+        one.update({key: value for key, value in as_it_was.items() if key in _STOOD_IN})
+        one.update(paid.get(one["name"], {}))
+    if all(now[key] == description[key] for key in now.keys() - {"title", "command"}):
+        codes = sorted({one["reward"]["function"] for one in paid.values()})
+        return [
+            f"The reward {code} is not in the bundle; put its file beside experiment.yaml."
+            for code in codes
+        ]
     if description["version"] != __version__:
         why = f"the results were made with version {description['version']}, and this is"
         return [f"Nobody could check that it runs again: {why} {__version__}."]
-    # As plain data, in which a tuple is a list.
-    now = {entry.name: json.loads(json.dumps(entry.as_dict())) for entry in experiment.entries}
-    other = [entry["name"] for entry in description["learners"] if entry != now[entry["name"]]]
+    again = {entry["name"]: entry for entry in now["learners"]}
+    other = [entry["name"] for entry in description["learners"] if entry != again[entry["name"]]]
     return [
         "It may not run as it did, because what it was run with is not what is installed now "
         f"({', '.join(other) or 'its conditions'})."
@@ -220,6 +302,12 @@ def _requirements(description: Mapping[str, Any], versions: Mapping[str, Any]) -
     """What pip needs to install the packages that cells were run with."""
     lines = []
     for package, version in _packages(description, versions).items():
+        for one in version if isinstance(version, list) else [version]:
+            if not _REQUIREMENT.fullmatch(f"{package} {one}"):
+                raise StoreError(
+                    f"the results say that they were made with {f'{package} {one}'[:80]!r}, which "
+                    "is no version of a package; do not use them, somebody has changed them"
+                )
         if isinstance(version, list):
             lines.append(f"# {package}: cells were run with {', '.join(version)}")
         elif package == "Python" or version == "not installed":
@@ -238,7 +326,7 @@ def _readme(
 ) -> str:
     """What the bundle says of itself."""
     python = versions.get("Python", "3")
-    said = [f"# {description.get('title') or description['name']}", ""]
+    said = [f"# {' '.join(str(description.get('title') or description['name']).split())}", ""]
     if again:
         said += [
             "This command, in this folder, runs the experiment again:",

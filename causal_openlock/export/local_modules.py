@@ -1,22 +1,21 @@
 """The modules that a learner's file imports: those beside it, which have to go where it goes.
 
-Imports are read from the source and not carried out, so that those inside functions are found as
-well. What a module loads in another way (``importlib``, a file that it opens) cannot be told.
+Imports are read from the source and not carried out: those inside functions are found as well, and
+nothing runs. What a module loads in another way (``importlib``, a file that it opens) cannot be
+told. A file counts if it is Python, and if it is in the folder that the module is imported from,
+also where a link leads to it.
 """
 
 from __future__ import annotations
 
 import ast
-import importlib
-import importlib.util
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from causal_openlock.errors import OpenLockError
-
-_INSTALLED = {"site-packages", "dist-packages"}
+from causal_openlock.module_source import is_installed, module_source
 
 
 @dataclass
@@ -33,21 +32,23 @@ class LocalModules:
     others: set[str] = field(default_factory=set)
 
 
-def local_modules(module: str) -> LocalModules:
+def local_modules(module: str, beside: Iterable[Path] = ()) -> LocalModules:
     """The files of a module and of all that it imports from beside it.
 
     Args:
-        module: Its name; it is imported.
+        module: Its name; it is not imported.
+        beside: Folders in which it is looked for after all others.
 
     Raises:
-        OpenLockError: If it has no source file.
+        OpenLockError: If it has no source file, or a file that it imports is no Python.
     """
-    file = getattr(importlib.import_module(module), "__file__", None)
-    if file is None or Path(file).suffix != ".py":
+    places = tuple(beside)
+    path = module_source(module, places)
+    if path is None:
         raise OpenLockError(f"{module} has no source file that could be bundled; put it in a file")
-    path = Path(file).resolve()
     depth = module.count(".") + (path.name == "__init__.py")
     root = path.parents[depth]
+    alone = is_installed(path)  # among installed packages, those beside it are not its own
     found, waiting = LocalModules(), [module]
     own = module.partition(".")[0]
     while waiting:
@@ -55,11 +56,10 @@ def local_modules(module: str) -> LocalModules:
         top = name.partition(".")[0]
         if top in sys.stdlib_module_names or top == "causal_openlock":
             continue
-        # Among installed packages, those beside it are not its own.
-        beside = top == own or (not _INSTALLED & set(root.parts) and _is_in(root, top))
-        files = list(_files(root, name)) if beside else []
+        beside_it = top == own or (not alone and _is_in(root, top, places))
+        files = list(_files(root, name)) if beside_it else []
         if not files:
-            found.others |= set() if beside and _is_source(root / top) else {top}
+            found.others |= set() if beside_it and _is_source(root / top) else {top}
         for one in files:
             inside = one.relative_to(root)
             if inside.as_posix() not in found.files:
@@ -68,16 +68,12 @@ def local_modules(module: str) -> LocalModules:
     return found
 
 
-def _is_in(root: Path, top: str) -> bool:
+def _is_in(root: Path, top: str, places: Iterable[Path]) -> bool:
     """Whether a top-level name is imported from this folder, and not from one before it."""
-    try:
-        spec = importlib.util.find_spec(top)
-    except (ImportError, ValueError):
-        return False
-    if spec is None:
-        return False
-    places = [spec.origin] if spec.has_location else list(spec.submodule_search_locations or ())
-    return any(place and Path(place).resolve().is_relative_to(root) for place in places)
+    source = module_source(top, places)
+    if source is not None:
+        return source.is_relative_to(root)
+    return (root / top).is_dir()  # a package without a file of its own
 
 
 def _is_source(path: Path) -> bool:
@@ -90,7 +86,7 @@ def _files(root: Path, name: str) -> Iterator[Path]:
     for part in name.split("."):
         path = path / part
         for one in (path / "__init__.py", path.with_name(f"{part}.py")):
-            if one.is_file():
+            if one.is_file() and one.resolve().is_relative_to(root):
                 yield one
                 break
 
@@ -98,8 +94,12 @@ def _files(root: Path, name: str) -> Iterator[Path]:
 def _imports(path: Path, inside: Path) -> list[str]:
     """The names that a source file imports; some of them may be no modules but what is in one."""
     package = inside.parent.parts
+    try:
+        tree = ast.parse(path.read_bytes(), str(path))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise OpenLockError(f"{path} cannot be bundled, for it is no Python; mend it") from None
     names = []
-    for node in ast.walk(ast.parse(path.read_bytes(), str(path))):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import StoreError
+from causal_openlock.from_description import recorded_layout
 from causal_openlock.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.protocol import Condition, Protocol
-from causal_openlock.reference import room_facts
 from causal_openlock.reward_table import RewardTable
 from causal_openlock.rewards import RewardFunction
-from causal_openlock.room import Layout, position_names, positions_for
-from causal_openlock.schema import Schema
+from causal_openlock.room import positions_for
 from causal_openlock.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
 
 if TYPE_CHECKING:
@@ -132,24 +131,6 @@ def _rooms(
     return tables, tables.add(rooms)[which]
 
 
-def recorded_layout(schema: Schema, name: str, positions: int) -> Layout:
-    """A layout by its name in the record: a published one, or its positions in order.
-
-    Raises:
-        StoreError: If it is neither.
-    """
-    if name in room_facts()["layouts"]:
-        return Layout.of(schema, name, positions)
-    known = position_names(positions)
-    places = name.split()
-    if len(places) != len(schema.levers) or not set(places) <= set(known):
-        raise StoreError(
-            f"the layout {name!r} in the record does not say where the levers of {schema.name} "
-            "stand; compare again to make a record that does"
-        )
-    return Layout(tuple(map(known.index, places)), positions)
-
-
 def _padded(lists: Any, used: IntArray) -> NDArray[Any]:
     """``[N, L]`` the values of lists, with zeros after their ends."""
     values = lists.flatten().to_numpy(zero_copy_only=False)
@@ -181,4 +162,4 @@ def _disagreement(columns: Mapping[str, Any], row: int, condition: Condition) ->
     )
 
 
-__all__ = ["Steps", "recorded_layout", "replay", "trial_numbers"]
+__all__ = ["Steps", "replay", "trial_numbers"]

@@ -20,6 +20,7 @@ from causal_openlock.analysis.people.human_likeness_section import draw_points
 from causal_openlock.files import write_text
 from causal_openlock.fitting.objective import Score, held_out, score
 from causal_openlock.fitting.study import Fit
+from causal_openlock.plain_text import csv_of
 from causal_openlock.protocol import PAPER_CONDITIONS
 from causal_openlock.yaml_file import dump_yaml
 
@@ -102,9 +103,9 @@ def write_outcome(fitted: Fit, found: Outcome, folder: Path | str) -> list[Path]
     }
     texts = {
         "experiment.yaml": dump_yaml(experiment),
-        "candidates.csv": fitted.table().to_csv(index=False),
-        "points.csv": found.points.to_csv(index=False),
-        "effects.csv": found.effects.to_csv(index=False),
+        "candidates.csv": csv_of(fitted.table()),
+        "points.csv": csv_of(found.points),
+        "effects.csv": csv_of(found.effects),
     }
     for name, text in texts.items():
         write_text(folder / name, text)

@@ -34,7 +34,7 @@ from causal_openlock.files import sweep, write_text
 from causal_openlock.fitting.objective import Job, conditions_to_fit, jobs, joined, play, score
 from causal_openlock.fitting.search import SearchSpace
 from causal_openlock.protocol import PAPER_CONDITIONS
-from causal_openlock.runner import worker_pool
+from causal_openlock.workers import worker_pool
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
@@ -249,7 +249,7 @@ def _players(workers: int) -> Iterator[Submit]:
     if workers == 1:
         yield lambda job: partial(play, job)
         return
-    with worker_pool(None, workers) as pool:
+    with worker_pool(workers) as pool:
         executor: Executor = pool
         yield lambda job: executor.submit(play, job).result
 

@@ -184,10 +184,6 @@ class RoomGeometry:
         """The door's free end."""
         return along(self.hinge, (math.sin(angle), -math.cos(angle)), self.door_length)
 
-    def door_bar(self, angle: float) -> Corners:
-        """The corners of the door."""
-        return bar(self.hinge, self.door_end(angle), self.door_thickness)
-
     def at_door(self, angle: float) -> Point:
         """Where the arm's end is when it touches the door from within."""
         down, outward = (math.sin(angle), -math.cos(angle)), (math.cos(angle), math.sin(angle))

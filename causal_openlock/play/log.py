@@ -10,7 +10,9 @@ be replayed in the wrong state.
 from __future__ import annotations
 
 import json
+import math
 import os
+import re
 import threading
 import zlib
 from pathlib import Path
@@ -55,17 +57,19 @@ class Log:
         size = 0
         lines = content.splitlines(keepends=True)
         for number, line in enumerate(lines, start=1):
-            entry = _parse(line)
+            text = _checked(line)
+            if text is None and number == len(lines):
+                break
+            entry = None if text is None else _parse(text)
             if entry is None:
-                if number == len(lines):
-                    break
-                raise StoreError(
-                    f"{self.path}:{number}: this line is damaged; restore the file, or choose "
-                    "another folder"
-                )
+                raise self.fault(number, "this line is damaged")
             entries.append(entry)
             size += len(line)
         return entries, size
+
+    def fault(self, line: int, what: str) -> StoreError:
+        """What is wrong with the file, and where."""
+        return StoreError(f"{self.path}:{line}: {what}; restore the file, or choose another folder")
 
     def append(self, entry: Entry) -> None:
         """Add an entry; it outlives this process from here on.
@@ -100,9 +104,47 @@ class Log:
             os.close(self._file)
 
 
-def _parse(line: bytes) -> Entry | None:
+def _checked(line: bytes) -> bytes | None:
+    """What a line says, if its checksum is that of it."""
     text, tab, check = line.rpartition(b"\t")
-    if not tab or check != b"%08x\n" % zlib.crc32(text):
+    return text if tab and check == b"%08x\n" % zlib.crc32(text) else None
+
+
+def _parse(text: bytes) -> Entry | None:
+    try:
+        entry = json.loads(text)
+    except (ValueError, RecursionError):
         return None
-    entry: Entry = json.loads(text)
-    return entry
+    return entry if isinstance(entry, dict) else None
+
+
+def is_join(entry: Entry) -> bool:
+    """Whether an entry tells of somebody who joined."""
+    return (
+        entry.keys() == {"join", "key", "at", "practice"}
+        and _is_number(entry["join"])
+        and isinstance(entry["key"], str)
+        and re.fullmatch("[0-9a-f]{64}", entry["key"]) is not None
+        and _is_time(entry["at"])
+        and isinstance(entry["practice"], bool)
+    )
+
+
+def is_turn(entry: Entry) -> bool:
+    """Whether an entry tells of a turn: an action, or that the practice room was left."""
+    acted = entry.keys() == {"of", "turn", "at", "action", "reaction"}
+    return (
+        (acted or entry.keys() == {"of", "turn", "at"})
+        and all(_is_number(entry[key]) for key in ("of", "turn"))
+        and _is_time(entry["at"])
+        and (not acted or _is_number(entry["action"]))
+        and (not acted or entry["reaction"] is None or _is_number(entry["reaction"]))
+    )
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) is int and 0 <= value < 1 << 53
+
+
+def _is_time(value: Any) -> bool:
+    return type(value) in (int, float) and math.isfinite(value)

@@ -12,7 +12,6 @@ comes twice, too late or too early is refused and changes nothing.
 from __future__ import annotations
 
 import hashlib
-import json
 import secrets
 import threading
 import time
@@ -25,10 +24,10 @@ import numpy as np
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment import Cell, Entry, Experiment
-from causal_openlock.files import sweep, write_text
+from causal_openlock.files import sweep
 from causal_openlock.play.game import EXPERIMENT, Game, Told
 from causal_openlock.play.log import Entry as LogEntry
-from causal_openlock.play.log import Log
+from causal_openlock.play.log import Log, is_join, is_turn
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER, reactions_table, rows_kept, write_reactions
 from causal_openlock.protocol import Condition, Protocol, plan
@@ -141,7 +140,7 @@ class People:
         # Loaded now, and not while somebody waits for an answer.
         import pyarrow.parquet  # noqa: F401
 
-        self.store.open(self.experiment)
+        self.store.open(self.experiment, changed=False)
         try:
             self._log = Log(self.store.folder / "log.jsonl")
             self._resume()
@@ -272,13 +271,18 @@ class People:
         if not self._log.entries:
             self._log.append(head)
         for number, entry in enumerate(entries, start=2):
-            if "join" in entry:
+            if is_join(entry) and entry["join"] == len(self._order) < MOST_PEOPLE:
                 self._add(entry, self._made(entry))
                 continue
-            person = self._order[entry["of"]]
-            if entry["turn"] != person.game.turn:
-                raise StoreError(f"{self._log.path}:{number}: a turn is missing before this one")
-            person.take(entry)
+            if not is_turn(entry) or entry["of"] >= len(self._order):
+                raise self._log.fault(number, "this line is none of a play")
+            game = self._order[entry["of"]].game
+            if entry["turn"] != game.turn:
+                raise self._log.fault(number, "a turn is missing before this one")
+            can = game.can_act and entry["action"] < game.actions if "action" in entry else False
+            if not (can or ("action" not in entry and game.stage == "practice")):
+                raise self._log.fault(number, "nobody could do this then")
+            self._order[entry["of"]].take(entry)
         self._log.entries = []
         for person in self._order:
             done, ended = len(person.game.done), person.game.trials_over
@@ -341,15 +345,13 @@ class People:
         many = max(1, *(cell.first_subject + 1 for cell in cells)) if cells else 1
         (entry,) = self.experiment.entries
         declared = replace(self.experiment, entries=(replace(entry, subjects=many),))
-        held = {
-            "identity": self.experiment.identity,
-            **declared.as_dict(),
-            "cells": [cell.file_name for cell in cells],
-        }
-        text = json.dumps(held, indent=1) + "\n"
-        path = self.store.folder / "experiment.json"
-        if path.read_text(encoding="utf-8") != text:
-            write_text(path, text)
+        self.store.declare(
+            {
+                "identity": self.experiment.identity,
+                **declared.as_dict(),
+                "cells": [cell.file_name for cell in cells],
+            }
+        )
 
     def close(self) -> None:
         """Write the record and let others work in the folder."""

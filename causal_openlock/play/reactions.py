@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from causal_openlock.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.errors import StoreError
-from causal_openlock.files import replacing
+from causal_openlock.files import write_bytes
 from causal_openlock.play.game import Done
 
 if TYPE_CHECKING:
@@ -66,20 +67,14 @@ def reactions_table(condition: str, subject: int, done: Sequence[Done]) -> pa.Ta
 
 def write_reactions(path: Path, table: pa.Table) -> None:
     """Keep a person's reaction times."""
-    import pyarrow.parquet as pq
-
-    with replacing(path) as file:
-        pq.write_table(table, file, compression="zstd", write_page_checksum=True)
+    write_bytes(path, table_bytes(table))
 
 
 def rows_kept(path: Path) -> int:
-    """How many actions a person's file holds; none if it is not there or cannot be read."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    """How many actions a person's file holds; none if it is not there or damaged."""
     try:
-        rows: int = pq.read_metadata(path).num_rows
-    except (OSError, pa.ArrowException):
+        rows: int = read_table(path.read_bytes()).num_rows
+    except (OSError, ChecksumError):
         rows = 0
     return rows
 
@@ -91,15 +86,18 @@ def read_reactions(folder: Path | str) -> pa.Table:
         StoreError: If the folder has none, or a file cannot be read.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     paths = sorted((Path(folder) / FOLDER).glob("*.parquet"))
     if not paths:
         raise StoreError(f"{folder} holds no reaction times; give the folder that play wrote to")
-    try:
-        tables = [pq.read_table(path, page_checksum_verification=True) for path in paths]
-    except (OSError, pa.ArrowException) as error:
-        said = " ".join(str(error).split())[:120]
-        raise StoreError(f"{folder}: reaction times are damaged ({said})") from None
+    schema, tables = reactions_schema(), []
+    for path in paths:
+        try:
+            tables.append(read_table(path.read_bytes()).cast(schema))
+        except (OSError, ChecksumError, pa.ArrowException, ValueError) as error:
+            raise StoreError(
+                f"{path} is damaged ({' '.join(str(error).split())[:120]}); start play with this "
+                "folder and stop it: it is made anew from what is logged"
+            ) from None
     order = [(name, "ascending") for name in ("condition", "subject", "time")]
     return pa.concat_tables(tables).sort_by(order)

@@ -35,6 +35,7 @@ from typing import Any, cast
 from urllib.parse import urlsplit
 
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.plain_text import printable
 from causal_openlock.play.pages import geometry, static_files
 from causal_openlock.play.people import FullHouse, OutOfTurn, People, UnknownPerson
 from causal_openlock.room import positions_for
@@ -140,7 +141,7 @@ class PlayServer(ThreadingHTTPServer):
                     self.people.keep(KEEP_PAUSE, ended_only)
                     waited, ended_only = 0.0, True
             except (OpenLockError, OSError) as error:
-                print(f"warning: {error}", file=sys.stderr)
+                print(f"warning: {printable(error)}", file=sys.stderr)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a thread, unless there are too many of them."""
@@ -176,14 +177,22 @@ def _is_loopback(host: str) -> bool:
 
 def _checked(address: str) -> str:
     """An address that people can type, with a slash in the end."""
-    parts = urlsplit(address)
-    whole = parts.scheme in ("http", "https") and parts.hostname and parts.path in ("", "/")
+    try:
+        parts = urlsplit(address)
+        whole = parts.scheme in ("http", "https") and parts.hostname and parts.path in ("", "/")
+        whole = whole and parts.port != 0
+    except ValueError:  # a bracket that is not closed, a port that is none
+        parts, whole = urlsplit(""), False
     if address and (not whole or parts.query or parts.fragment or "@" in parts.netloc):
         raise OpenLockError(
             f"{address!r} is no address of a server; give one such as https://study.example.org, "
             "without a path: the page wants a host name of its own"
         )
     return f"{parts.scheme}://{parts.netloc.lower()}/" if address else ""
+
+
+_ORIGIN = re.compile(r"https?://([^/?#@\s]+)")
+_LENGTH = re.compile(r"[0-9]{1,4}")
 
 
 class _Malformed(Exception):  # noqa: N818 - an answer to the page
@@ -207,9 +216,11 @@ class _Handler(BaseHTTPRequestHandler):
     # -- HTTP -----------------------------------------------------------------------------------
 
     def do_GET(self) -> None:
-        if "Content-Length" in self.headers or "Transfer-Encoding" in self.headers:
+        if "Content-Length" in self.headers:
             self.close_connection = True  # what follows would be taken for the next request
-        if not self._is_meant_for_us():
+        if not self._is_clear():
+            self._answer(HTTPStatus.BAD_REQUEST, {"error": "this is no call"})
+        elif not self._is_meant_for_us():
             self._answer(HTTPStatus.FORBIDDEN, {"error": "this server has another name"})
         elif self.path in (page := static_files()):
             kind, content = page[self.path]
@@ -231,7 +242,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self._session(), _turn(body), _action(body), _reaction(body)
             ),
         }
-        body = self._body()
+        body = self._body() if self._is_clear() else None
         call = calls.get(self.path)
         if not self._is_meant_for_us():
             self._answer(HTTPStatus.FORBIDDEN, {"error": "this server has another name"})
@@ -243,6 +254,19 @@ class _Handler(BaseHTTPRequestHandler):
             chosen, said = call, body
             self._call(lambda: chosen(said))
 
+    def _is_clear(self) -> bool:
+        """Whether everybody takes the request to end in the same place; if not, it is the last.
+
+        Where a proxy and this server would disagree, what follows could be another's request.
+        """
+        heads = self.headers
+        odd = heads.defects or heads.get_payload() or "Transfer-Encoding" in heads
+        odd = odd or any("\n" in value or "\r" in value for value in heads.values())
+        doubled = any(len(heads.get_all(name, [])) > 1 for name in ("Content-Length", "Host"))
+        if odd or doubled:
+            self.close_connection = True
+        return not (odd or doubled)
+
     def _is_meant_for_us(self) -> bool:
         host = self.headers.get("Host", "")
         if self.home.loopback and host not in self.home.names:
@@ -251,20 +275,19 @@ class _Handler(BaseHTTPRequestHandler):
         if origin is None:
             return True
         # A proxy may put its own name for us in the place of the host that the browser asked for.
-        asked = urlsplit(origin).netloc
-        return bool(asked) and asked in (host, self.home.public)
+        asked = _ORIGIN.fullmatch(origin)
+        return asked is not None and asked[1] in (host, self.home.public)
 
     def _body(self) -> dict[str, Any] | None:
         """What was sent; ``None`` if that is no JSON object."""
         length = self.headers.get("Content-Length", "")
-        if not length.isdecimal() or int(length) > MOST_BYTES:
+        if not _LENGTH.fullmatch(length) or int(length) > MOST_BYTES:
             self.close_connection = True  # what follows is not worth reading
             return None
+        sent = self.rfile.read(int(length))
         try:
-            body = json.loads(self.rfile.read(int(length)))
-        except ValueError:
-            return None
-        except RecursionError:
+            body = json.loads(sent) if len(sent) == int(length) else None
+        except (ValueError, RecursionError):
             return None
         return body if isinstance(body, dict) else None
 
@@ -279,7 +302,7 @@ class _Handler(BaseHTTPRequestHandler):
         except FullHouse as error:
             status, answer = HTTPStatus.TOO_MANY_REQUESTS, {"error": str(error)}
         except StoreError as error:  # a path of this machine is not the page's to know
-            print(f"warning: {error}", file=sys.stderr)
+            print(f"warning: {printable(error)}", file=sys.stderr)
             status = HTTPStatus.SERVICE_UNAVAILABLE
             answer = {"error": "this cannot be put on file now"}
         except (_Malformed, OpenLockError):

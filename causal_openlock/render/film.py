@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from causal_openlock.counted import counted
 from causal_openlock.errors import OpenLockError, nearest
 from causal_openlock.files import replacing, write_bytes, write_text
 from causal_openlock.physics import PhysicalRoom, Pose
@@ -111,10 +112,10 @@ class _Story:
         """Before an attempt."""
         trial = self._trial
         limit = trial.protocol.attempt_limit
-        self._state = 0
+        self._state, self._number = 0, number
         self._panel = Panel(
             solutions=self._solutions(),
-            attempts_left=limit + 1 - number,
+            attempts_left=self._left(number),
             actions_left=trial.action_limit,
             heading=trial.learner,
             lines=(
@@ -152,7 +153,7 @@ class _Story:
         )
         if index == len(attempt.actions):
             self._panel = replace(
-                self._panel, actions_left=0, attempts_left=self._panel.attempts_left - 1
+                self._panel, actions_left=0, attempts_left=self._left(self._number + 1)
             )
         return self._panel
 
@@ -173,11 +174,18 @@ class _Story:
         """The last line of the film."""
         more = len(self._trial.attempts) - shown
         if more:
-            return f"{more} more attempt{'s' * (more > 1)} not shown"
+            return f"{counted(more, 'more attempt')} not shown"
         left = len(self.room.schema.solutions) - len(self._found)
         if left:
-            return f"{left} solution{'s' * (left > 1)} not found"
-        return f"All solutions found in {shown} attempt{'s' * (shown > 1)}"
+            return f"{counted(left, 'solution')} not found"
+        return f"All solutions found in {counted(shown, 'attempt')}"
+
+    def _left(self, number: int) -> int | None:
+        """How many attempts are left before that of some number; none are counted at the end."""
+        protocol = self._trial.protocol
+        if protocol.stop_when_solved and len(self._found) == len(self.room.schema.solutions):
+            return None
+        return protocol.attempt_limit + 1 - number
 
     def _solutions(self) -> tuple[str, ...]:
         missing = len(self.room.schema.solutions) - len(self._found)

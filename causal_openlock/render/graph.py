@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import networkx as nx
 import numpy as np
 
+from causal_openlock.counted import counted
 from causal_openlock.errors import OpenLockError, nearest
 from causal_openlock.files import write_bytes
 from causal_openlock.render.arrange import RADIUS, Drawing, arrange
@@ -185,7 +186,7 @@ def schema_text(schema: Schema, solutions: int = 12) -> str:
         lines.append(f"  {node:{width}} {arrows[node]:{reach}}  {says}")
     lines.append(f"  {DOOR:{width}} {'':{reach}}  unlocks {_condition(schema, DOOR)}")
     found = schema.solutions
-    lines += ["", f"{len(found)} solution{'s' * (len(found) != 1)}:"]
+    lines += ["", f"{counted(len(found), 'solution')}:"]
     lines += [f"  {' '.join([*levers, DOOR])}" for levers in found[:solutions]]
     if len(found) > solutions:
         lines.append(f"  and {len(found) - solutions} more")

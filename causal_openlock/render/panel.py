@@ -68,7 +68,8 @@ class Panel:
     Attributes:
         solutions: For each solution how it was found, such as ``LEFT, UPPER, door``; empty for
             each that is not found yet. ``None`` for found ones of which nothing is to be said.
-        attempts_left: Attempts left in the trial, the present one included.
+        attempts_left: Attempts left in the trial, the present one included; ``None`` once it is
+            solved and over.
         actions_left: Actions left in the attempt.
         heading: Who plays what.
         lines: More about it.
@@ -77,7 +78,7 @@ class Panel:
     """
 
     solutions: tuple[str | None, ...]
-    attempts_left: int
+    attempts_left: int | None
     actions_left: int
     heading: str = ""
     lines: tuple[str, ...] = ()
@@ -107,7 +108,8 @@ class _Layout:
             self._y -= SPACE
         self._solutions()
         self._y -= SPACE
-        self._write(f"Attempts left: {panel.attempts_left}", bold=True)
+        left = "–" if panel.attempts_left is None else panel.attempts_left
+        self._write(f"Attempts left: {left}", bold=True)
         self._y += ROW
         self._write(f"Actions left: {panel.actions_left}", x=WIDTH / 2 + 0.2, bold=True)
         if panel.actions is not None:

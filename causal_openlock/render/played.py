@@ -12,12 +12,16 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import StoreError, nearest
+from causal_openlock.from_description import (
+    condition_from_dict,
+    protocol_from_dict,
+    recorded_layout,
+)
 from causal_openlock.fsm import compile
 from causal_openlock.learner import InformedLearner, Learner
 from causal_openlock.protocol import Condition, Protocol, check_trial
-from causal_openlock.reference import room_facts
 from causal_openlock.rewards import PAPER_REWARD, RewardFunction
-from causal_openlock.room import Layout, Room, position_names, positions_for
+from causal_openlock.room import Layout, Room, positions_for
 from causal_openlock.schema import Schema
 from causal_openlock.session import Session
 
@@ -150,7 +154,6 @@ def recorded_trial(
     """
     import pyarrow.compute as pc
 
-    from causal_openlock.schema_file import schema_from_dict
     from causal_openlock.store import Store
 
     store = Store(folder)
@@ -175,12 +178,8 @@ def recorded_trial(
             f"{entry.get('subjects', 1) - 1}, and compare completes what is missing"
         )
     check_trial(trial, len(trials), f"subject {subject} of {learner} in {condition}")
-    schemas = {
-        schema.name: schema
-        for part in (*told["train"], *told["test"])
-        for schema in [schema_from_dict(part["schema"])]
-    }
-    protocol = Protocol(**entry["protocol"])
+    schemas = {schema.name: schema for schema in condition_from_dict(told).schemas}
+    protocol = protocol_from_dict(entry["protocol"])
     rows = trials[trial - 1]
     return _played(rows, learner, condition, protocol, subject, trial, len(trials), schemas)
 
@@ -234,7 +233,7 @@ def _played(
         trial=trial,
         trials=trials,
         schema=schema,
-        layout=_layout(schema, rows[0]["layout"], positions),
+        layout=recorded_layout(schema, rows[0]["layout"], positions),
         attempts=tuple(
             Attempt(
                 actions=tuple(row["actions"]),
@@ -245,17 +244,3 @@ def _played(
             for row in rows
         ),
     )
-
-
-def _layout(schema: Schema, name: str, positions: int) -> Layout:
-    """A layout by its name in the record: a published one, or its positions in order."""
-    if name in room_facts()["layouts"]:
-        return Layout.of(schema, name, positions)
-    names = position_names(positions)
-    places = name.split()
-    if len(places) != len(schema.levers) or not set(places) <= set(names):
-        raise StoreError(
-            f"the layout {name!r} in the record does not say where the {len(schema.levers)} "
-            f"levers of {schema.name} stand; compare again to make a record that does"
-        )
-    return Layout(tuple(map(names.index, places)), positions)

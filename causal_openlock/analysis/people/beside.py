@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import StoreError
+from causal_openlock.store import merged_versions
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -46,6 +47,8 @@ def beside(results: Sequence[tuple[pa.Table, dict[str, Any]]]) -> tuple[pa.Table
     together["conditions"] = list(conditions.values())
     if missing := _listed(results, "missing_cells"):
         together["missing_cells"] = missing
+    if failed := {k: v for _, one in results for k, v in one.get("failures", {}).items()}:
+        together["failures"] = failed
     together["versions"] = merged_versions([description["versions"] for _, description in results])
     return pa.concat_tables([record for record, _ in results]), together
 
@@ -54,15 +57,4 @@ def _listed(results: Sequence[tuple[pa.Table, dict[str, Any]]], key: str) -> lis
     return [one for _, description in results for one in description.get(key, ())]
 
 
-def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Of each package its version, or a list where there are several."""
-    found: dict[str, list[str]] = {}
-    for versions in all_of_them:
-        for package, said in versions.items():
-            several = [said] if isinstance(said, str) else said
-            known = found.setdefault(package, [])
-            known += [one for one in several if one not in known]
-    return {package: one[0] if len(one) == 1 else one for package, one in found.items()}
-
-
-__all__ = ["beside", "merged_versions"]
+__all__ = ["beside"]

@@ -26,6 +26,7 @@ from causal_openlock.analysis.people.paper_tests import (
 from causal_openlock.analysis.people.published import did_what_people_did
 from causal_openlock.analysis.report.section import Material, Section, Table
 from causal_openlock.analysis.wording import joined
+from causal_openlock.counted import counted
 
 FAMILIES = {
     "baseline": "Baseline trials",
@@ -244,15 +245,15 @@ def _on_holm() -> str:
 
 
 def _on_power(subjects: int) -> str:
-    table = power_table(subjects)
+    table, played = power_table(subjects), counted(subjects, "subject")
     weak = table[table["power_here"] < POWER]
     if weak.empty:
         return (
-            f"With {subjects} subjects in each condition effects as large as people's would be "
+            f"With {played} in each condition effects as large as people's would be "
             f"found with a probability of {POWER:g} or more, in every test of two groups."
         )
     return (
-        f"With {subjects} subjects in each condition, {len(weak)} of the {len(table)} effects "
+        f"With {played} in each condition, {len(weak)} of the {len(table)} effects "
         f"below would be found with a probability of less than {POWER:g} if they were as large as "
         "in people."
     )

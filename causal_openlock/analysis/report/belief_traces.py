@@ -73,7 +73,10 @@ def section(material: Material) -> Section | None:
 
 
 def _believers(material: Material) -> Iterator[Mapping[str, Any]]:
-    """The learners of the experiment that hold beliefs, in its order."""
+    """The learners of the experiment that hold beliefs, in its order.
+
+    Results are only read: code that they name, and that no package brings along, does not run.
+    """
     from causal_openlock.belief.believer import Believer
     from causal_openlock.learner_registry import learner_class
 
@@ -81,6 +84,8 @@ def _believers(material: Material) -> Iterator[Mapping[str, Any]]:
     if not mappings_with(learners, _NEEDED):
         return
     for entry in learners:
+        if ":" in entry["learner"]:
+            continue
         try:
             kind = learner_class(entry["learner"])
         except OpenLockError:
@@ -92,9 +97,13 @@ def _believers(material: Material) -> Iterator[Mapping[str, Any]]:
 def _replayed(entry: Mapping[str, Any], material: Material) -> Trace | None:
     """The trace, if it tells of what is on record."""
     from causal_openlock.belief.trace import trace_trial
-    from causal_openlock.from_description import condition_from_dict, reward_from_dict
+    from causal_openlock.from_description import (
+        condition_from_dict,
+        protocol_from_dict,
+        reward_from_dict,
+    )
     from causal_openlock.learner_registry import create
-    from causal_openlock.protocol import Protocol
+    from causal_openlock.rewards import PAPER_REWARD
 
     trials = material.trials
     own = trials[trials["learner"] == entry["name"]]
@@ -105,13 +114,15 @@ def _replayed(entry: Mapping[str, Any], material: Material) -> Trace | None:
     told = next(one for name, one in conditions.items() if name in played)
     mine = own[own["condition"] == told["name"]]
     first = mine[mine["subject"] == mine["subject"].min()].iloc[0]
+    reward = reward_from_dict(entry["reward"])
     trace = trace_trial(
         create(entry["learner"], entry["parameters"]),
         condition_from_dict(told),
-        Protocol(**entry["protocol"]),
+        protocol_from_dict(entry["protocol"]),
         subject=int(first["subject"]),
         seed=int(first["seed"]),
-        reward=reward_from_dict(entry["reward"]),
+        # Code of one's own is not run to read results, and those who believe do not heed rewards.
+        reward=PAPER_REWARD if reward.heeds_everything else reward,
         label=entry["name"],
     )
     return trace if _done(trace) == _recorded(material.record, first) else None

@@ -11,10 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from causal_openlock.counted import counted
+
 if TYPE_CHECKING:
     import pandas as pd
 
-_HEADING = ("name", "title", "seed", "version", "versions", "command", "missing_cells")
+_HEADING = (
+    *("name", "title", "seed", "version", "versions", "command", "missing_cells", "failures"),
+)
 """Shown elsewhere on the page."""
 _RANDOM = "random"
 _RANDOM_CLASS = "learners.random:RandomLearner"
@@ -104,11 +108,11 @@ def budgets(protocol: Mapping[str, Any]) -> str:
     trials. Transfer: 6 training trials, then 1 test trial. Fewer where fewer layouts are published;
     a condition may say otherwise."
     """
-    limit = protocol["attempt_limit"]
+    most = counted(protocol["attempt_limit"], "attempt")
     if protocol["stop_when_solved"]:
-        said = [f"At most {limit} attempts in a trial, which ends as soon as it is solved."]
+        said = [f"At most {most} in a trial, which ends as soon as it is solved."]
     else:
-        said = [f"{limit} attempts in every trial, also after it is solved."]
+        said = [f"{most} in every trial, also after it is solved."]
     fixed = protocol.get("test_layout")
     base = _loops(protocol["baseline_trials"], protocol["baseline_loops"], "")
     training = _loops(protocol["training_trials"], protocol["train_loops"], "training ")
@@ -121,7 +125,7 @@ def budgets(protocol: Mapping[str, Any]) -> str:
     if fixed:
         said.append(f"The test is in layout {fixed}.")
     if protocol.get("action_limit"):
-        said.append(f"An attempt has at most {protocol['action_limit']} actions.")
+        said.append(f"An attempt has at most {counted(protocol['action_limit'], 'action')}.")
     known = {*_BUDGETS, "layouts", "test_layout", "action_limit"}
     said += [f"{key}: {in_words(value)}." for key, value in protocol.items() if key not in known]
     return " ".join(said)
@@ -220,7 +224,7 @@ def _rooms(trials: Mapping[str, Any]) -> str:
     """Whose rooms some trials are in, with what the condition itself says about them."""
     said = []
     if trials.get("number"):
-        said.append(_count(trials["number"], "trial"))
+        said.append(counted(trials["number"], "trial"))
     layouts = trials.get("layouts")
     if isinstance(layouts, str):
         said.append(f"{layouts} layouts")
@@ -233,11 +237,7 @@ def _rooms(trials: Mapping[str, Any]) -> str:
 
 
 def _loops(trials: int, loops: int, kind: str) -> str:
-    return _count(trials, f"{kind}trial") + (f", gone through {loops} times" if loops > 1 else "")
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+    return counted(trials, f"{kind}trial") + (f", gone through {loops} times" if loops > 1 else "")
 
 
 def mappings_with(values: Any, keys: set[str]) -> bool:

@@ -27,6 +27,7 @@ from causal_openlock.analysis.report.differences import difference
 from causal_openlock.analysis.report.page import Written, render
 from causal_openlock.analysis.report.section import Section, Table
 from causal_openlock.analysis.summary import judged, measured
+from causal_openlock.counted import counted
 from causal_openlock.files import write_text
 from causal_openlock.protocol import PAPER_CONDITIONS
 
@@ -39,7 +40,7 @@ Results = tuple["pa.Table", Mapping[str, Any]]
 MOST_DRAWN = 60
 """Differences that are drawn: the first ones."""
 
-_TOLD_ELSEWHERE = ("version", "command", "title", "cells", "identity")
+_TOLD_ELSEWHERE = ("version", "command", "title", "cells", "identity", "failures")
 FORMATS = {
     **dict.fromkeys(("subjects_first", "subjects_second"), ","),
     **dict.fromkeys(("attempts_first", "attempts_second"), ".2f"),
@@ -209,8 +210,9 @@ def write_difference(
 def _told(results: Results, trials: pd.DataFrame) -> str:
     record, description = results
     missing = len(description.get("missing_cells") or ())
-    text = f"{record.num_rows:,} attempts in {len(trials):,} trials, seed {description.get('seed')}"
-    return text + (f", {missing} cells missing" if missing else "")
+    attempts, played = counted(record.num_rows, "attempt"), counted(len(trials), "trial")
+    text = f"{attempts} in {played}, seed {description.get('seed')}"
+    return text + (f", {counted(missing, 'cell')} missing" if missing else "")
 
 
 def _changes_section(changed: pd.DataFrame, names: tuple[str, str], label: str) -> Section:
@@ -226,9 +228,8 @@ def said_of_changes(changed: pd.DataFrame) -> str:
     """What differs, in a sentence."""
     if changed.empty:
         return "Nothing differs in what was run."
-    count = len(changed)
-    thing = "thing differs" if count == 1 else "things differ"
-    return f"{count} {thing} in what was run: {some(changed['what'].tolist())}."
+    things = counted(len(changed), "thing differs", "things differ")
+    return f"{things} in what was run: {some(changed['what'].tolist())}."
 
 
 def said_of_noise(table: pd.DataFrame) -> str:

@@ -27,11 +27,13 @@ from causal_openlock.analysis.people.published import did_what_people_did, model
 from causal_openlock.analysis.report.cautions import warnings_of
 from causal_openlock.analysis.report.counting import count
 from causal_openlock.analysis.report.description import describe, trials_played
+from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
 from causal_openlock.analysis.report.per_learner import learner_pages
 from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections import PROVIDERS, sections_of
 from causal_openlock.analysis.summary import headline, summarise, write_table
+from causal_openlock.counted import counted
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files import write_text
 
@@ -74,8 +76,8 @@ def write_report(
             label, or a list of labels or of mappings with a ``label`` or ``name``) gives the order
             in which learners appear; ``versions`` maps packages to a version, or to a list of them
             if cells were run with several, which is warned about; ``missing_cells`` names what
-            an unfinished folder lacks, and the page opens with that. Published results are shown
-            beside whoever did what people did; see
+            an unfinished folder lacks, ``failures`` why, and the page opens with that. Published
+            results are shown beside whoever did what people did; see
             :mod:`~causal_openlock.analysis.people.comparable`.
         providers: What makes its sections; see :mod:`~causal_openlock.analysis.report.sections`.
 
@@ -111,7 +113,8 @@ def make_report(
     earlier = files_of(path)
     written = Written(folder)
 
-    write_table(summary, folder / "summary.csv")
+    missing = missing_cells(experiment)
+    write_table(with_missing(summary, missing), folder / "summary.csv")
     figures = [written.drawing(one) for one in draw_counted(counts, learners, experiment)]
     sections = [written.section(one) for one in sections_of(material, providers)]
     pages = [
@@ -124,11 +127,12 @@ def make_report(
         name=experiment.get("name"),
         seed=experiment.get("seed"),
         command=experiment.get("command"),
-        attempts=f"{record.num_rows:,}",
-        trials=f"{len(trials):,}",
+        attempts=counted(record.num_rows, "attempt"),
+        trials=counted(len(trials), "trial"),
         people_size=style.sizes(people()),
         model_size=style.sizes(model()),
-        missing=[str(name) for name in experiment.get("missing_cells") or ()],
+        missing=[one.told for one in missing],
+        failed=sum(one.failed for one in missing),
         headline=_headline_blocks(heads, learners, described["protocols"]),
         figures=figures,
         sections=sections,

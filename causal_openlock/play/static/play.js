@@ -218,7 +218,13 @@ async function act(action) {
   ]);
   if (status !== 200) return adopt(status, said);
   const before = state.room;
-  console_({ ...before, solutions_left: said.solutions_left, actions_left: said.attempt_over ? 0 : said.next.room.actions_left });
+  console_({
+    ...before,
+    solutions_left: said.solutions_left,
+    // A trial that is over before its attempts are spent has none left to count.
+    attempts_left: !said.trial_over ? before.attempts_left : before.attempts_left > 1 ? "–" : 0,
+    actions_left: said.attempt_over ? 0 : said.next.room.actions_left,
+  });
   await room.carryOut(action, said.outcome);
   const unlocked = before.observation.at(-2) && !said.outcome.at(-2);
   const locked = !before.observation.at(-2) && said.outcome.at(-2);

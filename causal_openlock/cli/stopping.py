@@ -1,0 +1,40 @@
+"""Commands that are stopped and go on another time: Ctrl-C, and SIGTERM, which ends like it."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from causal_openlock.errors import Interrupted, Terminated
+
+
+@contextmanager
+def goes_on() -> Iterator[None]:
+    """What is done here can be stopped, and the same command goes on where it was.
+
+    Raises:
+        Interrupted: If it is.
+    """
+    # Handlers of signals are for the main thread alone.
+    here = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, _terminated) if here else None
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        interrupted = Interrupted("stopped; the same command goes on where it was")
+        if isinstance(stopped, Terminated):
+            interrupted.status = 128 + signal.SIGTERM
+        raise interrupted from None
+    finally:
+        if here:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _terminated(number: int, frame: FrameType | None) -> None:
+    raise Terminated
+
+
+__all__ = ["goes_on"]

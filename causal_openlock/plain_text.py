@@ -1,0 +1,64 @@
+"""Text that somebody else has written, made harmless for where it is shown.
+
+A label, a title or what an exception says can come from a file or a learner of anybody. A terminal
+obeys escape sequences in it, and a spreadsheet takes a cell that begins with ``=`` for a formula.
+Here the characters stay readable and lose their power.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_CONTROL = re.compile(
+    "[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f"  # all but tabs and ends of lines
+    "\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069"  # what turns the direction of writing
+    "\\ud800-\\udfff]"  # halves of characters, which no encoding has
+)
+_RETURN = re.compile("\r\n?")
+_FORMULA = re.compile(r"[=+\-@\t\n＝＋－＠]")
+
+
+def printable(text: object) -> str:
+    r"""Text for a terminal: control characters are spelled out.
+
+    >>> printable("\x1b[31mred")
+    '\\x1b[31mred'
+    """
+    return _CONTROL.sub(lambda found: _spelled(ord(found[0])), str(text).replace("\r\n", "\n"))
+
+
+def _spelled(code: int) -> str:
+    return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
+
+
+def cell(text: str) -> str:
+    """Text for a cell of a CSV file: what a spreadsheet would take for a formula is quoted.
+
+    An apostrophe in front says that it is text (as OWASP recommends); numbers stay numbers.
+
+    >>> cell("=1+1"), cell("-0.5"), cell("CC3-CC4")
+    ("'=1+1", '-0.5', 'CC3-CC4')
+    """
+    text = _RETURN.sub("\n", text)  # which Python's csv would leave unquoted: a row would end there
+    return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return text.strip() == text
+
+
+def csv_of(table: pd.DataFrame) -> str:
+    """A table as CSV, its texts as :func:`cell` has them."""
+    made = table.map(lambda value: cell(value) if isinstance(value, str) else value)
+    return made.rename(columns=lambda name: cell(str(name))).to_csv(index=False)
+
+
+__all__ = ["cell", "csv_of", "printable"]

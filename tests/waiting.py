@@ -1,0 +1,25 @@
+"""Waiting for something to happen in another process, and telling a hang from a slow machine."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable
+
+HANGS = 600
+"""Seconds after which a wait is taken for a hang; nothing is said of speed by that."""
+
+
+def until(happens: Callable[[], object], going: subprocess.Popen[str] | None = None) -> None:
+    """Wait until something is true.
+
+    Args:
+        happens: Asked again and again.
+        going: A process that has to go on until then.
+    """
+    waited = 0.0
+    while not happens():
+        assert going is None or going.poll() is None, "the process ended before it happened"
+        assert waited < HANGS, "it does not happen"
+        time.sleep(0.01)
+        waited += 0.01
