@@ -23,6 +23,7 @@ lint: $(VENV)/installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/run.py
@@ -37,7 +38,7 @@ notebooks: $(VENV)/installed-notebooks
 
 # The JSON Schemas that editors use, made anew from the models.
 json-schemas: $(VENV)/installed
-	$(BIN)/python -m causal_openlock.json_schemas
+	$(BIN)/python -m causal_openlock.experiment.json_schemas
 
 # The exact versions of everything, from a fresh environment.
 lock:

@@ -45,7 +45,7 @@ def main() -> None:
 
 def rooms(levers: int) -> Iterator[Any]:
     """Schemas of so many levers."""
-    from causal_openlock.schema import Schema
+    from causal_openlock.world.schema import Schema
 
     names = [f"L{index}" for index in range(levers)]
     yield Schema(f"any{levers}", names, {name: ["door"] for name in names})
@@ -64,7 +64,7 @@ def played(schema: Any) -> dict[str, Any]:
     from causal_openlock import Condition, Session
     from causal_openlock.belief import sampling, steering
     from causal_openlock.belief.planning import Planner
-    from causal_openlock.protocol import PROTOCOLS
+    from causal_openlock.experiment.protocol import PROTOCOLS
     from learners.bayes import Bayes
 
     counts = {"structures": 0, "states": 0}

@@ -64,7 +64,7 @@ def measure() -> Iterator[Cost]:
 
     from causal_openlock import Condition, Session, find_schema
     from causal_openlock.belief.beliefs import Belief
-    from causal_openlock.protocol import PROTOCOLS
+    from causal_openlock.experiment.protocol import PROTOCOLS
     from learners.bayes import Bayes, BayesParameters
 
     for name, noise in (("CC3", 0.0), ("CC4", 0.0), ("noisy_CC3", 0.5)):
@@ -208,7 +208,7 @@ def draw(costs: list[Cost], path: Path) -> None:
     """Draw time and memory against the number of hypotheses."""
     from matplotlib.figure import Figure
 
-    from causal_openlock.analysis.drawings import style
+    from causal_openlock.analysis.plots import style
 
     rooms = {cost.measured[5:]: cost.hypotheses for cost in costs if cost.unit == "hypotheses"}
     with style.settings():

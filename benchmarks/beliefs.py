@@ -72,7 +72,7 @@ def _whole_subjects(repeats: int) -> Row:
 
 def _play(subjects: int) -> dict[str, Any]:
     from causal_openlock import Condition, Session, find_schema
-    from causal_openlock.protocol import PAPER_CONDITIONS, PROTOCOLS
+    from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS
     from learners.bayes import Bayes
 
     conditions = [Condition.named(name, find_schema) for name in PAPER_CONDITIONS]
@@ -236,7 +236,7 @@ def _plans(repeats: int) -> Iterator[Row]:
     from causal_openlock import Condition, Session, find_schema
     from causal_openlock.belief.believer import situation_of
     from causal_openlock.belief.planning import Objective, Planner
-    from causal_openlock.protocol import PROTOCOLS
+    from causal_openlock.experiment.protocol import PROTOCOLS
     from learners.bayes import Bayes
 
     session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 1, seed=SEED)

@@ -65,8 +65,8 @@ def results(folder: Path) -> list[tuple[Path, Callable[[], Any]]]:
     """Results folders of several sizes: their files, and how each is read."""
     from concurrent.futures import ThreadPoolExecutor
 
-    from causal_openlock.experiment_file import read_experiment
-    from causal_openlock.runner import run
+    from causal_openlock.experiment.file import read_experiment
+    from causal_openlock.experiment.runner import run
 
     found: list[tuple[Path, Callable[[], Any]]] = []
     for size, protocol in SIZES:

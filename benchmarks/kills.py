@@ -28,11 +28,11 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"
 import torch
 
 from causal_openlock import Condition, OneSubjectLearner, Protocol, find_schema
-from causal_openlock.experiment import Cell, Entry
-from causal_openlock.learner_registry import learner_class, parse_parameters
-from causal_openlock.rewards import PAPER_REWARD, find_reward
-from causal_openlock.store import Store
-from causal_openlock.worker import Watching, play_cell
+from causal_openlock.contract.registry import learner_class, parse_parameters
+from causal_openlock.experiment.experiment import Cell, LearnerSpec
+from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.worker import Watching, play_cell
+from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 LONG = Protocol("long", 40, stop_when_solved=True, baseline_trials=2, training_trials=2)
 SHORT = replace(LONG, name="short", attempt_limit=12)
@@ -87,7 +87,7 @@ def cell_of(name: str, seed: int) -> Cell:
     """A cell of two subjects."""
     case = CASES[name]
     parameters = vars(parse_parameters(case.learner, case.parameters)).copy()
-    entry = Entry(
+    entry = LearnerSpec(
         name.replace(" ", "_"),
         case.learner,
         parameters,

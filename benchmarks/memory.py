@@ -50,7 +50,7 @@ def _play(attempt_limit: int) -> dict[str, int]:
     import pyarrow  # noqa: F401 - loaded before the peak begins
 
     from causal_openlock import Condition, Session, find_schema
-    from causal_openlock.protocol import PROTOCOLS
+    from causal_openlock.experiment.protocol import PROTOCOLS
     from learners.random import RandomLearner
 
     condition = Condition.named("CC4", find_schema)

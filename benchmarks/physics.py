@@ -18,10 +18,10 @@ import numpy as np
 from measure import Row, Target, in_turns, stopwatch
 
 import causal_openlock
-from causal_openlock.fsm import compile
+from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.physics import PhysicalRoom
-from causal_openlock.room import Layout, Room
-from causal_openlock.schema_file import find_schema
+from causal_openlock.world.fsm import compile_schema
+from causal_openlock.world.room import Layout, Room
 
 LEAST = 40
 """Actions per second on one core that a person or a film needs at the least."""
@@ -100,7 +100,7 @@ def agreement(name: str, others: int = 500) -> Agreement:
     result = Agreement()
     result.play(Room.of(schema, ROOMS[name]), product(range(15), repeat=3))
     generator = np.random.default_rng(0)
-    fsm = compile(schema)
+    fsm = compile_schema(schema)
     for sequence in generator.integers(15, size=(others, 3)).tolist():
         result.play(Room(fsm, Layout.random(schema, generator)), [sequence])
     return result

@@ -191,10 +191,10 @@ class Player:
 
 def _lost(folder: Path, players: list[Player]) -> int:
     """How many clicks differ between what was answered and what is on file."""
+    from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+    from causal_openlock.formats.schema_file import find_schema
     from causal_openlock.play import read_reactions
     from causal_openlock.play.people import People
-    from causal_openlock.protocol import PROTOCOLS, Condition
-    from causal_openlock.schema_file import find_schema
 
     home = People(folder, [Condition.named("CC4", find_schema)], PROTOCOLS["human"])
     subjects = [home.cell_of(player.name).first_subject for player in players]

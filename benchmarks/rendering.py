@@ -14,11 +14,11 @@ import numpy as np
 from measure import Measurement, Row, Target, in_turns, stopwatch
 
 import causal_openlock
+from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.physics import PhysicalRoom, Pose
 from causal_openlock.render.panel import draw
 from causal_openlock.render.scene import Look
-from causal_openlock.room import Room
-from causal_openlock.schema_file import find_schema
+from causal_openlock.world.room import Room
 
 LEAST = 200
 """Frames of a symbolic room per second on one core."""

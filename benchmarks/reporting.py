@@ -25,7 +25,7 @@ from measure import Row, Target
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from causal_openlock.experiment import Cell
+    from causal_openlock.experiment.experiment import Cell
 
 ATTEMPTS = 10_000_000
 SECONDS, GIGABYTES = 60.0, 2.0
@@ -67,8 +67,8 @@ def fabricate(folder: Path, protocol: str, attempts: int = ATTEMPTS) -> int:
     Returns:
         How many attempts it has.
     """
-    from causal_openlock.experiment_file import read_experiment
-    from causal_openlock.store import Store
+    from causal_openlock.experiment.file import read_experiment
+    from causal_openlock.experiment.store import Store
 
     subjects, cell_size, chance = RECORDS[protocol]
     share = attempts / ATTEMPTS
@@ -96,8 +96,8 @@ def _record(cell: Cell, number: int, chance: float) -> pa.Table:
     """A cell whose attempts find solutions by chance, the more often the later in a phase."""
     import numpy as np
 
-    from causal_openlock.protocol import plan
-    from causal_openlock.record import AttemptLog, assemble
+    from causal_openlock.experiment.protocol import plan
+    from causal_openlock.experiment.record import AttemptLog, assemble
 
     rng = np.random.default_rng(number)
     protocol = cell.entry.protocol

@@ -14,8 +14,8 @@ import pyarrow as pa
 from measure import Measurement, Row, Target, in_turns, stopwatch
 
 from causal_openlock import Condition, OpenLockEnv, Session, find_schema
-from causal_openlock.protocol import PROTOCOLS
-from causal_openlock.room import published_layouts
+from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.world.room import published_layouts
 from learners.random import RandomLearner
 
 SUBJECTS, SUBJECTS_IN_THE_LOOP = 4096, 64

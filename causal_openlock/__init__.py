@@ -8,34 +8,35 @@ more than importing Gymnasium. Importing it registers the environments
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
 
+from causal_openlock.version import __version__
+
 if TYPE_CHECKING:
+    from causal_openlock.contract.learner import Brief as Brief
+    from causal_openlock.contract.learner import InformedLearner as InformedLearner
+    from causal_openlock.contract.learner import Learner as Learner
+    from causal_openlock.contract.learner import Step as Step
+    from causal_openlock.contract.learner import View as View
+    from causal_openlock.contract.one_subject import OneSubjectLearner as OneSubjectLearner
     from causal_openlock.envs import OpenLockEnv as OpenLockEnv
     from causal_openlock.envs import OpenLockVectorEnv as OpenLockVectorEnv
     from causal_openlock.errors import OpenLockError as OpenLockError
-    from causal_openlock.fsm import FSM as FSM
-    from causal_openlock.fsm import compile as compile
-    from causal_openlock.learner import Brief as Brief
-    from causal_openlock.learner import InformedLearner as InformedLearner
-    from causal_openlock.learner import Learner as Learner
-    from causal_openlock.learner import Step as Step
-    from causal_openlock.learner import View as View
-    from causal_openlock.one_subject import OneSubjectLearner as OneSubjectLearner
-    from causal_openlock.protocol import Condition as Condition
-    from causal_openlock.protocol import Protocol as Protocol
-    from causal_openlock.room import Layout as Layout
-    from causal_openlock.room import Room as Room
-    from causal_openlock.schema import Gate as Gate
-    from causal_openlock.schema import Schema as Schema
-    from causal_openlock.schema_file import find_schema as find_schema
-    from causal_openlock.schema_file import read_schema as read_schema
-    from causal_openlock.schema_file import write_schema as write_schema
-    from causal_openlock.session import Session as Session
-
-__version__ = "0.2.0"
+    from causal_openlock.experiment.protocol import Condition as Condition
+    from causal_openlock.experiment.protocol import Protocol as Protocol
+    from causal_openlock.experiment.session import Session as Session
+    from causal_openlock.formats.schema_file import find_schema as find_schema
+    from causal_openlock.formats.schema_file import read_schema as read_schema
+    from causal_openlock.formats.schema_file import write_schema as write_schema
+    from causal_openlock.world.fsm import FSM as FSM
+    from causal_openlock.world.fsm import compile_schema as compile_schema
+    from causal_openlock.world.room import Layout as Layout
+    from causal_openlock.world.room import Room as Room
+    from causal_openlock.world.schema import Gate as Gate
+    from causal_openlock.world.schema import Schema as Schema
 
 ENV_ID = "causal_openlock/OpenLock-v0"
 MIXED_ID = "causal_openlock/MixedRooms-v0"
@@ -43,14 +44,14 @@ MIXED_ID = "causal_openlock/MixedRooms-v0"
 _HOMES = {
     "envs": ("OpenLockEnv", "OpenLockVectorEnv"),
     "errors": ("OpenLockError",),
-    "fsm": ("FSM", "compile"),
-    "learner": ("Brief", "InformedLearner", "Learner", "Step", "View"),
-    "one_subject": ("OneSubjectLearner",),
-    "protocol": ("Condition", "Protocol"),
-    "room": ("Layout", "Room"),
-    "schema": ("Gate", "Schema"),
-    "schema_file": ("find_schema", "read_schema", "write_schema"),
-    "session": ("Session",),
+    "world.fsm": ("FSM", "compile_schema"),
+    "contract.learner": ("Brief", "InformedLearner", "Learner", "Step", "View"),
+    "contract.one_subject": ("OneSubjectLearner",),
+    "experiment.protocol": ("Condition", "Protocol"),
+    "world.room": ("Layout", "Room"),
+    "world.schema": ("Gate", "Schema"),
+    "formats.schema_file": ("find_schema", "read_schema", "write_schema"),
+    "experiment.session": ("Session",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -63,6 +64,11 @@ if ENV_ID not in registry:
         vector_entry_point="causal_openlock.envs:OpenLockVectorEnv",
     )
     register(id=MIXED_ID, entry_point="causal_openlock.envs:MixedRoomsEnv")
+
+if "IPython" in sys.modules:
+    from causal_openlock.notebook import register_formatters
+
+    register_formatters()
 
 
 def __getattr__(name: str) -> Any:

@@ -6,8 +6,6 @@ names the remedy, so the command line prints it as it is and exits with status 2
 
 from __future__ import annotations
 
-import difflib
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -136,20 +134,3 @@ class FileError(OpenLockError):
 
     def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:
         return FileError, (self.path, self.faults)
-
-
-_PARTS = re.compile(r"(\d+)").split
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Say which known name was probably meant, and list what there is.
-
-    Returns:
-        A clause such as ``did you mean CC4? known: CC3, CC4``.
-    """
-    # Numbers within names count as numbers, so that trial10 comes after trial2.
-    names = sorted(known, key=lambda name: [int(x) if x.isdigit() else x for x in _PARTS(name)])
-    lowered = {known_name.lower(): known_name for known_name in names}
-    close = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=0.5)
-    meant = f"did you mean {lowered[close[0]]}? " if close else ""
-    return f"{meant}known: {', '.join(names) or 'none'}"

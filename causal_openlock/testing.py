@@ -16,8 +16,9 @@ learner gets settings and schemas with which each test takes seconds::
         schemas = ("CC3", "CE4")
         attempts = 40  # until when it has been trained a few hundred times
 
-Each test stands for one promise of :class:`~causal_openlock.learner.Learner`, and its message says
-what was promised, what happened and where to look. What a learner is good for is not tested.
+Each test stands for one promise of :class:`~causal_openlock.contract.learner.Learner`, and its
+message says what was promised, what happened and where to look. What a learner is good for is not
+tested.
 """
 
 from __future__ import annotations
@@ -32,20 +33,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.contract_probes import GlobalRandomness, Shown, WrittenTo, without
-from causal_openlock.learner import InformedLearner, Learner, Step, View
-from causal_openlock.learner_registry import (
+from causal_openlock.contract.learner import InformedLearner, Learner, Step, View
+from causal_openlock.contract.probes import GlobalRandomness, Shown, WrittenTo, without
+from causal_openlock.contract.registry import (
     create,
     learner_class,
     parameter_table,
     parse_parameters,
 )
-from causal_openlock.protocol import Condition, Protocol, Trials
-from causal_openlock.record import record_schema
-from causal_openlock.room import Layout
-from causal_openlock.schema import Schema
-from causal_openlock.schema_file import bundled_schemas, find_schema
-from causal_openlock.session import Session
+from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.record import record_schema
+from causal_openlock.experiment.session import Session
+from causal_openlock.formats.schema_file import bundled_schemas, find_schema
+from causal_openlock.world.room import Layout
+from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -40,11 +40,11 @@ from causal_openlock.belief.prior import Count, Prior, Share
 from causal_openlock.belief.sampling import DRAWS, LISTED_CAUSES, ROUNDS
 from causal_openlock.belief.space import Space
 from causal_openlock.belief.structures import behaviour_bytes
-from causal_openlock.expected_cost import Cost
-from causal_openlock.fsm import FloatArray, IntArray
-from causal_openlock.learner import Brief, Step, View
-from causal_openlock.randomness import Streams, pick
-from causal_openlock.schema import Schema
+from causal_openlock.contract.learner import Brief, Step, View
+from causal_openlock.experiment.expected_cost import Cost
+from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.randomness import Streams, pick
+from causal_openlock.world.schema import Schema
 
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"

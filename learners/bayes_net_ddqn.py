@@ -19,9 +19,9 @@ from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.believer import Believer
 from causal_openlock.belief.planning import TIE
 from causal_openlock.belief.prior import Prior
-from causal_openlock.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.learner import Brief, Step, View
-from causal_openlock.randomness import pick
+from causal_openlock.contract.learner import Brief, Step, View
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.randomness import pick
 from learners.ddqn import DDQN, DDQNParameters
 
 

@@ -9,8 +9,8 @@ target network, whether values reach over the end of an attempt) is a parameter 
 :class:`DDQN` sees the room and nothing of what came before in the trial: it cannot know which
 solutions it has found. :class:`SemiMarkovDDQN` is told in a few more bits how many. All subjects of
 a cell are trained at once, each with a network, a replay memory and randomness of its own: on a CPU
-by compiled loops (:mod:`learners.compiled`), on a GPU by torch, replayed as a CUDA graph
-(:mod:`learners.captured`).
+by compiled loops (:mod:`learners.networks.compiled`), on a GPU by torch, replayed as a CUDA graph
+(:mod:`learners.networks.captured`).
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from causal_openlock.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.learner import Brief, Learner, Observations, Step, View
-from causal_openlock.randomness import Streams
-from learners.denormals import denormals_flushed
+from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.randomness import Streams
+from learners.networks.denormals import denormals_flushed
 
 if TYPE_CHECKING:
     import torch
     from torch import Tensor
 
-    from learners.replay import PrioritisedReplay, Replay
-    from learners.stacked import StackedDoubleQ
+    from learners.networks.replay import PrioritisedReplay, Replay
+    from learners.networks.stacked import StackedDoubleQ
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
@@ -98,10 +98,10 @@ class DDQNParameters:
 def double_q(device: torch.device) -> type[StackedDoubleQ]:
     """What trains there: on a CPU compiled loops, elsewhere torch's, captured as a CUDA graph."""
     if device.type == "cpu":
-        from learners.compiled import CompiledDoubleQ
+        from learners.networks.compiled import CompiledDoubleQ
 
         return CompiledDoubleQ
-    from learners.captured import CapturedDoubleQ
+    from learners.networks.captured import CapturedDoubleQ
 
     return CapturedDoubleQ
 
@@ -116,8 +116,8 @@ class DDQN(Learner):
         """Make a network, a replay memory and streams of randomness for each subject."""
         import torch
 
-        from learners.replay import ObservationTable, PrioritisedReplay, Replay
-        from learners.stacked import find_device
+        from learners.networks.replay import ObservationTable, PrioritisedReplay, Replay
+        from learners.networks.stacked import find_device
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)

@@ -35,12 +35,12 @@ from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, 
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.strength import Strengths, at_least, strengths
 from causal_openlock.belief.symmetry import bits
+from causal_openlock.contract.learner import Brief, InformedLearner, Observations, Step, Truth, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.expected_cost import Cost
-from causal_openlock.fsm import FloatArray, IntArray
-from causal_openlock.learner import Brief, InformedLearner, Observations, Step, Truth, View
-from causal_openlock.randomness import Streams
-from causal_openlock.schema import Schema
+from causal_openlock.experiment.expected_cost import Cost
+from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.randomness import Streams
+from causal_openlock.world.schema import Schema
 
 PLANNED = 600
 """The most hypotheses that a plan takes into account."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from causal_openlock.fsm import IntArray
-from causal_openlock.learner import Brief, InformedLearner, Truth, View
+from causal_openlock.contract.learner import Brief, InformedLearner, Truth, View
+from causal_openlock.world.fsm import IntArray
 
 
 class Oracle(InformedLearner):

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from causal_openlock.fsm import IntArray
-from causal_openlock.learner import Brief, Learner, View
-from causal_openlock.randomness import Streams
+from causal_openlock.contract.learner import Brief, Learner, View
+from causal_openlock.world.fsm import IntArray
+from causal_openlock.world.randomness import Streams
 
 
 class RandomLearner(Learner):

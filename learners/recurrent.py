@@ -19,18 +19,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from causal_openlock.fsm import BoolArray, IntArray
-from causal_openlock.learner import Brief, Learner, Step, View
-from causal_openlock.randomness import Streams
+from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.world.fsm import BoolArray, IntArray
+from causal_openlock.world.randomness import Streams
 from learners.ddqn import Count, Share
-from learners.denormals import denormals_flushed
-from learners.perception import Perception
-from learners.sequence_replay import SequenceReplay
+from learners.networks.denormals import denormals_flushed
+from learners.networks.perception import Perception
+from learners.networks.sequence_replay import SequenceReplay
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from learners.stacked_recurrent import RecurrentDoubleQ
+    from learners.networks.stacked_recurrent import RecurrentDoubleQ
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Recurrent(Learner):
         """Make a network, a replay memory and streams of randomness for each subject."""
         import torch
 
-        from learners.stacked_recurrent import RecurrentDoubleQ, StackedRecurrentNetwork
+        from learners.networks.stacked_recurrent import RecurrentDoubleQ, StackedRecurrentNetwork
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)

@@ -1,7 +1,7 @@
 """A learner that has learned to find out: RL² (Duan et al., 2016; Wang et al., 2016).
 
 Its network was trained by policy gradient in rooms of many schemas, in layouts other than those
-that are tested (:mod:`learners.meta_training`). Now its weights are frozen, and it finds out how a
+that are tested (:mod:`learners.meta.training`). Now its weights are frozen, and it finds out how a
 room works with its memory alone, which is carried from attempt to attempt, and also from trial to
 trial unless it is reset. What it perceives is what the recurrent Q-learner perceives: the room, the
 console, its own last action and what came of it.
@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.fsm import IntArray
-from causal_openlock.learner import Brief, Learner, Step, View
-from causal_openlock.randomness import Streams
-from learners.denormals import denormals_flushed
-from learners.perception import Perception
+from causal_openlock.world.fsm import IntArray
+from causal_openlock.world.randomness import Streams
+from learners.networks.denormals import denormals_flushed
+from learners.networks.perception import Perception
 
 if TYPE_CHECKING:
-    from learners.actor_critic import Floats, Rollout
+    from learners.networks.actor_critic import Floats, Rollout
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
@@ -71,7 +71,7 @@ class RL2(Learner):
     @classmethod
     def material(cls, parameters: RL2Parameters) -> str:
         """A hash of the trained network."""
-        from learners.network_file import BUNDLED, MOST_BYTES
+        from learners.networks.network_file import BUNDLED, MOST_BYTES
 
         path = Path(parameters.checkpoint or BUNDLED)
         try:
@@ -86,8 +86,8 @@ class RL2(Learner):
         """Load the network, once for each subject."""
         import torch
 
-        from learners.actor_critic import PolicyGradient, Trainer
-        from learners.network_file import BUNDLED, read_network
+        from learners.networks.actor_critic import PolicyGradient, Trainer
+        from learners.networks.network_file import BUNDLED, read_network
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
@@ -142,7 +142,7 @@ class RL2(Learner):
 
     def act(self, view: View) -> IntArray:
         """``[B]`` what the policy says; what is perceived is remembered once it is acted on."""
-        from learners.actor_critic import chosen
+        from learners.networks.actor_critic import chosen
 
         self._logits, self._values, self._memory_after = self._think(view)
         uniform = self._streams.uniform()
@@ -166,7 +166,7 @@ class RL2(Learner):
             self._begin_rollout()
 
     def _happened(self, step: Step) -> dict[str, Any]:
-        from learners.actor_critic import log_chance
+        from learners.networks.actor_critic import log_chance
 
         action = np.where(step.view.playing, step.action, 0)
         return {
@@ -182,7 +182,7 @@ class RL2(Learner):
 
     def _rollout(self, after: View) -> Rollout:
         """The steps since the last update, ``[B, T, 1]``."""
-        from learners.actor_critic import Rollout
+        from learners.networks.actor_critic import Rollout
 
         from_numpy = self._torch.from_numpy
         stacked = {

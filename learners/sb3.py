@@ -28,10 +28,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from causal_openlock.contract_probes import GlobalRandomness
-from causal_openlock.errors import LearnerError, nearest
-from causal_openlock.fsm import IntArray
-from causal_openlock.learner import Brief, Learner, Step, View
+from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.contract.probes import GlobalRandomness
+from causal_openlock.errors import LearnerError
+from causal_openlock.wording import nearest
+from causal_openlock.world.fsm import IntArray
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")
 OURS = ("policy", "env", "seed", "_init_setup_model")

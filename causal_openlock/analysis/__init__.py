@@ -1,7 +1,7 @@
 """From the record to a report: measures, statistics, figures.
 
-Everything here reads the record (:mod:`causal_openlock.record`), one step after the other, and the
-description of the experiment for what its names stand for:
+Everything here reads the record (:mod:`causal_openlock.experiment.record`), one step after the
+other, and the description of the experiment for what its names stand for:
 
 =============== =================================================================================
 ``measures``    What happened: attempts to solve each trial, attempts in each category.

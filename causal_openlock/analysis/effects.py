@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, percentile_interval
-from causal_openlock.fsm import FloatArray, IntArray
+from causal_openlock.world.fsm import FloatArray, IntArray
 
 ALPHA = 0.05
 """Significance level."""

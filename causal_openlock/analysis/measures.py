@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from causal_openlock.counted import counted
 from causal_openlock.errors import StoreError
-from causal_openlock.fsm import IntArray
-from causal_openlock.protocol import PAPER_CONDITIONS
-from causal_openlock.record import CATEGORIES, PHASES
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.record import CATEGORIES, PHASES
+from causal_openlock.wording import counted
+from causal_openlock.world.fsm import IntArray
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -45,7 +45,8 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     """How many attempts every trial took.
 
     Args:
-        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
+            order.
 
     Returns:
         One row for each trial that a subject visited, sorted by the columns ``learner``,
@@ -69,7 +70,8 @@ def attempts_to_find(record: pa.Table, most: int = 3) -> pd.DataFrame:
     """How many attempts the first solution of every trial took, and the second, and so on.
 
     Args:
-        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
+            order.
         most: How many solutions of a trial to tell of; those after them are left out.
 
     Returns:
@@ -108,7 +110,8 @@ def solutions_per_attempt(record: pa.Table) -> pd.DataFrame:
     """How often an attempt came to a solution, in every trial.
 
     Args:
-        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
+            order.
 
     Returns:
         The rows and columns of :func:`attempts_to_solve` with two shares, from 0 to 1:
@@ -137,12 +140,13 @@ def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
     shares (equal up to one attempt); the counts of the subjects are added up.
 
     Args:
-        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
+            order.
         blocks: How many shares; 1 counts the whole phase.
 
     Returns:
         One row for each ``learner``, ``condition``, ``protocol``, ``phase``, ``block`` (from 1)
-        and ``category`` (every one of :data:`~causal_openlock.record.CATEGORIES`), with
+        and ``category`` (every one of :data:`~causal_openlock.experiment.record.CATEGORIES`), with
 
         - ``count``: attempts of all subjects, and ``subjects``: how many these are.
         - ``until``: attempts of one subject from the phase's first to the block's last, averaged

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
-from causal_openlock.fsm import FloatArray
+from causal_openlock.world.fsm import FloatArray
 
 LEVEL = 0.95
 RESAMPLES = 2000

@@ -35,8 +35,8 @@ from causal_openlock.belief.sampling import (
 from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import strengths
 from causal_openlock.belief.structures import Structures
-from causal_openlock.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.learner import Brief, Step, View
+from causal_openlock.contract.learner import Brief, Step, View
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 enumerated = lru_cache(maxsize=64)(enumerate_space)
 STRENGTH_NODES = 10

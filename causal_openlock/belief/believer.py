@@ -14,10 +14,10 @@ import numpy as np
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.insight import edge_probabilities, most_probable
 from causal_openlock.belief.planning import Objective, Planner, Situation
+from causal_openlock.contract.learner import Learner, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.fsm import FloatArray
-from causal_openlock.learner import Learner, View
-from causal_openlock.schema import Schema
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
     from causal_openlock.belief.networks import Model

@@ -15,7 +15,7 @@ import numpy as np
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.strength import Strengths
 from causal_openlock.belief.structures import Masks
-from causal_openlock.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 DOOR = -1
 """The slot of an event that is a push of the door."""

@@ -16,9 +16,9 @@ from causal_openlock.belief.beliefs import Belief
 from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.strength import Strengths
 from causal_openlock.belief.structures import Structures
-from causal_openlock.fsm import FloatArray, IntArray
-from causal_openlock.room import position_names
-from causal_openlock.schema import DOOR, Gate, Schema
+from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.room import position_names
+from causal_openlock.world.schema import DOOR, Gate, Schema
 
 
 def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:

@@ -11,8 +11,8 @@ import numpy as np
 
 from causal_openlock.belief.planning import Situation, achievable
 from causal_openlock.belief.space import Hypotheses
-from causal_openlock.fsm import BoolArray, FloatArray
-from causal_openlock.randomness import pick
+from causal_openlock.world.fsm import BoolArray, FloatArray
+from causal_openlock.world.randomness import pick
 
 
 def draw_intention(

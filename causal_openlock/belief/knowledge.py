@@ -19,7 +19,7 @@ from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.space import RULES, Space
 from causal_openlock.belief.strength import Strengths
-from causal_openlock.fsm import FloatArray, IntArray
+from causal_openlock.world.fsm import FloatArray, IntArray
 
 RULE_CHANGES = 1e-3
 """Probability that another rule holds in the next room; keeps every rule possible."""

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.fsm import BoolArray
+from causal_openlock.world.fsm import BoolArray
 
 Families = NDArray[np.uint64]
 """``[..., W]`` families of sets of n levers; W is 2^n / 64, and at least one."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from causal_openlock.room import Room, position_names
-from causal_openlock.schema import DOOR, Schema
+from causal_openlock.world.room import Room, position_names
+from causal_openlock.world.schema import DOOR, Schema
 
 
 def by_position(room: Room) -> Schema:

@@ -9,7 +9,7 @@ question here has three parts:
 * ``pulled``: levers set to 0;
 * ``push_probability``: each lever that is not set is pushed with this probability, once, causes
   before effects, and moves if its gate lets it (see
-  :func:`~causal_openlock.schema_formats.to_bayesian_network`).
+  :func:`~causal_openlock.formats.graphs.to_bayesian_network`).
 
 Three questions that can be asked so, of levers A and B and all the others:
 
@@ -35,11 +35,12 @@ import numpy as np
 
 from causal_openlock.belief.beliefs import Belief
 from causal_openlock.belief.insight import Held, edge_probabilities, held, most_probable
-from causal_openlock.errors import OpenLockError, nearest
-from causal_openlock.fsm import FloatArray
-from causal_openlock.room import position_names
-from causal_openlock.schema import DOOR, Schema
-from causal_openlock.schema_formats import to_bayesian_network
+from causal_openlock.errors import OpenLockError
+from causal_openlock.formats.graphs import to_bayesian_network
+from causal_openlock.wording import nearest
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.room import position_names
+from causal_openlock.world.schema import DOOR, Schema
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,7 +59,7 @@ class Model:
         probability: How probable it is, together with those that act alike in every attempt.
         network: The same as a checked network: levers that are pushed once, causes before effects,
             and a door that is then pushed open. Ask it anything that pgmpy can answer, and see
-            :func:`~causal_openlock.schema_formats.to_bayesian_network` for what its states mean.
+            :func:`~causal_openlock.formats.graphs.to_bayesian_network` for what its states mean.
         edges: ``[P, P + 1]`` posterior-mean probability that the lever of the row enables that of
             the column, or the door; averaged over all structures.
         held: Every structure that is held possible.
@@ -148,7 +149,7 @@ def model_of(belief: Belief, classes: FloatArray) -> Model:
 def lock_network(schema: Schema, push_probability: float = 0.0) -> DiscreteBayesianNetwork:
     """The causal model of the lock: levers as they are, and a door that is unlocked or not.
 
-    It is :func:`~causal_openlock.schema_formats.to_bayesian_network` but for the door, whose state
+    It is :func:`~causal_openlock.formats.graphs.to_bayesian_network` but for the door, whose state
     is 1 if it is unlocked, which no strength has a part in, and not if it opens.
 
     Args:

@@ -14,7 +14,7 @@ import numpy as np
 
 from causal_openlock.belief.recall import Seen, in_mind
 from causal_openlock.belief.space import Space
-from causal_openlock.fsm import FloatArray, IntArray
+from causal_openlock.world.fsm import FloatArray, IntArray
 
 
 @dataclass(eq=False, repr=False)

@@ -27,7 +27,7 @@ import numpy as np
 from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.symmetry import Symmetry, bits, swapped
-from causal_openlock.fsm import BoolArray, FloatArray
+from causal_openlock.world.fsm import BoolArray, FloatArray
 
 NODE_LIMIT = 20_000
 """States that are looked at before a problem counts as too large; a few seconds."""

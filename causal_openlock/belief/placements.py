@@ -16,8 +16,8 @@ import numpy as np
 from causal_openlock.belief.catalogue import solution_masks
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.structures import NEVER, Structures, merge, renamed
-from causal_openlock.fsm import FloatArray
-from causal_openlock.schema import DOOR, Schema
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.schema import DOOR, Schema
 
 TABLE_LIMIT = 1 << 20
 """Placements of a schema that are listed, times the sets of its levers."""

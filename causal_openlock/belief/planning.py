@@ -24,7 +24,7 @@ from causal_openlock.belief.evidence import completes
 from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.strength import Strengths
 from causal_openlock.belief.structures import NEVER
-from causal_openlock.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 MOST_BRANCHES = 5000
 """Sequences of pushes that a plan goes through at most, about; seven levers are looked at for four

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
 from causal_openlock.belief.space import Space
-from causal_openlock.fsm import FloatArray, IntArray
+from causal_openlock.world.fsm import FloatArray, IntArray
 
 Seen = tuple[Any, ...]
 """An event: slot, pushed before, took effect, unlocked after, new solution, and what was found."""

@@ -29,7 +29,7 @@ from causal_openlock.belief.space import Block, Hypotheses, RoomSight, Space, pl
 from causal_openlock.belief.steering import steered
 from causal_openlock.belief.strength import at_least
 from causal_openlock.belief.structures import Structures, merge
-from causal_openlock.fsm import FloatArray, IntArray
+from causal_openlock.world.fsm import FloatArray, IntArray
 
 Happened = tuple[int, int, bool, bool]
 """What matters of an event to single gates: slot, pushed before, took effect, unlocked after."""

@@ -28,7 +28,7 @@ from causal_openlock.belief.catalogue import (
 )
 from causal_openlock.belief.strength import Strengths
 from causal_openlock.belief.structures import NEVER, Counts, Masks, renamed
-from causal_openlock.fsm import FloatArray, IntArray
+from causal_openlock.world.fsm import FloatArray, IntArray
 
 RULES = ("grey", "white", "position")
 """What may mark the active levers."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from causal_openlock.belief.catalogue import distance
 from causal_openlock.belief.structures import Structures
-from causal_openlock.fsm import IntArray
+from causal_openlock.world.fsm import IntArray
 
 PULL = 1.5
 """What a solution too many or too few costs, in nats."""

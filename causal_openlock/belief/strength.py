@@ -15,8 +15,8 @@ from functools import cache
 import numpy as np
 
 from causal_openlock.belief.structures import NEVER
-from causal_openlock.fsm import FloatArray
-from causal_openlock.schema import MAX_LEVERS
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.schema import MAX_LEVERS
 
 CERTAIN = 0
 """Index of the strength 1."""

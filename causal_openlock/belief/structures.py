@@ -2,8 +2,8 @@
 
 A *structure* on n levers says, for each lever and for the door, which levers enable it and how
 many of these must be pushed: the causes as a bit mask, and a threshold (1 is ``any``, all of them
-is ``all``, 0 is a free lever). It is a :class:`~causal_openlock.schema.Schema` without names, in a
-form in which ten thousand of them are compared at once: M structures are two small arrays.
+is ``all``, 0 is a free lever). It is a :class:`~causal_openlock.world.schema.Schema` without names,
+in a form in which ten thousand of them are compared at once: M structures are two small arrays.
 
 What a structure *does* is derived here for all of them together: which sets of levers unlock the
 door, which of these sets are minimal (the solutions), and which levers are inert. Two structures
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.belief.lever_sets import Families, meeting, members, minimal, with_lever
-from causal_openlock.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 Masks = NDArray[np.uint16]
 Counts = NDArray[np.uint8]

@@ -12,7 +12,7 @@ import numpy as np
 
 from causal_openlock.belief.placements import on_slots
 from causal_openlock.belief.space import Hypotheses
-from causal_openlock.fsm import BoolArray, FloatArray
+from causal_openlock.world.fsm import BoolArray, FloatArray
 
 
 class Symmetry:

@@ -7,7 +7,7 @@ answer comes and less than one when the likely one does, and an answer that rule
 most probable can leave a subject less certain than it was.
 
 :mod:`causal_openlock.belief.story` tells a trace in words,
-:mod:`causal_openlock.analysis.drawings.belief` draws it.
+:mod:`causal_openlock.analysis.plots.belief` draws it.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
 from causal_openlock.belief.evidence import Event, likelihood
 from causal_openlock.belief.likeness import by_position
 from causal_openlock.belief.words import told
+from causal_openlock.contract.learner import InformedLearner, Learner, Step, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.fsm import FloatArray
-from causal_openlock.learner import InformedLearner, Learner, Step, View
-from causal_openlock.protocol import Condition, Protocol, check_trial
-from causal_openlock.rewards import PAPER_REWARD, RewardFunction
-from causal_openlock.room import position_names
-from causal_openlock.schema import DOOR, Schema
-from causal_openlock.session import Session
+from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
+from causal_openlock.experiment.session import Session
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
+from causal_openlock.world.room import position_names
+from causal_openlock.world.schema import DOOR, Schema
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -222,8 +222,8 @@ def trace_trial(
 ) -> Trace:
     """Let one subject play up to the end of a trial, and watch what it believes in this trial.
 
-    The subject does what it does in any :class:`~causal_openlock.session.Session` with the same
-    condition, protocol, number, seed and label.
+    The subject does what it does in any :class:`~causal_openlock.experiment.session.Session` with
+    the same condition, protocol, number, seed and label.
 
     Args:
         learner: What plays; it must not have begun.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from causal_openlock.schema import DOOR, Schema
+from causal_openlock.world.schema import DOOR, Schema
 
 
 def told(schema: Schema) -> str:

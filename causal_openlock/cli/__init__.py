@@ -37,7 +37,7 @@ app.command("play")(play.play)
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from causal_openlock import __version__
+        from causal_openlock.version import __version__
 
         typer.echo(__version__)
         raise typer.Exit

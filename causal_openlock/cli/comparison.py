@@ -12,16 +12,14 @@ import typer
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.table import Table
     from rich.text import Text
 
-    from causal_openlock.analysis.report.missing import Missing
+    from causal_openlock.analysis.report.sections.missing import Missing
     from causal_openlock.cli.terminal import Console
-    from causal_openlock.experiment import Cell, Experiment
-    from causal_openlock.store import Store
-    from causal_openlock.worker import Watching
+    from causal_openlock.experiment.experiment import Cell, Experiment
+    from causal_openlock.experiment.store import Store
+    from causal_openlock.experiment.worker import Watching
 
-MOST_COLUMNS = 1000
 MOST_TOLD = 40
 """Missing cells that are told of on the terminal; the report has them all."""
 
@@ -78,10 +76,10 @@ def compare(
     from causal_openlock.cli.stopping import goes_on
     from causal_openlock.cli.terminal import Console
     from causal_openlock.errors import CellsFailed, OpenLockError
-    from causal_openlock.expected_cost import cost_cautions
-    from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
-    from causal_openlock.store import Store
-    from causal_openlock.worker import Watching
+    from causal_openlock.experiment.expected_cost import cost_cautions
+    from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+    from causal_openlock.experiment.store import Store
+    from causal_openlock.experiment.worker import Watching
 
     changes = Changes(condition or None, learner or None, protocol, subjects, seed)
     console = Console()
@@ -126,7 +124,7 @@ def report(
     """Write the report of a comparison anew, or of what people played, or compare two of them."""
     from causal_openlock.cli.terminal import Console
     from causal_openlock.errors import OpenLockError
-    from causal_openlock.store import Store
+    from causal_openlock.experiment.store import Store
 
     if against is None:
         if out is not None:
@@ -153,7 +151,7 @@ def _run(
     console: Console,
 ) -> Store:
     from causal_openlock.cli.progress import shown
-    from causal_openlock.runner import run
+    from causal_openlock.experiment.runner import run
 
     known = 0
 
@@ -184,11 +182,11 @@ def _warn(console: Console, sentence: str) -> None:
 
 
 def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
-    from causal_openlock.analysis.people.beside import beside
-    from causal_openlock.analysis.report.missing import missing_cells
-    from causal_openlock.analysis.report.reading import read_results
-    from causal_openlock.analysis.report.sections import columns_of
+    from causal_openlock.analysis.report.section_registry import columns_of
+    from causal_openlock.analysis.report.sections.missing import missing_cells
     from causal_openlock.analysis.report.writing import make_report
+    from causal_openlock.analysis.results.people.beside import beside
+    from causal_openlock.analysis.results.reading import read_results
 
     columns = columns_of()
     record, description = beside([read_results(one, columns) for one in (store, *others)])
@@ -202,7 +200,7 @@ def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> Non
 
 def _print_missing(missing: Sequence[Missing], console: Console) -> None:
     """What none of the numbers is about, a line for each cell."""
-    from causal_openlock.counted import counted
+    from causal_openlock.wording import counted
 
     if missing:
         console.print(
@@ -243,22 +241,12 @@ def _print_headline(
             if len(own):
                 cells = [_cell(own[own["condition"] == condition]) for condition in order]
                 shown.add_row(learner, *cells)
-        print_whole(shown, console)
+        console.print_whole(shown)
     console.print(
         "\nMeans over subjects, the solving attempt included, with 95% bootstrap intervals; a "
         "trial not solved counts as its limit.",
         style="dim",
     )
-
-
-def print_whole(table: Table, console: Console) -> None:
-    """Print a table with all its columns, wider than the terminal if it must be."""
-    # A column that is cut off would be lost; a line that wraps is only ugly.
-    wide = console.measure(table, options=console.options.update(max_width=MOST_COLUMNS))
-    usual = console.width
-    console.width = max(usual, wide.maximum)
-    console.print(table, crop=False)
-    console.width = usual
 
 
 def _first(rows: pd.DataFrame, condition: str, column: str) -> str:

@@ -36,9 +36,9 @@ def export(
 ) -> None:
     """Write the record in another format."""
     from causal_openlock.cli.terminal import say
-    from causal_openlock.counted import counted
-    from causal_openlock.errors import OpenLockError, nearest
-    from causal_openlock.store import Store
+    from causal_openlock.errors import OpenLockError
+    from causal_openlock.experiment.store import Store
+    from causal_openlock.wording import counted, nearest
 
     store = Store(folder)
     if missing := store.files()[1]:
@@ -82,8 +82,8 @@ def bundle(
 ) -> None:
     """Put an experiment, its record and its report into one file that anyone can run again."""
     from causal_openlock.cli.terminal import Console, say
+    from causal_openlock.experiment.store import Store
     from causal_openlock.export.bundle import write_bundle
-    from causal_openlock.store import Store
 
     whole = folder.resolve()
     path = out or whole.with_name(f"{whole.name}.zip")  # a dot in the name begins no suffix

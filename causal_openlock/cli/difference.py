@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from causal_openlock.cli.comparison import print_whole
-
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -30,8 +28,8 @@ def difference(first: Path, second: Path, out: Path, console: Console) -> None:
         said_of_noise,
         write_difference,
     )
-    from causal_openlock.analysis.report.reading import read_results
-    from causal_openlock.store import Store
+    from causal_openlock.analysis.results.reading import read_results
+    from causal_openlock.experiment.store import Store
 
     names = _names(first, second)
     path = out / f"difference_{second.resolve().name}.html"
@@ -59,7 +57,7 @@ def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Conso
     shown = Table("changed", *names, box=None, padding=(0, 2, 0, 0), highlight=False)
     for row in changed.head(MOST_ROWS).itertuples(index=False):
         shown.add_row(*map(str, row))
-    print_whole(shown, console)
+    console.print_whole(shown)
     if len(changed) > MOST_ROWS:
         console.print(f"and {len(changed) - MOST_ROWS} more, on the page")
 
@@ -96,6 +94,6 @@ def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Con
             style="bold" if row["verdict"] == MORE else "",
         )
     if len(table):
-        print_whole(shown, console)
+        console.print_whole(shown)
     if len(table) > MOST_ROWS:
         console.print(f"and {len(table) - MOST_ROWS} more, on the page")

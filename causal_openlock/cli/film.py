@@ -50,10 +50,10 @@ def film(
 ) -> None:
     """Show a trial: the arm carries out what a learner did, with the console beside the room."""
     from causal_openlock.cli.terminal import Console, say
-    from causal_openlock.counted import counted
     from causal_openlock.errors import OpenLockError
     from causal_openlock.render.film import STILLS, check_suffix, save_film
     from causal_openlock.render.played import play_trial, recorded_trial
+    from causal_openlock.wording import counted
 
     path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))
     if recorded is None:
@@ -104,11 +104,18 @@ def room(
 ) -> None:
     """Draw a room as in the paper's Figure 2: at first, or after or amid some actions."""
     from causal_openlock.cli.terminal import say
-    from causal_openlock.errors import LayoutError, nearest
+    from causal_openlock.errors import LayoutError
+    from causal_openlock.formats.schema_file import find_schema
     from causal_openlock.render.film import save_still
     from causal_openlock.render.stills import look_after
-    from causal_openlock.room import Layout, Room, action_names, positions_for, published_layouts
-    from causal_openlock.schema_file import find_schema
+    from causal_openlock.wording import nearest
+    from causal_openlock.world.room import (
+        Layout,
+        Room,
+        action_names,
+        positions_for,
+        published_layouts,
+    )
 
     found = find_schema(schema)
     published = published_layouts(found)

@@ -57,13 +57,13 @@ def fit(
     """Search a learner's parameters for the best likeness to people; goes on where it was."""
     from causal_openlock.cli.stopping import goes_on
     from causal_openlock.cli.terminal import Console
+    from causal_openlock.contract.registry import learner_class
     from causal_openlock.errors import LearnerError
+    from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.objective import conditions_to_fit
     from causal_openlock.fitting.outcome import outcome, write_outcome
     from causal_openlock.fitting.search import bundled_search, changed, read_search
     from causal_openlock.fitting.study import Plan, require_optuna
-    from causal_openlock.learner_registry import learner_class
-    from causal_openlock.workers import available_cores
 
     require_optuna()
     learner_class(learner)  # says at once if there is none
@@ -90,7 +90,7 @@ def fit(
 def _check_folder(folder: Path) -> None:
     """Refuse, before anything is played, a place that holds something else."""
     from causal_openlock.errors import StoreError
-    from causal_openlock.files import PARTIAL
+    from causal_openlock.files.whole import PARTIAL
     from causal_openlock.fitting.study import FILE
 
     for place in (folder, *folder.parents):
@@ -108,7 +108,7 @@ def _check_folder(folder: Path) -> None:
 
 def _nothing_searched(learner: str) -> str:
     """What to do about a learner that comes with no search space, with an example of its own."""
-    from causal_openlock.learner_registry import parameter_table
+    from causal_openlock.contract.registry import parameter_table
 
     numbers = {
         one.name: one.default
@@ -155,9 +155,9 @@ def _print(fitted: Fit, found: Outcome, console: Console) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from rich.table import Table
 
-    from causal_openlock.analysis.people.human_likeness_section import CLEAR, signs
+    from causal_openlock.analysis.report.sections.human_likeness import CLEAR, signs
+    from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.outcome import entry
-    from causal_openlock.yaml_file import dump_yaml
 
     def table(*columns: str) -> Table:
         shown = Table(box=None, padding=(0, 2, 0, 0))

@@ -15,7 +15,7 @@ def show(
     from rich.text import Text
 
     from causal_openlock.cli.terminal import Console
-    from causal_openlock.learner_registry import learner_class, parameter_table, registry
+    from causal_openlock.contract.registry import learner_class, parameter_table, registry
 
     console = Console()
     if name is None:

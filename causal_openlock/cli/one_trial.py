@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from causal_openlock.learner import Learner
-    from causal_openlock.protocol import Condition, Protocol
+    from causal_openlock.contract.learner import Learner
+    from causal_openlock.experiment.protocol import Condition, Protocol
 
 ConditionName = Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4, my.yaml, ...")]
 Subject = Annotated[int, typer.Option(min=0, help="Number of the subject.")]
@@ -39,8 +39,8 @@ def one_trial(
     from functools import partial
 
     from causal_openlock.cli.terminal import say
-    from causal_openlock.experiment_file import Changes, find_experiment, read_experiment
-    from causal_openlock.learner_registry import create
+    from causal_openlock.contract.registry import create
+    from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
 
     changes = Changes([condition], [learner], protocol, None, seed)
     tell = partial(say, error=True)

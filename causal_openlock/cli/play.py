@@ -48,10 +48,10 @@ def play(
     """Let people play, in a browser; a folder that people have played in is gone on with."""
     import shlex
 
+    from causal_openlock.experiment.protocol import Condition, find_protocol
+    from causal_openlock.formats.schema_file import find_schema
     from causal_openlock.play.people import People
     from causal_openlock.play.server import PlayServer
-    from causal_openlock.protocol import Condition, find_protocol
-    from causal_openlock.schema_file import find_schema
 
     names = list(dict.fromkeys(condition or ["CC3-CC4"]))
     conditions = [Condition.named(name, find_schema) for name in names]
@@ -79,7 +79,7 @@ def _serve(server: PlayServer, browser: bool) -> None:
     import webbrowser
 
     from causal_openlock.cli.terminal import Console
-    from causal_openlock.counted import counted
+    from causal_openlock.wording import counted
 
     console = Console()
 

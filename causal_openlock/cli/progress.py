@@ -8,11 +8,11 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
-from causal_openlock.plain_text import printable
+from causal_openlock.files.plain_text import printable
 
 if TYPE_CHECKING:
     from causal_openlock.cli.terminal import Console
-    from causal_openlock.standing import Playing, Standing
+    from causal_openlock.experiment.standing import Playing, Standing
 
 Show = Callable[["Standing"], None]
 """Called again and again with how far everything is."""

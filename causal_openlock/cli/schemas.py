@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from causal_openlock.fsm import FSM
-    from causal_openlock.schema import Schema
+    from causal_openlock.world.fsm import FSM
+    from causal_openlock.world.schema import Schema
 
 app = typer.Typer(no_args_is_help=True, help="List, show, check, draw, export and begin schemas.")
 
@@ -24,7 +24,7 @@ def list_schemas() -> None:
 
     from causal_openlock.cli.terminal import Console
     from causal_openlock.errors import OpenLockError
-    from causal_openlock.schema_file import bundled_schemas, read_schema
+    from causal_openlock.formats.schema_file import bundled_schemas, read_schema
 
     table = Table("schema", "levers", "solutions", "actions", "title", box=None, pad_edge=False)
     found = bundled_schemas()
@@ -56,19 +56,19 @@ def show(
     ] = None,
 ) -> None:
     """Show a schema: its graph, its solutions, and the states that an attempt can reach."""
-    from causal_openlock.fsm import compile
-    from causal_openlock.plain_text import printable
+    from causal_openlock.files.plain_text import printable
     from causal_openlock.render.graph import schema_text
+    from causal_openlock.world.fsm import compile_schema
 
     schema = _read(name)
     typer.echo(printable(schema_text(schema)))
     if layout is not None:
         _show_layout(schema, layout)
-    _show_states(compile(schema))
+    _show_states(compile_schema(schema))
 
 
 def _show_layout(schema: Schema, layout: str) -> None:
-    from causal_openlock.room import Room, action_names
+    from causal_openlock.world.room import Room, action_names
 
     room = Room.of(schema, layout)
     names = action_names(room.positions)
@@ -82,8 +82,8 @@ def _show_states(fsm: FSM) -> None:
     from rich.table import Table
 
     from causal_openlock.cli.terminal import Console
-    from causal_openlock.fsm import NO_SOLUTION, unroll
-    from causal_openlock.protocol import default_action_limit
+    from causal_openlock.experiment.protocol import default_action_limit
+    from causal_openlock.world.fsm import NO_SOLUTION, unroll
 
     limit = default_action_limit(fsm.schema)
     attempt = unroll(fsm, limit)
@@ -114,8 +114,8 @@ def check(
 ) -> None:
     """Check schemas; every fault is named with its line and column, and dear learners are too."""
     from causal_openlock.errors import OpenLockError
-    from causal_openlock.expected_cost import expected_cost
-    from causal_openlock.protocol import default_action_limit
+    from causal_openlock.experiment.expected_cost import expected_cost
+    from causal_openlock.experiment.protocol import default_action_limit
 
     faults = []
     for name in names:
@@ -161,7 +161,7 @@ def export(
 ) -> None:
     """Write a schema in another format; files in these formats but bif can be given, too."""
     from causal_openlock.errors import OpenLockError
-    from causal_openlock.schema_formats import export_schema, write_schema_as
+    from causal_openlock.formats.graphs import export_schema, write_schema_as
 
     schema = _read(name)
     if out is not None:
@@ -181,8 +181,8 @@ def new(
 ) -> None:
     """Begin a schema of one's own: a commented file to change."""
     from causal_openlock.errors import OpenLockError
-    from causal_openlock.files import write_text
-    from causal_openlock.schema_file import dump_schema, schema_from_dict
+    from causal_openlock.files.whole import write_text
+    from causal_openlock.formats.schema_file import dump_schema, schema_from_dict
 
     path = out or Path(f"{name}.yaml")
     if path.exists():
@@ -207,8 +207,8 @@ _GUIDE = """\
 
 
 def _read(name: str) -> Schema:
-    from causal_openlock.schema_file import find_schema
-    from causal_openlock.schema_formats import read_schema_as
+    from causal_openlock.formats.graphs import read_schema_as
+    from causal_openlock.formats.schema_file import find_schema
 
     path = Path(name)
     if path.suffix not in ("", ".yaml", ".yml") and path.is_file():

@@ -12,9 +12,13 @@ import sys
 from typing import Any
 
 from rich.console import Console as RichConsole
+from rich.table import Table
 from rich.text import Text
 
-from causal_openlock.plain_text import printable
+from causal_openlock.files.plain_text import printable
+
+MOST_COLUMNS = 1000
+"""How wide a table may become that is wider than the terminal."""
 
 
 class Console(RichConsole):
@@ -26,6 +30,15 @@ class Console(RichConsole):
     def render_str(self, text: str, **options: Any) -> Text:
         """Text as it is shown, also in tables."""
         return super().render_str(printable(text), **options)
+
+    def print_whole(self, table: Table) -> None:
+        """Print a table with all its columns, wider than the terminal if it must be."""
+        # A column that is cut off would be lost; a line that wraps is only ugly.
+        wide = self.measure(table, options=self.options.update(max_width=MOST_COLUMNS))
+        usual = self.width
+        self.width = max(usual, wide.maximum)
+        self.print(table, crop=False)
+        self.width = usual
 
 
 def say(text: object = "", *, error: bool = False, end: str = "\n") -> None:

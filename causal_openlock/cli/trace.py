@@ -40,12 +40,12 @@ def trace(
     ] = None,
 ) -> None:
     """Tell what a subject did in a trial, what it saw, what it learned and what it believes."""
-    from causal_openlock.analysis.drawings.belief import check_suffix, save_trace_figure
+    from causal_openlock.analysis.plots.belief import check_suffix, save_trace_figure
     from causal_openlock.belief.story import story
     from causal_openlock.belief.trace import trace_trial
     from causal_openlock.cli.terminal import say
-    from causal_openlock.files import write_text
-    from causal_openlock.plain_text import csv_of
+    from causal_openlock.files.plain_text import csv_of
+    from causal_openlock.files.whole import write_text
 
     who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
     path = check_suffix(out or Path(f"trace_{who[1].name}.svg"))

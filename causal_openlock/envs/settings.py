@@ -11,12 +11,12 @@ import numpy as np
 from gymnasium import spaces
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
-from causal_openlock.protocol import MAX_ACTION_LIMIT, default_action_limit
-from causal_openlock.rewards import RewardForm, RewardFunction, find_reward
-from causal_openlock.room import RANDOM_LAYOUT, Layout, position_names, positions_for
+from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
+from causal_openlock.world.rewards import RewardForm, RewardFunction, find_reward
+from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
 
 if TYPE_CHECKING:
-    from causal_openlock.schema import Schema
+    from causal_openlock.world.schema import Schema
 
 ATTEMPT_LIMIT = 30
 RENDER_SIZE, RENDER_SIZES = 600, (32, 4320)
@@ -61,7 +61,7 @@ class Settings:
         Raises:
             OpenLockError: With what is wrong and how to mend it.
         """
-        from causal_openlock.schema_file import find_schema, schema_from_dict
+        from causal_openlock.formats.schema_file import find_schema, schema_from_dict
 
         schema = schema_from_dict(schema) if isinstance(schema, Mapping) else find_schema(schema)
         if positions is None:

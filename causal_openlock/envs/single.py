@@ -20,15 +20,15 @@ from causal_openlock.envs.settings import (
     check_render_size,
 )
 from causal_openlock.errors import OpenLockError
-from causal_openlock.reward_table import RewardTable
-from causal_openlock.rewards import BASIC_REWARD, RewardForm
-from causal_openlock.room import RANDOM_LAYOUT, Layout
-from causal_openlock.tables import ACTIONS_LEFT, RoomTables
+from causal_openlock.world.reward_table import RewardTable
+from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
+from causal_openlock.world.room import RANDOM_LAYOUT, Layout
+from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:
     from causal_openlock.physics import PhysicalRoom, Pose
     from causal_openlock.render.panel import Panel
-    from causal_openlock.schema import Schema
+    from causal_openlock.world.schema import Schema
 
 
 KEPT_ROWS = 500_000
@@ -127,7 +127,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         layout: A published layout such as ``trial7``, a mapping ``{lever: position}``, or
             ``random``, which draws one for every trial.
         reward: Name of a preset, a list of terms, weights by name, ``module:function`` or a
-            reward function; see :func:`~causal_openlock.rewards.find_reward`.
+            reward function; see :func:`~causal_openlock.world.rewards.find_reward`.
         episode: ``attempt`` or ``trial``.
         attempt_limit: Attempts in a trial.
         action_limit: Actions in an attempt; by default 3, or as many as the schema needs.

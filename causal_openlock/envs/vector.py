@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
 from causal_openlock.errors import OpenLockError
-from causal_openlock.reward_table import RewardTable
-from causal_openlock.rewards import BASIC_REWARD, RewardForm
-from causal_openlock.room import RANDOM_LAYOUT, Layout
-from causal_openlock.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
+from causal_openlock.world.reward_table import RewardTable
+from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
+from causal_openlock.world.room import RANDOM_LAYOUT, Layout
+from causal_openlock.world.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
 
 if TYPE_CHECKING:
-    from causal_openlock.schema import Schema
+    from causal_openlock.world.schema import Schema
 
 
 KEPT_CHOICES = 1 << 23

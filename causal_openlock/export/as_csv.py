@@ -1,10 +1,10 @@
 """The record as a CSV file, for whatever does not read Parquet.
 
-One line for each attempt, with the columns of :func:`causal_openlock.record.record_schema`. What an
-attempt has several of, its actions and whether each moved something, stands in one cell, separated
-by spaces: ``0 1 14`` and ``1 1 0``. A name that a spreadsheet would take for a formula has an
-apostrophe in front. The file is written cell by cell, so that a long record needs
-no more memory than a short one.
+One line for each attempt, with the columns of
+:func:`causal_openlock.experiment.record.record_schema`. What an attempt has several of, its actions
+and whether each moved something, stands in one cell, separated by spaces: ``0 1 14`` and ``1 1 0``.
+A name that a spreadsheet would take for a formula has an apostrophe in front. The file is written
+cell by cell, so that a long record needs no more memory than a short one.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import gzip
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.files import replacing
-from causal_openlock.plain_text import cell
-from causal_openlock.record import record_schema
+from causal_openlock.experiment.record import record_schema
+from causal_openlock.files.plain_text import cell
+from causal_openlock.files.whole import replacing
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from causal_openlock.store import Store
+    from causal_openlock.experiment.store import Store
 
 
 def write_csv(store: Store, path: Path | str) -> int:

@@ -19,22 +19,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from causal_openlock import __version__
-from causal_openlock.errors import OpenLockError, StoreError, nearest
-from causal_openlock.export.replay import Steps, replay, trial_numbers
-from causal_openlock.from_description import (
+from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.from_description import (
     condition_from_dict,
     protocol_from_dict,
     reward_from_dict,
 )
-from causal_openlock.protocol import Condition
-from causal_openlock.room import positions_for
-from causal_openlock.schema_file import bundled_schemas
+from causal_openlock.experiment.protocol import Condition
+from causal_openlock.export.replay import Steps, replay, trial_numbers
+from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.version import __version__
+from causal_openlock.wording import nearest
+from causal_openlock.world.room import positions_for
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from causal_openlock.store import Store
+    from causal_openlock.experiment.store import Store
 
 EPISODES = ("trial", "attempt")
 TOLD = ("learner", "condition", "protocol", "subject", "phase", "loop", "trial", "schema", "layout")

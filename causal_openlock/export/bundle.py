@@ -33,22 +33,22 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock import __version__
-from causal_openlock.analysis.report.reading import made_with
 from causal_openlock.analysis.report.writing import files_of
+from causal_openlock.analysis.results.reading import made_with
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment_file import read_experiment
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.from_description import condition_from_dict, experiment_file
 from causal_openlock.export.local_modules import local_modules
-from causal_openlock.files import replacing, write_bytes
-from causal_openlock.from_description import condition_from_dict, experiment_file
-from causal_openlock.module_source import module_source
+from causal_openlock.files.module_source import module_source
+from causal_openlock.files.whole import replacing, write_bytes
+from causal_openlock.files.yaml_file import dump_yaml
+from causal_openlock.formats.schema_file import dump_schema
 from causal_openlock.play.person import LEARNER as PERSON
-from causal_openlock.rewards import PAPER_REWARD, find_reward
-from causal_openlock.schema_file import dump_schema
-from causal_openlock.yaml_file import dump_yaml
+from causal_openlock.version import __version__
+from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 if TYPE_CHECKING:
-    from causal_openlock.store import Store
+    from causal_openlock.experiment.store import Store
 
 Contents = dict[str, bytes]
 """Files by their paths in a bundle."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.module_source import is_installed, module_source
+from causal_openlock.files.module_source import is_installed, module_source
 
 
 @dataclass

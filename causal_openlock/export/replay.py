@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import StoreError
-from causal_openlock.from_description import recorded_layout
-from causal_openlock.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.protocol import Condition, Protocol
-from causal_openlock.reward_table import RewardTable
-from causal_openlock.rewards import RewardFunction
-from causal_openlock.room import positions_for
-from causal_openlock.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
+from causal_openlock.experiment.from_description import recorded_layout
+from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.reward_table import RewardTable
+from causal_openlock.world.rewards import RewardFunction
+from causal_openlock.world.room import positions_for
+from causal_openlock.world.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -20,13 +20,18 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
-from causal_openlock.analysis.people.human_likeness import distance, points_of, published_points
-from causal_openlock.errors import OpenLockError, nearest
-from causal_openlock.fsm import BoolArray
-from causal_openlock.learner_registry import create
-from causal_openlock.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
-from causal_openlock.schema_file import find_schema
-from causal_openlock.session import Session
+from causal_openlock.analysis.results.people.human_likeness import (
+    distance,
+    points_of,
+    published_points,
+)
+from causal_openlock.contract.registry import create
+from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
+from causal_openlock.experiment.session import Session
+from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.wording import nearest
+from causal_openlock.world.fsm import BoolArray
 
 HOLD_OUT = ("transfer", "alternate", "none")
 CHUNK = 40
@@ -38,7 +43,7 @@ def held_out(points: pd.DataFrame, how: str) -> BoolArray:
 
     Args:
         points: Rows with the columns of
-            :data:`~causal_openlock.analysis.people.human_likeness.POINT`.
+            :data:`~causal_openlock.analysis.results.people.human_likeness.POINT`.
         how: One of :data:`HOLD_OUT`.
 
     Raises:

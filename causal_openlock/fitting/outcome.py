@@ -8,21 +8,21 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.drawings import style
-from causal_openlock.analysis.people.human_likeness import (
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.report.sections.human_likeness import draw_points
+from causal_openlock.analysis.results.people.human_likeness import (
     POINT,
     distance,
     effects_of,
     points_of,
     points_of_model,
 )
-from causal_openlock.analysis.people.human_likeness_section import draw_points
-from causal_openlock.files import write_text
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.files.plain_text import csv_of
+from causal_openlock.files.whole import write_text
+from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.fitting.objective import Score, held_out, score
 from causal_openlock.fitting.study import Fit
-from causal_openlock.plain_text import csv_of
-from causal_openlock.protocol import PAPER_CONDITIONS
-from causal_openlock.yaml_file import dump_yaml
 
 
 @dataclass(frozen=True)

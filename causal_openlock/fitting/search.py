@@ -21,10 +21,11 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from causal_openlock.errors import LearnerError, OpenLockError, nearest
-from causal_openlock.learner_registry import parameter_table, parse_parameters
-from causal_openlock.model_faults import StrictModel
-from causal_openlock.yaml_file import parse_document, read_document
+from causal_openlock.contract.registry import parameter_table, parse_parameters
+from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.files.model_faults import StrictModel
+from causal_openlock.files.yaml_file import parse_document, read_document
+from causal_openlock.wording import nearest
 
 BUNDLED = Path(__file__).parent
 FORM = "name=low:high, or name=low:high:log"

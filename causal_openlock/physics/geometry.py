@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
 
-from causal_openlock.reference import room_facts
-from causal_openlock.room import PAPER_POSITIONS, position_coordinates
+from causal_openlock.world.reference import room_facts
+from causal_openlock.world.room import PAPER_POSITIONS, position_coordinates
 
 Point = tuple[float, float]
 Corners = tuple[Point, Point, Point, Point]

@@ -13,11 +13,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.fsm import FSM
 from causal_openlock.physics.controller import BUDGET, Controller, Movement
 from causal_openlock.physics.geometry import RoomGeometry
 from causal_openlock.physics.world import Pose, World
-from causal_openlock.room import Layout
+from causal_openlock.world.fsm import FSM
+from causal_openlock.world.room import Layout
 
 
 class PhysicalRoom:
@@ -56,7 +56,7 @@ class PhysicalRoom:
         return state
 
     def observation(self) -> NDArray[np.int8]:
-        """``[2P + 2]`` what is seen, as in :class:`~causal_openlock.room.Room`."""
+        """``[2P + 2]`` what is seen, as in :class:`~causal_openlock.world.room.Room`."""
         return self._layout.observations(self._fsm, np.array([self.state]))[0]
 
     def pose(self) -> Pose:

@@ -14,12 +14,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from causal_openlock.learner import View
+from causal_openlock.contract.learner import View
+from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.session import Session
 from causal_openlock.play.person import LABEL
-from causal_openlock.protocol import Condition, Protocol, Trials
-from causal_openlock.room import Layout
-from causal_openlock.schema import Schema
-from causal_openlock.session import Session
+from causal_openlock.world.room import Layout
+from causal_openlock.world.schema import Schema
 
 Stage = Literal["practice", "room", "end"]
 Told = dict[str, Any]

@@ -7,8 +7,8 @@ from importlib.resources import files
 from typing import Any
 
 from causal_openlock.physics.geometry import BAR_LENGTH, BAR_WIDTH, DOOR_SWING, HANDLE, RoomGeometry
-from causal_openlock.reference import room_facts
-from causal_openlock.room import position_names
+from causal_openlock.world.reference import room_facts
+from causal_openlock.world.room import position_names
 
 KINDS = {
     ".html": "text/html; charset=utf-8",

@@ -23,16 +23,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment import Cell, Entry, Experiment
-from causal_openlock.files import sweep
+from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
+from causal_openlock.experiment.protocol import Condition, Protocol, plan
+from causal_openlock.experiment.store import Store
+from causal_openlock.files.whole import sweep
 from causal_openlock.play.game import EXPERIMENT, Game, Told
 from causal_openlock.play.log import Entry as LogEntry
 from causal_openlock.play.log import Log, is_join, is_turn
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER, reactions_table, rows_kept, write_reactions
-from causal_openlock.protocol import Condition, Protocol, plan
-from causal_openlock.rewards import PAPER_REWARD, find_reward
-from causal_openlock.store import Store
+from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -128,7 +128,7 @@ class People:
         for condition in conditions:
             plan(condition, protocol, np.random.default_rng(0))
         reward = find_reward(PAPER_REWARD)
-        entry = Entry(LABEL, LEARNER, {}, protocol, reward, subjects=1)
+        entry = LearnerSpec(LABEL, LEARNER, {}, protocol, reward, subjects=1)
         self.experiment = Experiment(
             EXPERIMENT, "People", seed, 1, tuple(conditions), (entry,), command
         )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NoReturn
 
+from causal_openlock.contract.learner import Brief, Learner, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.learner import Brief, Learner, View
 
 LABEL = "person"
 LEARNER = "causal_openlock.play.person:Person"

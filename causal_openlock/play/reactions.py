@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.errors import StoreError
-from causal_openlock.files import write_bytes
+from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
+from causal_openlock.files.whole import write_bytes
 from causal_openlock.play.game import Done
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.schema import DOOR, Schema
+from causal_openlock.world.schema import DOOR, Schema
 
 Points = NDArray[np.float64]
 Slot = tuple[str, int]  # the lever an edge comes from, and the row that it passes

@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from causal_openlock.counted import counted
-from causal_openlock.errors import OpenLockError, nearest
-from causal_openlock.files import replacing, write_bytes, write_text
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.whole import replacing, write_bytes, write_text
 from causal_openlock.physics import PhysicalRoom, Pose
 from causal_openlock.physics.world import STEP
 from causal_openlock.render.gif import GifWriter
@@ -22,7 +21,8 @@ from causal_openlock.render.panel import Done, Panel, draw
 from causal_openlock.render.played import Attempt, PlayedTrial
 from causal_openlock.render.scene import Look
 from causal_openlock.render.svg import room_svg
-from causal_openlock.room import Room, action_names, published_layouts
+from causal_openlock.wording import counted, nearest
+from causal_openlock.world.room import Room, action_names, published_layouts
 
 FILMS = (".gif", ".mp4")
 STILLS = (".png", ".svg")

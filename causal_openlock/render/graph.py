@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import networkx as nx
 import numpy as np
 
-from causal_openlock.counted import counted
-from causal_openlock.errors import OpenLockError, nearest
-from causal_openlock.files import write_bytes
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.whole import write_bytes
 from causal_openlock.render.arrange import RADIUS, Drawing, arrange
-from causal_openlock.schema import DOOR, Schema
+from causal_openlock.wording import counted, nearest
+from causal_openlock.world.schema import DOOR, Schema
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,19 +11,20 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.errors import StoreError, nearest
-from causal_openlock.from_description import (
+from causal_openlock.contract.learner import InformedLearner, Learner
+from causal_openlock.errors import StoreError
+from causal_openlock.experiment.from_description import (
     condition_from_dict,
     protocol_from_dict,
     recorded_layout,
 )
-from causal_openlock.fsm import compile
-from causal_openlock.learner import InformedLearner, Learner
-from causal_openlock.protocol import Condition, Protocol, check_trial
-from causal_openlock.rewards import PAPER_REWARD, RewardFunction
-from causal_openlock.room import Layout, Room, positions_for
-from causal_openlock.schema import Schema
-from causal_openlock.session import Session
+from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
+from causal_openlock.experiment.session import Session
+from causal_openlock.wording import nearest
+from causal_openlock.world.fsm import compile_schema
+from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
+from causal_openlock.world.room import Layout, Room, positions_for
+from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -77,7 +78,7 @@ class PlayedTrial:
     @property
     def room(self) -> Room:
         """The room."""
-        return Room(compile(self.schema), self.layout)
+        return Room(compile_schema(self.schema), self.layout)
 
     @property
     def action_limit(self) -> int:
@@ -103,8 +104,8 @@ def play_trial(
 ) -> PlayedTrial:
     """Let one subject play up to the end of a trial.
 
-    The subject does what it does in any :class:`~causal_openlock.session.Session` with the same
-    condition, protocol, number, seed and label.
+    The subject does what it does in any :class:`~causal_openlock.experiment.session.Session` with
+    the same condition, protocol, number, seed and label.
 
     Args:
         learner: What plays; it must not have begun.
@@ -154,7 +155,7 @@ def recorded_trial(
     """
     import pyarrow.compute as pc
 
-    from causal_openlock.store import Store
+    from causal_openlock.experiment.store import Store
 
     store = Store(folder)
     held = store.description()

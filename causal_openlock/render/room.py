@@ -16,7 +16,7 @@ from causal_openlock.physics.geometry import Point, RoomGeometry
 from causal_openlock.render.panel import draw
 from causal_openlock.render.raster import Bytes
 from causal_openlock.render.scene import Frame, Look, bits_of, frame
-from causal_openlock.room import position_coordinates
+from causal_openlock.world.room import position_coordinates
 
 if TYPE_CHECKING:
     from causal_openlock.render.panel import Panel

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from causal_openlock.physics import PhysicalRoom, Pose
 from causal_openlock.render.scene import Look
-from causal_openlock.room import Room
+from causal_openlock.world.room import Room
 
 
 def look_after(room: Room, actions: Sequence[int] = (), part: float = 1.0) -> Look:

@@ -12,7 +12,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from causal_openlock.render.panel import BACKGROUND, HEIGHT, WIDTH, Label, Panel
 from causal_openlock.render.scene import OUTLINE, Colour, Look, Shape, colour, frame
-from causal_openlock.room import position_names
+from causal_openlock.world.room import position_names
 
 UNIT = 100
 """Units of the SVG's own coordinates in an arm link."""

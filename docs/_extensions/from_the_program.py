@@ -195,7 +195,7 @@ class LearnerParameters(FromTheProgram):
 
     def lines(self) -> Iterator[str]:
         """A heading and a table for each learner."""
-        from causal_openlock.learner_registry import learner_class, parameter_table, registry
+        from causal_openlock.contract.registry import learner_class, parameter_table, registry
 
         for name, entry in registry().items():
             if not entry.value.startswith("learners."):
@@ -217,7 +217,7 @@ class RecordColumns(FromTheProgram):
 
     def lines(self) -> Iterable[str]:
         """A table."""
-        from causal_openlock.record import record_schema
+        from causal_openlock.experiment.record import record_schema
 
         def kind(field: Any) -> str:
             return re.sub(r"^dictionary.*", "text", str(field.type)).replace("item: ", "")
@@ -238,7 +238,7 @@ class RewardPresets(FromTheProgram):
 
     def lines(self) -> Iterator[str]:
         """A table of sums, and a list of ladders."""
-        from causal_openlock.rewards import PRESETS, Reward
+        from causal_openlock.world.rewards import PRESETS, Reward
 
         sums = {name: one for name, one in PRESETS.items() if isinstance(one, Reward)}
         rows = [(literal(name), ", ".join(map(literal, one.terms))) for name, one in sums.items()]

@@ -15,9 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from causal_openlock import Condition, Session, find_schema
-from causal_openlock.analysis.drawings import style
-from causal_openlock.learner import Step
-from causal_openlock.protocol import PROTOCOLS
+from causal_openlock.analysis.plots import style
+from causal_openlock.contract.learner import Step
+from causal_openlock.experiment.protocol import PROTOCOLS
 from learners.ddqn import DDQN, DDQNParameters
 
 HERE = Path(__file__).parent

@@ -8,11 +8,11 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.physics import PhysicalRoom, Pose
 from causal_openlock.render.panel import draw
 from causal_openlock.render.scene import Look
-from causal_openlock.room import Room
-from causal_openlock.schema_file import find_schema
+from causal_openlock.world.room import Room
 
 SIZE = 500
 

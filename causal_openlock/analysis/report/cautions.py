@@ -8,9 +8,9 @@ from typing import Any
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
-from causal_openlock.analysis.people.comparable import Pairs
-from causal_openlock.analysis.people.published import did_what_people_did
-from causal_openlock.protocol import PAPER_CONDITIONS
+from causal_openlock.analysis.results.people.comparable import Pairs
+from causal_openlock.analysis.results.people.published import did_what_people_did
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
 FEW_SUBJECTS = 20
 """Groups of fewer subjects than this are warned about."""
@@ -28,7 +28,7 @@ def warnings_of(
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        summary: From :func:`~causal_openlock.analysis.summary.summarise`.
+        summary: From :func:`~causal_openlock.analysis.results.summary.summarise`.
         versions: Versions of packages; a list where cells were run with several.
         pairs: Whom people compare with; None if names decide.
     """

@@ -2,7 +2,7 @@
 
 The descriptions of the two experiments are compared piece by piece, and for each learner in each
 condition that both played, the means of the subjects
-(:mod:`~causal_openlock.analysis.report.differences`). Whatever is not measured twice is not
+(:mod:`~causal_openlock.analysis.results.differences`). Whatever is not measured twice is not
 compared.
 """
 
@@ -16,20 +16,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.drawings import style
-from causal_openlock.analysis.drawings.style import Drawing
 from causal_openlock.analysis.effects import ALPHA, holm
 from causal_openlock.analysis.measures import CELL, SUBJECT, by_subject, ordered
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.style import Drawing
 from causal_openlock.analysis.report.cautions import some
-from causal_openlock.analysis.report.counting import count
-from causal_openlock.analysis.report.description import edges, in_words, mappings_with
-from causal_openlock.analysis.report.differences import difference
 from causal_openlock.analysis.report.page import Written, render
 from causal_openlock.analysis.report.section import Section, Table
-from causal_openlock.analysis.summary import judged, measured
-from causal_openlock.counted import counted
-from causal_openlock.files import write_text
-from causal_openlock.protocol import PAPER_CONDITIONS
+from causal_openlock.analysis.results.counting import count
+from causal_openlock.analysis.results.description import edges, in_words, mappings_with
+from causal_openlock.analysis.results.differences import difference
+from causal_openlock.analysis.results.summary import judged, measured
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.files.whole import write_text
+from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -59,7 +59,7 @@ def changes(first: Mapping[str, Any], second: Mapping[str, Any]) -> pd.DataFrame
     """What differs between two descriptions of experiments.
 
     Args:
-        first: As :meth:`causal_openlock.store.Store.record` gives it.
+        first: As :meth:`causal_openlock.experiment.store.Store.record` gives it.
         second: The other.
 
     Returns:

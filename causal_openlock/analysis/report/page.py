@@ -12,8 +12,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.analysis.drawings import style
-from causal_openlock.analysis.drawings.style import Drawing
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.style import Drawing
 from causal_openlock.analysis.report import table_files
 from causal_openlock.analysis.report.cautions import percent, some
 from causal_openlock.analysis.report.section import Section

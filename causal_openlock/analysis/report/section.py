@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from causal_openlock.analysis.bounds import Bounds
-from causal_openlock.analysis.drawings.style import Drawing
-from causal_openlock.analysis.people.comparable import Pairs
+from causal_openlock.analysis.plots.style import Drawing
+from causal_openlock.analysis.results.bounds import Bounds
+from causal_openlock.analysis.results.people.comparable import Pairs
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -27,8 +27,9 @@ class Material:
     """What every section is made of.
 
     Attributes:
-        record: Columns as in :func:`causal_openlock.record.record_schema`.
-        experiment: What was run, as :meth:`causal_openlock.experiment.Experiment.as_dict` gives it.
+        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`.
+        experiment: What was run, as
+            :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it.
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         learners: Labels in the order in which they are shown.
         pairs: Which learners in which conditions compare with people.

@@ -18,24 +18,24 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from causal_openlock.analysis.bounds import ideal_bounds
-from causal_openlock.analysis.drawings import style
-from causal_openlock.analysis.drawings.figures import draw_counted
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.people.comparable import Pairs, comparable
-from causal_openlock.analysis.people.published import did_what_people_did, model, people
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.figures import draw_counted
 from causal_openlock.analysis.report.cautions import warnings_of
-from causal_openlock.analysis.report.counting import count
-from causal_openlock.analysis.report.description import describe, trials_played
-from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
-from causal_openlock.analysis.report.per_learner import learner_pages
 from causal_openlock.analysis.report.section import Material
-from causal_openlock.analysis.report.sections import PROVIDERS, sections_of
-from causal_openlock.analysis.summary import headline, summarise, write_table
-from causal_openlock.counted import counted
+from causal_openlock.analysis.report.section_registry import PROVIDERS, sections_of
+from causal_openlock.analysis.report.sections.missing import missing_cells, with_missing
+from causal_openlock.analysis.report.sections.per_learner import learner_pages
+from causal_openlock.analysis.results.bounds import ideal_bounds
+from causal_openlock.analysis.results.counting import count
+from causal_openlock.analysis.results.description import describe, trials_played
+from causal_openlock.analysis.results.people.comparable import Pairs, comparable
+from causal_openlock.analysis.results.people.published import did_what_people_did, model, people
+from causal_openlock.analysis.results.summary import headline, summarise, write_table
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files import write_text
+from causal_openlock.files.whole import write_text
+from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -50,7 +50,8 @@ class Report:
 
     Attributes:
         path: The path of ``report.html``.
-        headline: What it opens with, from :func:`~causal_openlock.analysis.summary.headline`.
+        headline: What it opens with, from
+            :func:`~causal_openlock.analysis.results.summary.headline`.
     """
 
     path: Path
@@ -66,20 +67,22 @@ def write_report(
     """Write the report of a record.
 
     Args:
-        record: Columns as in :func:`causal_openlock.record.record_schema`, rows in any order.
+        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
+            order.
         out_dir: The folder to write ``report.html``, ``summary.csv``, ``figures/`` and ``tables/``
             to; it is made if it does not exist. Figures and tables of an earlier report that this
             one does not have are removed; other files stay.
         experiment: What was run, as plain data (mappings, lists, text, numbers); best as
-            :meth:`causal_openlock.experiment.Experiment.as_dict` gives it. Everything in it is
-            shown. ``name``, ``title`` and ``seed`` head the page; ``learners`` (a mapping by
+            :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it. Everything in
+            it is shown. ``name``, ``title`` and ``seed`` head the page; ``learners`` (a mapping by
             label, or a list of labels or of mappings with a ``label`` or ``name``) gives the order
             in which learners appear; ``versions`` maps packages to a version, or to a list of them
-            if cells were run with several, which is warned about; ``missing_cells`` names what
-            an unfinished folder lacks, ``failures`` why, and the page opens with that. Published
+            if cells were run with several, which is warned about; ``missing_cells`` names what an
+            unfinished folder lacks, ``failures`` why, and the page opens with that. Published
             results are shown beside whoever did what people did; see
-            :mod:`~causal_openlock.analysis.people.comparable`.
-        providers: What makes its sections; see :mod:`~causal_openlock.analysis.report.sections`.
+            :mod:`~causal_openlock.analysis.results.people.comparable`.
+        providers: What makes its sections; see
+            :mod:`~causal_openlock.analysis.report.section_registry`.
 
     Returns:
         The path of ``report.html``.

@@ -1,0 +1,263 @@
+"""What the figures have in common: colours, panels, and how they are saved.
+
+A colour means the same thing in every figure: orange is common cause, dark blue common effect, and
+purple, from light to dark, how close an attempt came to the last solution. Each pair also differs
+in lightness, so that figures survive colour blindness and a black-and-white printer.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import textwrap
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from causal_openlock.experiment.record import CATEGORIES
+from causal_openlock.files.whole import write_bytes, write_text
+
+COMMON_CAUSE, COMMON_EFFECT = "#E69F00", "#00427A"
+OTHER = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
+CATEGORY_COLOURS = dict(
+    zip(CATEGORIES, ("#E2E2E2", "#D3C5EA", "#AB8FD3", "#7F55B3", "#4C2483"), strict=True)
+)
+CATEGORY_NAMES = dict(
+    zip(CATEGORIES, ("else", "unlock", "open 1", "open 2", "open 3"), strict=True)
+)
+
+IDEAL = "ideal observer (schema known)"
+"""What figures call the bound of :mod:`~causal_openlock.analysis.results.bounds`, a line in
+them."""
+
+WIDTH = 7.2
+"""Width of a full figure in inches: two columns of a printed page."""
+
+KINDS = ("png", "pdf")
+"""What a figure is written as, beside SVG."""
+
+_SETTINGS: Any = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.grid.axis": "y",
+    "axes.axisbelow": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "hatch.linewidth": 0.6,
+    "figure.facecolor": "white",
+    "svg.fonttype": "path",  # looks the same wherever it is opened
+    "pdf.fonttype": 42,  # text that journals accept and readers can search
+    "svg.hashsalt": "causal-openlock",  # equal figures are equal files
+}
+_IDEAL_LOOK: Any = {"color": "#333333", "lw": 1.0, "ls": (0, (4, 2)), "dash_capstyle": "butt"}
+_NO_PDF_METADATA: dict[str, Any] = dict.fromkeys(("CreationDate", "Creator", "Producer"))
+_NO_METADATA: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure and what is said about it.
+
+    Attributes:
+        name: For files: lower-case letters, digits and underscores.
+        title: A heading.
+        caption: What is seen, and what the error bars are.
+        figure: The figure.
+    """
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
+@contextmanager
+def settings() -> Iterator[None]:
+    """Draw, and save, with the settings that all figures share."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_SETTINGS)
+        yield
+
+
+def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
+    """A figure of small multiples, wrapped over rows, with common scales.
+
+    Args:
+        count: How many panels.
+        columns: The most in a row.
+        height: Height of a panel in inches.
+
+    Returns:
+        The figure and its ``count`` panels; only the first of a row has labels on its y axis.
+    """
+    rows = math.ceil(count / columns)
+    columns = math.ceil(count / rows)  # four panels are two and two, not three and one
+    width = WIDTH if columns > 1 else 0.62 * WIDTH
+    figure = Figure(figsize=(width, rows * height + 0.5), layout="constrained")
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel().tolist()
+    for unused in grid[count:]:
+        unused.remove()
+    for axes in grid[:count]:
+        axes.tick_params(axis="x", length=0)
+    return figure, grid[:count]
+
+
+def trained_colour(condition: str) -> str:
+    """Colour of a condition of the paper, by what it trains: common cause or common effect."""
+    return COMMON_CAUSE if condition.startswith("CC") else COMMON_EFFECT
+
+
+def sizes(rows: pd.DataFrame) -> str:
+    """How many subjects rows of means are of: ``n = 40``, or ``n = 20 to 40`` if they differ."""
+    low, high = int(rows["subjects"].min()), int(rows["subjects"].max())
+    return f"n = {low}" if low == high else f"n = {low} to {high}"
+
+
+def label_rows(axes: Sequence[Axes], text: str) -> None:
+    """Write the label of the y axis at the first panel of each row."""
+    for panel in axes:
+        if panel.get_subplotspec().is_first_col():  # type: ignore[union-attr]
+            panel.set_ylabel(text)
+
+
+def panel_title(axes: Axes, name: str, detail: str = "") -> None:
+    """Name a panel; long names are wrapped, and ``$`` is no mathematics here."""
+    lines = textwrap.wrap(name, 26, max_lines=2, placeholder="…") or [name]
+    axes.set_title("\n".join(lines).replace("$", r"\$"), loc="left", pad=16 if detail else 6)
+    if detail:
+        axes.annotate(
+            detail.replace("$", r"\$"),
+            (0, 1),
+            xytext=(0, 4),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            color="#444444",
+            fontsize=8,
+        )
+
+
+def ideal_line(axes: Axes, attempts: float, start: float, end: float) -> None:
+    """Draw the ideal observer's mean attempts from one place of the x axis to another.
+
+    Thin, dashed and dark grey, so that no one takes it for data; the gaps are white, which keeps it
+    visible on dark bars. It lies over bars and under error bars and points.
+    """
+    axes.add_line(Line2D([start, end], [attempts] * 2, **_IDEAL_LOOK, gapcolor="white", zorder=1.5))
+
+
+def ideal_key() -> Line2D:
+    """The entry of the ideal observer in a legend."""
+    return Line2D([], [], **_IDEAL_LOOK, label=IDEAL)
+
+
+def legend(figure: Figure, handles: Sequence[Any], columns: int | None = None) -> None:
+    """A legend above all panels."""
+    figure.legend(
+        handles=list(handles),
+        loc="outside upper left",
+        ncols=columns or len(handles),
+        handlelength=1.6,
+        columnspacing=1.4,
+    )
+
+
+def save(figure: Figure, stem: Path) -> str:
+    """Write ``stem.png`` (200 dots per inch), ``.svg`` and ``.pdf``; equal figures, equal bytes.
+
+    Returns:
+        The SVG.
+
+    Raises:
+        OpenLockError: If they cannot be written.
+    """
+    with settings():
+        _settle(figure)
+    for kind in KINDS:
+        buffer = io.BytesIO()
+        _print(figure, kind, buffer)
+        write_bytes(stem.with_name(f"{stem.name}.{kind}"), buffer.getvalue())
+    svg = svg_text(figure)
+    write_text(stem.with_name(f"{stem.name}.svg"), svg)
+    return svg
+
+
+def _settle(figure: Figure) -> None:
+    """Lay the figure out once for all.
+
+    The solver of the layout ends within rounding of the same places, and not always on the same
+    side of it: rounding its result is what makes equal figures equal byte for byte.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        left, bottom, width, height = (round(edge, 6) for edge in axes.get_position().bounds)
+        axes.set_position((left, bottom, width, height))
+
+
+def _print(figure: Figure, kind: str, buffer: Any) -> None:
+    """Draw into a buffer, once: ``savefig`` would do it twice, in case the layout changes."""
+    with settings():
+        if kind == "png":
+            figure.set_dpi(200)
+            FigureCanvasAgg(figure).print_png(  # type: ignore[no-untyped-call]
+                buffer, metadata={"Software": None}
+            )
+        elif kind == "pdf":
+            FigureCanvasPdf(figure).print_pdf(  # type: ignore[no-untyped-call]
+                buffer, metadata=_NO_PDF_METADATA
+            )
+        else:
+            FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
+                buffer, metadata=_NO_METADATA
+            )
+
+
+def svg_text(figure: Figure) -> str:
+    """The figure as an SVG document, without a date."""
+    buffer = io.StringIO()
+    _print(figure, "svg", buffer)
+    return buffer.getvalue()
+
+
+__all__ = [
+    "CATEGORY_COLOURS",
+    "CATEGORY_NAMES",
+    "COMMON_CAUSE",
+    "COMMON_EFFECT",
+    "IDEAL",
+    "OTHER",
+    "Drawing",
+    "ideal_key",
+    "ideal_line",
+    "label_rows",
+    "legend",
+    "panel_title",
+    "panels",
+    "save",
+    "settings",
+    "sizes",
+    "svg_text",
+    "trained_colour",
+]

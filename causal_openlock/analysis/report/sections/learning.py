@@ -1,0 +1,355 @@
+"""Which learners learn and which do not, by a rule that is stated and can be checked.
+
+A learner's visits to train on are cut into five parts. In each of them every subject has a share of
+attempts that open the door, and a share of visits in which it found every solution. The rule
+(:func:`judge`) compares these shares with chance and with the subject's own start, and allows for
+how much subjects differ. Chance is what actions drawn at random come to, computed exactly from the
+room; where such a learner is in the record, also what it did, its luck included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.measures import SUBJECT, ordered
+from causal_openlock.analysis.report.section import Material, Section, Table
+from causal_openlock.analysis.results.deep.chance import chance_of_finding_all, chance_of_opening
+from causal_openlock.analysis.results.deep.visits import (
+    FINDS_ALL,
+    LEAST_SUBJECTS,
+    OPENS,
+    PARTS,
+    Group,
+    each_group,
+    going_on,
+    interval,
+    matrix,
+    shares,
+    starts,
+    visits,
+)
+from causal_openlock.analysis.results.description import mappings_with, random_learners
+from causal_openlock.analysis.statistics import LEVEL
+from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.protocol import default_action_limit
+from causal_openlock.formats.schema_file import schema_from_dict
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.room import positions_for
+from causal_openlock.world.schema import Schema
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+LEARNS = "learns"
+FALLS = "rises, then falls"
+FLAT = "above chance, no rise"
+SOME = "some subjects learn"
+NOT = "does not learn"
+UNDECIDED = "undecided"
+VERDICTS = (LEARNS, FALLS, FLAT, SOME, NOT, UNDECIDED)
+
+SURE_OF_SUBJECT = 0.01
+"""How likely it may be that any subject of a group at chance is taken for one that learns."""
+
+MANY_CONDITIONS = 3
+"""From so many on, all conditions of a learner need not be named one by one."""
+
+RULE = (
+    "A learner's training is cut into five parts of equally many visits. It counts as above chance "
+    "in a part if the whole bootstrap interval over subjects lies above chance. It counts as risen "
+    "there if the mean share is at least twice that at the start, and the whole interval of the "
+    "subjects' gains on their own starts lies above nothing; the start is the first tenth of the "
+    "attempts of the first visit (for finding every solution: the first visit). Intervals cover "
+    "95%, or, where one part of five is enough, 99%. "
+    f"“{LEARNS}”: above chance and risen in the last part. “{FALLS}”: so in some part, and in the "
+    "last at most half of the best, by an interval below nothing. "
+    f"“{FLAT}”: able from the start, or at no time surely twice as good. “{SOME}”: "
+    "the group is surely above chance in no part, but single subjects are in the last, by an exact "
+    f"binomial test of each (p < {SURE_OF_SUBJECT:g} for all subjects together). “{NOT}”: neither "
+    f"the group nor any subject. “{UNDECIDED}”: risen, and in the end neither surely above chance "
+    f"nor surely fallen; or fewer than {LEAST_SUBJECTS} subjects."
+)
+"""The rule of :func:`judge` in words."""
+
+
+def judge(
+    start: FloatArray, parts: FloatArray, bar: float, counted: FloatArray | None = None
+) -> str:
+    """Whether subjects learn, by :data:`RULE`.
+
+    Args:
+        start: ``[n]`` each subject's share at its start.
+        parts: ``[n, P]`` its shares in successive parts of its training.
+        bar: The share that chance comes to.
+        counted: ``[n]`` of how many attempts, or visits, its share in the last part is; by default
+            single subjects are not looked at.
+
+    Returns:
+        One of :data:`VERDICTS`.
+    """
+    subjects, number = parts.shape
+    if subjects < LEAST_SUBJECTS or not number:
+        return UNDECIDED
+    strict = 1 - (1 - LEVEL) / number
+    means = parts.mean(axis=0)
+    above = [interval(part, strict)[0] > bar for part in parts.T]
+    learned = [
+        over and mean >= 2 * start.mean() and interval(part - start, strict)[0] > 0
+        for over, mean, part in zip(above, means, parts.T, strict=True)
+    ]
+    if not any(learned):
+        some = counted is not None and _any_able(parts[:, -1], bar, counted)
+        return FLAT if any(above) else SOME if some else NOT
+    peak = int(np.argmax(np.where(learned, means, -1.0)))
+    halved = means[-1] <= means[peak] / 2
+    if halved and interval(parts[:, -1] - parts[:, peak])[1] < 0:
+        return FALLS
+    return LEARNS if learned[-1] else UNDECIDED
+
+
+def _any_able(share: FloatArray, bar: float, counted: FloatArray) -> bool:
+    """Whether some subject is surely above chance; each draw of a random learner is a new one."""
+    from scipy.stats import binom
+
+    luck = binom.sf(np.rint(share * counted) - 1, counted, bar)
+    return bar > 0 and bool((luck < SURE_OF_SUBJECT / len(share)).any())
+
+
+def progress(record: pa.Table, experiment: Mapping[str, Any]) -> pd.DataFrame:
+    """How far each learner came in training, under protocols with many attempts.
+
+    Args:
+        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
+            order.
+        experiment: As :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it.
+
+    Returns:
+        Two rows for each learner, condition and protocol, one for each ``measure`` (``opens``,
+        ``finds_all``), with ``subjects``; ``visits``, how many trials each of them trained in; the
+        mean shares at the ``start``, in the ``first`` part, the ``peak`` (the best part) and the
+        ``last``, with the last one's 95% interval ``ci_low``, ``ci_high``; ``chance``, exact (NaN
+        if rooms are not described); ``random``, the share of the random learner (NaN without one);
+        and the ``verdict``. The random learner itself is judged against exact chance alone.
+    """
+    record = going_on(record, experiment)
+    if not record.num_rows:
+        return pd.DataFrame(columns=_COLUMNS)
+    visited = visits(record)
+    visited = visited[visited["phase"] == "train"]
+    table, start = shares(visited), starts(record, visited)
+    began = dict(each_group(start))
+    by_chance = random_learners(experiment)
+    lucky = _luck(table, by_chance)
+    rooms = _Rooms(experiment)
+    found = []
+    for group, rows in each_group(visited):
+        parts = table[_mine(table, group)]
+        first = began[group].sort_values(SUBJECT)
+        for measure in (OPENS, FINDS_ALL):
+            share = matrix(parts, measure)
+            counted = matrix(parts, "attempts" if measure == OPENS else "visits")[:, -1]
+            means = share.mean(axis=0)
+            low, high = interval(share[:, -1])
+            exact = rooms.chance(group, rows, measure)
+            random, most = lucky.get((group.condition, group.protocol, measure), (np.nan, np.nan))
+            own = group.learner in by_chance
+            bar = np.nanmax([0.0, exact, np.nan if own else most])
+            found.append(
+                (
+                    *group,
+                    measure,
+                    len(share),
+                    len(rows) / len(share),
+                    first[measure].mean(),
+                    means[0],
+                    means.max(),
+                    means[-1],
+                    low,
+                    high,
+                    exact,
+                    random,
+                    judge(first[measure].to_numpy(float), share, float(bar), counted),
+                )
+            )
+    return pd.DataFrame(found, columns=_COLUMNS)
+
+
+_COLUMNS = [
+    *Group._fields,
+    "measure",
+    "subjects",
+    "visits",
+    "start",
+    "first",
+    "peak",
+    "last",
+    "ci_low",
+    "ci_high",
+    "chance",
+    "random",
+    "verdict",
+]
+
+
+def _mine(table: pd.DataFrame, group: Group) -> pd.Series:
+    mine = table["learner"] == group.learner
+    return mine & (table["condition"] == group.condition) & (table["protocol"] == group.protocol)
+
+
+def _luck(
+    table: pd.DataFrame, by_chance: set[str]
+) -> dict[tuple[str, str, str], tuple[float, float]]:
+    """The random learner's share over all of training, and the upper end of its interval."""
+    rows = table[table["learner"].isin(by_chance)]
+    luck = {}
+    for group, mine in each_group(rows):
+        for measure in (OPENS, FINDS_ALL):
+            each = matrix(mine, measure).mean(axis=1)
+            luck[group.condition, group.protocol, measure] = (each.mean(), interval(each)[1])
+    return luck
+
+
+class _Rooms:
+    """What the rooms of an experiment leave to chance."""
+
+    def __init__(self, experiment: Mapping[str, Any]) -> None:
+        self._schemas: dict[str, dict[str, Schema]] = {}
+        self._limits: dict[str, int | None] = {}
+        conditions: Any = experiment.get("conditions")
+        learners: Any = experiment.get("learners")
+        if not mappings_with(conditions, {"name", "train"}) or not mappings_with(
+            learners, {"name", "protocol"}
+        ):
+            return
+        for one in learners:
+            if mappings_with([one["protocol"]], {"name", "action_limit"}):
+                self._limits[str(one["protocol"]["name"])] = one["protocol"]["action_limit"]
+        for one in conditions:
+            held = [*one["train"], *(one.get("test") or ())]
+            self._schemas[str(one["name"])] = dict(_schemas(held))
+
+    def chance(self, group: Group, rows: pd.DataFrame, measure: str) -> float:
+        """What random actions come to in these visits, on average; NaN if it cannot be told."""
+        known = self._schemas.get(group.condition, {})
+        if group.protocol not in self._limits or not set(rows["schema"]) <= known.keys():
+            return float("nan")
+        positions = max(map(positions_for, known.values()))
+        total = weight = 0.0
+        for (name, attempts), visited in rows.groupby(["schema", "attempts"]).size().items():
+            schema = known[name]
+            limit = self._limits[group.protocol] or default_action_limit(schema)
+            if measure == OPENS:
+                total += visited * attempts * chance_of_opening(schema, limit, positions)
+                weight += visited * attempts
+            else:
+                total += visited * chance_of_finding_all(schema, limit, positions, int(attempts))
+                weight += visited
+        return total / weight
+
+
+def _schemas(trials: Iterable[Mapping[str, Any]]) -> Iterable[tuple[str, Schema]]:
+    for one in trials:
+        try:
+            schema = schema_from_dict(one.get("schema") or {})
+        except OpenLockError:
+            continue
+        yield schema.name, schema
+
+
+def section(material: Material) -> Section | None:
+    """Which learners learn: a table and its reading, or None if no protocol has many attempts."""
+    table = progress(material.record, material.experiment)
+    if table.empty:
+        return None
+    known = set(table["learner"])
+    table = _in_order(table, [name for name in material.learners if name in known])
+    doors, alls = table[table["measure"] == OPENS], table[table["measure"] == FINDS_ALL]
+    text = (
+        f"Opening the door. {said(doors)}",
+        f"Finding every solution within a visit. {said(alls)}",
+        RULE,
+    )
+    told = (
+        ("learning_door", "Who learns to open the door", doors, "Share of attempts that open it."),
+        (
+            "learning_all",
+            "Who learns to find every solution",
+            alls,
+            "Share of visits in which every solution is found.",
+        ),
+    )
+    return Section(
+        "learning",
+        "Which learners learn",
+        text,
+        tuple(_shown(name, title, rows, what) for name, title, rows, what in told),
+    )
+
+
+def _shown(name: str, title: str, rows: pd.DataFrame, what: str) -> Table:
+    first = ["learner", "condition", "protocol", "verdict"]
+    last = ["subjects", "visits"]
+    shares_of = [name for name in rows if name not in (*first, *last, "measure")]
+    # What it is about stands first: a page may be too narrow for all of it.
+    frame = rows[[*first, *shares_of, *last]].dropna(axis="columns", how="all")
+    if frame["protocol"].nunique() == 1:
+        frame = frame.drop(columns="protocol")
+    frame = frame.rename(columns={"peak": "best"}).reset_index(drop=True)
+    printed = {**dict.fromkeys(shares_of, ".2%"), "best": ".2%", "chance": ".4%", "visits": ".0f"}
+    formats = {name: how for name, how in printed.items() if name in frame}
+    return Table(
+        name,
+        title,
+        frame,
+        formats,
+        f"{what} Means over subjects: at the start, in the first, the best and the last of {PARTS} "
+        "parts of training, with the 95% bootstrap interval of the last. chance: of random "
+        "actions, exactly; random: of the random learner. visits: trials to train on.",
+    )
+
+
+def said(rows: pd.DataFrame) -> str:
+    """Verdicts in sentences, such as ``Learns: ddqn (CC4, CE4). Does not learn: random (CC4).``.
+
+    Args:
+        rows: From :func:`progress`, of one measure.
+    """
+    sentences = []
+    for verdict in VERDICTS:
+        names = []
+        for learner, own in rows.groupby("learner", sort=False):
+            several = own["protocol"].nunique() > 1
+            for protocol, part in own.groupby("protocol", sort=False):
+                mine = part.loc[part["verdict"] == verdict, "condition"]
+                every = len(mine) == len(part) >= MANY_CONDITIONS
+                where = "every condition" if every else ", ".join(mine)
+                under = f" under {protocol}" if several else ""
+                names += [f"{learner}{under} ({where})"] if len(mine) else []
+        if names:
+            sentences.append(f"{verdict[0].upper()}{verdict[1:]}: {'; '.join(names)}.")
+    return " ".join(sentences)
+
+
+def _in_order(table: pd.DataFrame, learners: list[str]) -> pd.DataFrame:
+    place = {name: index for index, name in enumerate(ordered(set(table["learner"]), learners))}
+    return table.sort_values("learner", key=lambda names: names.map(place), kind="stable")
+
+
+__all__ = [
+    "FALLS",
+    "FLAT",
+    "LEARNS",
+    "NOT",
+    "RULE",
+    "SOME",
+    "UNDECIDED",
+    "VERDICTS",
+    "judge",
+    "progress",
+    "said",
+    "section",
+]

@@ -1,0 +1,120 @@
+"""What is missing from the results of a folder, and why.
+
+Cells may not have been played yet, or have failed. Whatever is said about the others is said
+without them, so every place that gives numbers names them: the page, the terminal and
+``summary.csv``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import pandas as pd
+
+from causal_openlock.analysis.results.description import mappings_with
+
+_CELL = re.compile(r"(\d+)-(\d+)_[0-9a-f]{12}")
+NOT_PLAYED = "not played yet"
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A cell that is missing.
+
+    Attributes:
+        cell: Its name, as its file is called.
+        learner: Label of its learner; empty if the name does not tell.
+        condition: Its condition.
+        protocol: Its protocol.
+        subjects: How many subjects it is of.
+        told: Which it is, and why it is missing, in a line.
+        failed: Whether it was played, and failed.
+    """
+
+    cell: str
+    learner: str
+    condition: str
+    protocol: str
+    subjects: int
+    told: str
+    failed: bool
+
+
+def missing_cells(description: Mapping[str, Any]) -> list[Missing]:
+    """The cells that are missing.
+
+    Args:
+        description: What :meth:`causal_openlock.experiment.store.Store.record` gives beside a
+            record.
+    """
+    learners: Any = description.get("learners")
+    conditions: Any = description.get("conditions")
+    known: dict[str, tuple[str, str, str]] = {}
+    if mappings_with(learners, {"name", "protocol"}) and mappings_with(conditions, {"name"}):
+        for entry, condition in product(learners, conditions):
+            name = f"{entry['name']}_{condition['name']}"
+            known[name] = entry["name"], condition["name"], entry["protocol"]["name"]
+    failures = description.get("failures") or {}
+    return [_missing(str(cell), known, failures) for cell in description.get("missing_cells") or ()]
+
+
+def _missing(
+    cell: str, known: Mapping[str, tuple[str, str, str]], failures: Mapping[str, str]
+) -> Missing:
+    name, _, identity = cell.rpartition("_")
+    name, _, numbers = name.rpartition("_")
+    learner, condition, protocol = known.get(name, ("", "", ""))
+    among = _CELL.fullmatch(f"{numbers}_{identity}")
+    subjects = int(among[2]) - int(among[1]) + 1 if among else 0
+    told = f"{learner} in {condition}, subjects {numbers}" if learner and among else cell
+    why = failures.get(cell)
+    return Missing(
+        cell, learner, condition, protocol, subjects, why or f"{told}: {NOT_PLAYED}", bool(why)
+    )
+
+
+def with_missing(summary: pd.DataFrame, missing: Sequence[Missing]) -> pd.DataFrame:
+    """A summary that says what is missing: two more columns, and rows for what has none at all.
+
+    Args:
+        summary: From :func:`~causal_openlock.analysis.results.summary.summarise`.
+        missing: From :func:`missing_cells`.
+
+    Returns:
+        The summary as it is if nothing is missing; otherwise with ``missing``, how many subjects of
+        the learner in the condition are, and ``why``, in a row for each of those that failed or
+        have not been played.
+    """
+    if not missing:
+        return summary
+    subjects: dict[tuple[str, ...], int] = {}
+    reasons: dict[tuple[str, ...], dict[str, None]] = {}
+    for one in missing:
+        key = one.learner, one.condition, one.protocol
+        subjects[key] = subjects.get(key, 0) + one.subjects
+        reasons.setdefault(key, {})[one.told] = None
+    keys = ["learner", "condition", "protocol"]
+    there = [tuple(map(str, row)) for row in summary[keys].itertuples(index=False)]
+    table = summary.assign(
+        missing=[subjects.get(row, 0) for row in there],
+        why=["; ".join(reasons.get(row, ())) for row in there],
+    ).astype(object)
+    absent = [key for key in subjects if key not in set(there)]
+    rows = [
+        {
+            **dict.fromkeys(table.columns, ""),
+            **dict(zip(keys, key, strict=True)),
+            "subjects": 0,
+            "missing": subjects[key],
+            "why": "; ".join(reasons[key]),
+        }
+        for key in absent
+    ]
+    return pd.concat([table, pd.DataFrame(rows, columns=table.columns)], ignore_index=True)
+
+
+__all__ = ["Missing", "missing_cells", "with_missing"]

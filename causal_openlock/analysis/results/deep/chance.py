@@ -1,0 +1,83 @@
+"""How often chance alone opens the door: a learner that draws every action uniformly, exactly.
+
+The attempt is unrolled into its states (:func:`causal_openlock.world.fsm.unroll`), and the
+probability of being in each of them is carried forward action by action. What is in the end on a
+state in which the door is open, is the chance of opening it; no play is simulated. Where the levers
+stand makes no difference, only how many positions there are, since every inactive lever wastes an
+action.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from causal_openlock.world.fsm import FloatArray, compile_schema, unroll
+from causal_openlock.world.room import Layout
+from causal_openlock.world.schema import Schema
+
+
+@lru_cache(maxsize=256)
+def chance_of_opening(schema: Schema, action_limit: int, positions: int) -> float:
+    """Probability that an attempt of random actions opens the door.
+
+    Args:
+        schema: What governs the room.
+        action_limit: Actions in an attempt.
+        positions: Size of the room.
+    """
+    opened, _ = _outcomes(schema, action_limit, positions)
+    return opened
+
+
+@lru_cache(maxsize=256)
+def chance_of_finding_all(
+    schema: Schema, action_limit: int, positions: int, attempts: int
+) -> float:
+    """Probability that random actions find every solution within some attempts.
+
+    Args:
+        schema: What governs the room.
+        action_limit: Actions in an attempt.
+        positions: Size of the room.
+        attempts: How many there are.
+    """
+    from scipy.special import gammaln
+
+    _, solutions = _outcomes(schema, action_limit, positions)
+    if not (solutions > 0).all():
+        return 0.0
+    n = np.arange(attempts + 1)
+    # ways[n]: probability that n given attempts find nothing, or solutions considered so far,
+    # each of these at least once. One solution after the other is given j of the n attempts.
+    ways: FloatArray = (1.0 - solutions.sum()) ** n
+    log_choose = gammaln(n[:, None] + 1) - gammaln(n + 1) - gammaln(n[:, None] - n + 1.0)
+    share = np.where((n >= 1) & (n <= n[:, None]), log_choose, -np.inf)
+    for chance in solutions:
+        ways = (np.exp(share + n * np.log(chance)) * ways[n[:, None] - n]).sum(axis=1)
+    return float(ways[-1])
+
+
+@lru_cache(maxsize=256)
+def _outcomes(schema: Schema, action_limit: int, positions: int) -> tuple[float, FloatArray]:
+    """The chance that an attempt opens the door, and ``[K]`` that it does so by each solution."""
+    attempt = unroll(compile_schema(schema), action_limit)
+    roles = Layout(tuple(range(len(schema.levers))), positions).role_actions()
+    effect, chance = attempt.effect[:, roles], attempt.chance[:, roles]
+    idle = attempt.effect[:, -1:]
+    reached = np.zeros(len(attempt.state))
+    reached[0] = 1.0
+    for _ in range(action_limit):
+        going = np.where(attempt.over, 0.0, reached)[:, None] / len(roles)
+        after = np.where(attempt.over, reached, 0.0)
+        np.add.at(after, effect, going * chance)
+        np.add.at(after, np.broadcast_to(idle, effect.shape), going * (1.0 - chance))
+        reached = after
+    opened = attempt.fsm.opened[attempt.state]
+    solution = attempt.fsm.solution[attempt.state]
+    each = [reached[opened & (solution == k)].sum() for k in range(len(schema.solutions))]
+    return float(reached[opened].sum()), np.array(each)
+
+
+__all__ = ["chance_of_finding_all", "chance_of_opening"]

@@ -1,0 +1,244 @@
+"""How fast attempts shrink from trial to trial, and how fast exploration shrinks.
+
+The paper fits an exponential decay to people's attempts over the six training trials, gets 0.548
+(median) and 0.743 (mean), and lets epsilon of a DDQN shrink by these factors: "no meaningful
+learning". How it fitted is not said, and people's attempts are published as means only, so here are
+three usual ways to fit means, by which one can see what size the numbers are, and no more. People
+in training are known from a later paper, *Decomposing Human Causal Learning* (Edmonds et al.,
+CogSci 2019, 80 in each condition), people in the baseline from Figure 3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.measures import mean_by_trial
+from causal_openlock.world import reference
+from causal_openlock.world.fsm import FloatArray
+
+PAPER_MEDIAN, PAPER_MEAN = 0.548, 0.743
+"""The paper's decays, of the median and of the mean of people's attempts."""
+
+NEAR = 0.035
+"""Fits within so much of the paper's decay count as near it: people's means are no more exact."""
+
+LEAST_TRIALS = 4
+"""Three parameters fit any three points."""
+
+_SEARCHED = (1e-3, 1.5)  # decays, for people and learners alike; above 1 attempts grow
+_BELOW_ONE = 0.99  # with an offset, a decay of 1 is a straight line of any slope
+
+
+@dataclass(frozen=True)
+class DecayFit:
+    """A curve ``offset + scale * decay ** t`` over trials, t = 0 being the first.
+
+    Attributes:
+        form: How it was fitted: ``exponential``, ``log-linear`` or ``with offset``.
+        scale: Attempts in the first trial, above the offset.
+        decay: The factor from one trial to the next.
+        offset: What attempts shrink to.
+        error: Root of the mean squared deviation, in attempts.
+    """
+
+    form: str
+    scale: float
+    decay: float
+    offset: float
+    error: float
+
+
+def exponential_fit(values: Sequence[float] | FloatArray) -> DecayFit:
+    """Least squares of ``a * d ** t``.
+
+    Args:
+        values: Mean attempts in successive trials.
+    """
+    return _least_squares("exponential", values, with_offset=False)
+
+
+def offset_fit(values: Sequence[float] | FloatArray) -> DecayFit:
+    """Least squares of ``c + a * d ** t``.
+
+    Args:
+        values: As in :func:`exponential_fit`.
+
+    Returns:
+        The fit; NaN but for its error where the best decay is next to 0 or 1, as of a level curve
+        or a straight line, which no such curve describes.
+    """
+    found = _least_squares("with offset", values, with_offset=True)
+    if _SEARCHED[0] * 2 < found.decay < _BELOW_ONE - 1e-3:
+        return found
+    return DecayFit(found.form, math.nan, math.nan, math.nan, found.error)
+
+
+def log_linear_fit(values: Sequence[float] | FloatArray) -> DecayFit:
+    """A straight line through the logarithms: ``a * d ** t``, small values weighing as much.
+
+    Args:
+        values: As in :func:`exponential_fit`; positive.
+    """
+    known = np.asarray(values, dtype=float)
+    slope, intercept = np.polyfit(np.arange(len(known)), np.log(known), 1)
+    scale, decay = math.exp(intercept), math.exp(slope)
+    return DecayFit("log-linear", scale, decay, 0.0, _error(known, scale, decay, 0.0))
+
+
+FITS = (exponential_fit, log_linear_fit, offset_fit)
+
+
+def _least_squares(form: str, values: Sequence[float] | FloatArray, with_offset: bool) -> DecayFit:
+    """Given the decay the rest is linear, so only the decay is searched."""
+    from scipy.optimize import minimize_scalar
+
+    known = np.asarray(values, dtype=float)
+    trial = np.arange(len(known))
+
+    def solved(decay: float) -> tuple[float, float, float]:
+        columns = [decay**trial, np.ones(len(known))][: 1 + with_offset]
+        found = np.linalg.lstsq(np.stack(columns, axis=1), known, rcond=None)[0]
+        scale, offset = float(found[0]), float(found[1]) if with_offset else 0.0
+        return scale, offset, _error(known, scale, decay, offset)
+
+    low, high = _SEARCHED[0], _BELOW_ONE if with_offset else _SEARCHED[1]
+    grid = np.linspace(low, high, 300)
+    best = int(np.argmin([solved(float(decay))[2] for decay in grid]))
+    bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
+    decay = float(
+        minimize_scalar(
+            lambda decay: solved(float(decay))[2],
+            bounds=bounds,
+            method="bounded",
+            options={"xatol": 1e-9},
+        ).x
+    )
+    scale, offset, error = solved(decay)
+    return DecayFit(form, scale, decay, offset, error)
+
+
+def _error(values: FloatArray, scale: float, decay: float, offset: float) -> float:
+    curve = offset + scale * decay ** np.arange(len(values))
+    return float(np.sqrt(np.mean((values - curve) ** 2)))
+
+
+def people_over_trials() -> dict[str, list[float]]:
+    """People's mean attempts in successive trials, by what they played.
+
+    Training means are of all people of a condition; ``CC3 and CE3`` is the average of both. The
+    paper's own four-lever baselines are beside them.
+    """
+    facts = reference.results()
+    training = {name: facts["cogsci2019"][f"{name}_human"]["mean"] for name in ("CC3", "CE3")}
+    both = np.mean([training["CC3"], training["CE3"]], axis=0).round(6).tolist()
+    baseline = facts["cogsci2018"]["human"]["baseline"]
+    return {
+        "CC3 training": list(training["CC3"]),
+        "CE3 training": list(training["CE3"]),
+        "CC3 and CE3 training": both,
+        "CC4 baseline": list(baseline["CC4"]["mean"]),
+        "CE4 baseline": list(baseline["CE4"]["mean"]),
+    }
+
+
+def fitted(curves: Mapping[str, Sequence[float]]) -> pd.DataFrame:
+    """Every curve fitted in every way.
+
+    Args:
+        curves: Mean attempts in successive trials, by name.
+
+    Returns:
+        One row for each curve of at least :data:`LEAST_TRIALS` trials and each way: ``curve``,
+        ``trials``, ``form``, ``scale``, ``decay``, ``offset``, ``error``, and ``near``, whether the
+        decay is within :data:`NEAR` of the paper's .743.
+    """
+    rows = []
+    for name, values in curves.items():
+        if len(values) < LEAST_TRIALS:
+            continue
+        for fit in FITS:
+            found = fit(values)
+            near = abs(found.decay - PAPER_MEAN) <= NEAR
+            rows.append((name, len(values), *vars(found).values(), near))
+    columns = ["curve", "trials", "form", "scale", "decay", "offset", "error", "near"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def learning_curves(trials: pd.DataFrame, protocol: str) -> dict[tuple[str, str], list[float]]:
+    """Learners' mean attempts in successive trials before the test, by learner and condition.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        protocol: Which protocol; its loops follow one another.
+    """
+    chosen = trials[(trials["protocol"] == protocol) & (trials["phase"] == "train")]
+    means = mean_by_trial(chosen, ["loop", "trial"])
+    return {
+        (str(learner), str(condition)): rows["mean"].tolist()
+        for (learner, condition), rows in means.groupby(["learner", "condition"], observed=True)
+    }
+
+
+def steps_until(decay: float, floor: float = 0.01, start: float = 1.0) -> int:
+    """How often a share must shrink until it is below ``floor``.
+
+    Args:
+        decay: The factor, below 1.
+        floor: Where exploration counts as over; the paper says less than one percent.
+        start: The share at first.
+    """
+    if not 0 < decay < 1:
+        raise ValueError(f"a share that shrinks by {decay} never gets below {floor}")
+    steps = max(0, math.floor(math.log(floor / start) / math.log(decay)) - 1)
+    while start * decay**steps >= floor:
+        steps += 1
+    return steps
+
+
+def random_actions(
+    parameters: Mapping[str, Any], attempts: int, action_limit: int
+) -> tuple[float, float]:
+    """Expected random actions of an epsilon-greedy learner in its first trial, and in its second.
+
+    Args:
+        parameters: With ``epsilon_start``, ``epsilon_min``, ``epsilon_decay``,
+            ``epsilon_decays_with`` and ``epsilon_after_trial``, as of
+            :class:`learners.ddqn.DDQNParameters`.
+        attempts: Attempts in a trial.
+        action_limit: Actions in an attempt.
+    """
+    each = {"action": 1, "attempt": action_limit, "trial": attempts * action_limit}
+    every = each[parameters["epsilon_decays_with"]]
+    lowest, decay = parameters["epsilon_min"], parameters["epsilon_decay"]
+    number = np.arange(attempts * action_limit) // every
+    first = np.maximum(parameters["epsilon_start"] * decay**number, lowest)
+    again = parameters["epsilon_after_trial"]
+    if again is None:
+        again = max(parameters["epsilon_start"] * decay ** (len(number) // every), lowest)
+    # What a trial's end sets may lie below the minimum; the next step of decay lifts it.
+    second = np.where(number == 0, again, np.maximum(again * decay**number, lowest))
+    return float(first.sum()), float(second.sum())
+
+
+__all__ = [
+    "FITS",
+    "LEAST_TRIALS",
+    "NEAR",
+    "PAPER_MEAN",
+    "PAPER_MEDIAN",
+    "DecayFit",
+    "exponential_fit",
+    "fitted",
+    "learning_curves",
+    "log_linear_fit",
+    "offset_fit",
+    "people_over_trials",
+    "random_actions",
+    "steps_until",
+]

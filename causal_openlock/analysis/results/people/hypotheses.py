@@ -1,0 +1,269 @@
+"""Tests of hypotheses about groups of subjects, from their values or from published means alone.
+
+A comparison of means needs no more of a group than its size, its mean and its variance: a
+:class:`Group`. So the same functions test learners, of which every value is known, and people, of
+whom the paper publishes means and error bars. Only the test of learning over trials needs every
+value, because it asks how a subject's own trials vary together.
+
+A test can lack what it needs: where subjects do not differ, nothing tells how much a difference
+means. Then its :class:`Outcome` says why, in words, and has no numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from causal_openlock.analysis.effects import partial_eta_squared
+from causal_openlock.world.fsm import FloatArray
+
+
+@dataclass(frozen=True)
+class Group:
+    """What a comparison of means needs to know of a group of subjects.
+
+    Attributes:
+        size: How many subjects.
+        mean: Of their values.
+        variance: Of their values, with size − 1 in the denominator; 0 for a single subject.
+    """
+
+    size: int
+    mean: float
+    variance: float
+
+    @classmethod
+    def of(cls, values: FloatArray) -> Group:
+        """The group of ``[n]`` values, one for each of at least one subject."""
+        if len(values) == 0:
+            raise ValueError("a group needs at least one subject")
+        if (values == values[0]).all():  # means of equal values may differ in the last digit
+            return cls(len(values), float(values[0]), 0.0)
+        return cls(len(values), float(np.mean(values)), float(np.var(values, ddof=1)))
+
+    @classmethod
+    def published(cls, mean: float, se: float, size: int) -> Group:
+        """The group behind a mean and an error bar of the paper, population SD / √n."""
+        return cls(size, mean, se**2 * size**2 / (size - 1))
+
+    @classmethod
+    def merged(cls, groups: Sequence[Sample]) -> Group:
+        """The group of all subjects of several groups."""
+        parts = [group_of(one) for one in groups]
+        size = sum(one.size for one in parts)
+        mean = sum(one.size * one.mean for one in parts) / size
+        within = sum((one.size - 1) * one.variance for one in parts)
+        between = sum(one.size * (one.mean - mean) ** 2 for one in parts)
+        if all(one.mean == parts[0].mean for one in parts):
+            mean, between = parts[0].mean, 0.0
+        return cls(size, mean, (within + between) / max(1, size - 1))
+
+
+Sample = Group | FloatArray
+"""A group of subjects: a summary of it, or ``[n]`` their values."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a test.
+
+    Attributes:
+        statistic: ``t`` or ``F``.
+        df: Its degrees of freedom.
+        difference: The difference tested, in the unit of the values; its sign is that of the
+            means, the first minus the second.
+        value: Of the statistic; None if the test is not defined, as the two that follow.
+        p: Probability of so large a statistic, on either side of zero, if there is no difference.
+        effect: Size of the effect: Cohen's d for t, partial η² for F.
+        undefined: Why the test is not defined; empty if it is.
+    """
+
+    statistic: str
+    df: tuple[int, ...]
+    difference: float
+    value: float | None = None
+    p: float | None = None
+    effect: float | None = None
+    undefined: str = ""
+
+    def __str__(self) -> str:
+        """As a paper prints it: ``F(1, 156) = 24.94, p < .001``."""
+        if self.value is None or self.p is None:
+            return f"not defined: {self.undefined}"
+        p = "p < .001" if self.p < 0.001 else f"p = {self.p:.3f}".replace("0.", ".")
+        return f"{self.statistic}({', '.join(map(str, self.df))}) = {self.value:.2f}, {p}"
+
+
+def group_of(sample: Sample) -> Group:
+    """The summary of a sample, whichever form it has."""
+    return sample if isinstance(sample, Group) else Group.of(np.asarray(sample, float))
+
+
+def t_test(first: Sample, second: Sample) -> Outcome:
+    """Student's t of two independent groups, variances pooled, two-sided: the paper's t(78).
+
+    Args:
+        first: A group, or ``[n]`` values.
+        second: A group, or ``[m]`` values.
+
+    Returns:
+        t with n + m − 2 degrees of freedom, positive where the first mean is larger, and
+        Cohen's d.
+    """
+    from scipy.stats import t as distribution
+
+    groups = [group_of(first), group_of(second)]
+    difference = groups[0].mean - groups[1].mean
+    pooled, df, reason = _pooled(groups)
+    if reason:
+        return Outcome("t", (df,), difference, undefined=reason)
+    d = difference / np.sqrt(pooled)
+    value = float(d / np.sqrt(sum(1 / one.size for one in groups)))
+    p = 2 * float(distribution.sf(abs(value), df))
+    return Outcome("t", (df,), difference, value, p, float(d))
+
+
+def contrast_test(groups: Sequence[Sample], weights: Sequence[float]) -> Outcome:
+    """F of a weighted sum of the means of independent groups, with one degree of freedom.
+
+    Args:
+        groups: G groups, or ``[n]`` values of each.
+        weights: A weight for each of them; they sum to 0.
+
+    Returns:
+        F(1, N − G) and partial η²; the difference is the weighted sum.
+    """
+    parts = [group_of(one) for one in groups]
+    difference = float(sum(w * one.mean for w, one in zip(weights, parts, strict=True)))
+    pooled, df, reason = _pooled(parts)
+    if reason:
+        return Outcome("F", (1, df), difference, undefined=reason)
+    spread = pooled * sum(w**2 / one.size for w, one in zip(weights, parts, strict=True))
+    return _f(difference**2 / spread, (1, df), difference)
+
+
+def interaction_test(cells: Sequence[Sequence[Sample]]) -> Outcome:
+    """The interaction of a 2 × 2 analysis of variance: the paper's F(1, 156).
+
+    Args:
+        cells: Two rows of two groups, or of ``[n]`` values each. Groups may differ in size; every
+            cell counts alike (sums of squares of type III).
+
+    Returns:
+        F(1, N − 4) and partial η². The difference is half of what the first mean of the first row
+        exceeds the second by, less half of the same in the second row.
+    """
+    (a, b), (c, d) = cells
+    return contrast_test([a, b, c, d], [0.5, -0.5, -0.5, 0.5])
+
+
+def one_way_test(groups: Sequence[Sample]) -> Outcome:
+    """F of a one-way analysis of variance: the paper's F(1, 78) and F(1, 158).
+
+    Args:
+        groups: G groups, or ``[n]`` values of each.
+
+    Returns:
+        F(G − 1, N − G) and partial η²; the difference is the first mean minus the last.
+    """
+    parts = [group_of(one) for one in groups]
+    difference = parts[0].mean - parts[-1].mean
+    pooled, error, reason = _pooled(parts)
+    df = (len(parts) - 1, error)
+    if reason:
+        return Outcome("F", df, difference, undefined=reason)
+    grand = sum(one.size * one.mean for one in parts) / sum(one.size for one in parts)
+    between = sum(one.size * (one.mean - grand) ** 2 for one in parts)
+    return _f(between / df[0] / pooled, df, difference)
+
+
+def trial_test(groups: Sequence[FloatArray]) -> Outcome:
+    """Whether trials differ: the multivariate test of repeated measures, F(4, 75) in the paper.
+
+    The differences between successive trials of the same subject are tested against zero, all at
+    once (Hotelling's T² with covariances pooled within groups; every group counts alike). Unlike
+    the univariate analysis it does not suppose that all pairs of trials vary together alike.
+
+    Args:
+        groups: ``[n_g, T]`` values of the subjects of each of G groups in the same T trials.
+
+    Returns:
+        F(T − 1, N − G − T + 2) and partial η², which is 1 − Wilks' Λ; the difference is the first
+        trial's mean minus the last one's, groups counting alike.
+    """
+    steps = [np.diff(np.asarray(one, float), axis=1) for one in groups]
+    means = np.array([one.mean(axis=0) for one in steps])
+    number, (count, trials) = sum(map(len, steps)), (len(groups), groups[0].shape[1])
+    error, tested = number - count, trials - 1
+    df = (tested, error - tested + 1)
+    mean = means.mean(axis=0)
+    difference = -float(mean.sum())
+    reason = _not_testable(groups, steps, df)
+    if reason:
+        return Outcome("F", df, difference, undefined=reason)
+    residuals = np.concatenate([one - m for one, m in zip(steps, means, strict=True)])
+    weight = sum(1 / len(one) for one in steps) / count**2
+    covariance = residuals.T @ residuals / error
+    squared = float(mean @ np.linalg.solve(covariance, mean) / weight)  # Hotelling's T²
+    return _f(squared * df[1] / (error * tested), df, difference)
+
+
+def _f(value: float, df: tuple[int, int], difference: float) -> Outcome:
+    from scipy.stats import f as distribution
+
+    effect = partial_eta_squared(value, *df)
+    return Outcome("F", df, difference, float(value), float(distribution.sf(value, *df)), effect)
+
+
+def _pooled(groups: Sequence[Group]) -> tuple[float, int, str]:
+    """The variance within groups, its degrees of freedom, and why it cannot be used."""
+    df = sum(one.size for one in groups) - len(groups)
+    if df < 1:
+        return 0.0, df, "a single subject in each group tells nothing of how subjects differ"
+    pooled = sum((one.size - 1) * one.variance for one in groups) / df
+    if pooled > 0:
+        return pooled, df, ""
+    means = list(dict.fromkeys(f"{one.mean:.4g}" for one in groups))
+    if len(means) == 1:
+        return 0.0, df, f"every subject needed {means[0]} attempts"
+    each = f"{', '.join(means[:-1])} and {means[-1]}"
+    return 0.0, df, f"every subject of a group needed as many attempts as the others ({each})"
+
+
+def _not_testable(
+    groups: Sequence[FloatArray], steps: Sequence[FloatArray], df: tuple[int, int]
+) -> str:
+    """Why trials cannot be compared; empty if they can."""
+    tested, rest = df
+    if tested < 1:
+        return "there is only one trial"
+    if rest < 1:
+        return f"{tested + 1} trials need at least {tested + len(groups)} subjects"
+    values = np.concatenate([np.ravel(one) for one in groups])
+    if (values == values[0]).all():
+        return f"every subject needed {values[0]:.4g} attempts in every trial"
+    # Exact in whole attempts; rounding of means over loops is far below one part in 10⁹.
+    spread = np.concatenate([one - one.mean(axis=0) for one in steps])
+    scale = np.abs(values).max() * np.sqrt(len(spread))
+    alike = np.flatnonzero(np.linalg.norm(spread, axis=0) <= 1e-9 * scale)
+    if len(alike):
+        named = ", ".join(f"{trial + 1} to {trial + 2}" for trial in alike)
+        return f"all subjects of a group changed alike from one trial to the next ({named})"
+    if np.linalg.matrix_rank(spread, tol=1e-9 * scale) < tested:
+        return "subjects differ in fewer ways than there are differences between trials"
+    return ""
+
+
+__all__ = [
+    "Group",
+    "Outcome",
+    "Sample",
+    "contrast_test",
+    "group_of",
+    "interaction_test",
+    "one_way_test",
+    "t_test",
+    "trial_test",
+]

@@ -1,0 +1,326 @@
+"""The paper's tests, in the paper's order, for every learner that did what people did.
+
+The paper asks three things of people: whether they learn over the baseline trials, and which
+structure is the harder one; whether the groups that are trained learn alike; and whether training
+with one structure helps to find out about the same structure more than about the other. The same
+tests are run on learners here, and what the paper prints stands beside them. The p values of a
+family of tests are corrected after Holm, learner by learner.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.effects import hedges_g, holm, partial_eta_squared
+from causal_openlock.analysis.measures import SUBJECT, by_subject
+from causal_openlock.analysis.results.people.hypotheses import (
+    Outcome,
+    interaction_test,
+    one_way_test,
+    t_test,
+    trial_test,
+)
+from causal_openlock.analysis.results.people.published import people
+from causal_openlock.world import reference
+from causal_openlock.world.fsm import FloatArray
+
+TEST_COLUMNS = (
+    "learner",
+    "family",
+    "test",
+    "subjects",
+    "difference",
+    "statistic",
+    "df",
+    "value",
+    "p",
+    "p_holm",
+    "effect",
+    "effect_size",
+    "hedges_g",
+    "paper",
+    "note",
+)
+"""Columns of the tables of this module; see :func:`learner_tests`."""
+
+PEOPLE = "People"
+
+_TRIAL = ["phase", "trial"]
+
+_PRINTED_OF_TRAINING = {
+    # The paper draws no training trials: these four stand in its text alone.
+    "training trial effect": "F(5,152)=56.02,p<.001",
+    "training CC3 vs CE3": "F(1,158)=0.11",
+    "final training CC3-CC4 vs CC3-CE4": "t(78)=0.87",
+    "final training CE3-CC4 vs CE3-CE4": "t(78)=0.48",
+}
+
+
+@dataclass(frozen=True)
+class PaperTest:
+    """One of the paper's tests.
+
+    Attributes:
+        family: What it belongs to: ``baseline``, ``training`` or ``transfer``.
+        name: What is compared; a difference of two is the first minus the second.
+        key: Name of what the paper prints of it.
+        kind: ``trials``, ``one-way``, ``t`` or ``interaction``.
+        sides: Conditions that are compared; those of a side are one group.
+        phase: Of the trials: ``train`` or ``test``.
+        last: Whether the last trial alone is compared, and not the mean of all.
+        claim: What it asks, so that *people* and *learners* can stand before it.
+        directed: Whether only a difference above zero is what it asks for.
+    """
+
+    family: str
+    name: str
+    key: str
+    kind: str
+    sides: tuple[tuple[str, ...], ...]
+    phase: str
+    last: bool
+    claim: str
+    directed: bool = True
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """All conditions that it needs."""
+        return tuple(name for side in self.sides for name in side)
+
+    def run(self, attempts: Mapping[str, FloatArray]) -> Outcome:
+        """Run it on ``[n, T]`` attempts of the n subjects of each condition in its T trials."""
+        if self.kind == "trials":
+            return trial_test([attempts[name] for name in self.conditions])
+        groups = [
+            np.concatenate([self._values(attempts[name]) for name in side]) for side in self.sides
+        ]
+        if self.kind == "interaction":
+            return interaction_test([groups[:2], groups[2:]])
+        return t_test(*groups) if self.kind == "t" else one_way_test(groups)
+
+    def _values(self, attempts: FloatArray) -> FloatArray:
+        return attempts[:, -1] if self.last else attempts.mean(axis=1)
+
+
+_CC3, _CE3 = ("CC3-CC4", "CC3-CE4"), ("CE3-CC4", "CE3-CE4")
+TESTS = (
+    PaperTest("baseline", "trials", "trial effect", "trials", (("CC4",), ("CE4",)), "train", False,
+        "need fewer attempts in later baseline trials"),
+    PaperTest("baseline", "CE4 − CC4", "structure effect baseline", "one-way",
+        (("CE4",), ("CC4",)), "train", False, "find CE4 harder than CC4 over all baseline trials"),
+    PaperTest("baseline", "CE4 − CC4, last", "trial5 CE4 vs CC4", "t",
+        (("CE4",), ("CC4",)), "train", True, "find CE4 harder than CC4 in the last baseline trial"),
+    PaperTest("training", "trials", "training trial effect", "trials", (_CC3, _CE3), "train", False,
+        "need fewer attempts in later training trials"),
+    PaperTest("training", "CE3 − CC3", "training CC3 vs CE3", "one-way", (_CE3, _CC3), "train",
+        False, "find CE3 harder than CC3 in training"),
+    PaperTest("training", "CC3, last: CC4 − CE4", "final training CC3-CC4 vs CC3-CE4", "t",
+        (_CC3[:1], _CC3[1:]), "train", True,
+        "differ in the last CC3 training trial by the test that awaits them", False),
+    PaperTest("training", "CE3, last: CC4 − CE4", "final training CE3-CC4 vs CE3-CE4", "t",
+        (_CE3[:1], _CE3[1:]), "train", True,
+        "differ in the last CE3 training trial by the test that awaits them", False),
+    PaperTest("transfer", "interaction", "transfer interaction", "interaction",
+        (("CE3-CC4",), ("CC3-CC4",), ("CE3-CE4",), ("CC3-CE4",)), "test", False,
+        "gain more from training with the structure of the test than with the other"),
+    PaperTest("transfer", "CC4: CE3 − CC3", "CC4: CC3 vs CE3 training", "t",
+        (("CE3-CC4",), ("CC3-CC4",)), "test", False,
+        "solve CC4 in fewer attempts after CC3 than after CE3"),
+    PaperTest("transfer", "CE4: CC3 − CE3", "CE4: CE3 vs CC3 training", "t",
+        (("CC3-CE4",), ("CE3-CE4",)), "test", False,
+        "solve CE4 in fewer attempts after CE3 than after CC3"),
+    PaperTest("transfer", "CE4 − CC4", "transfer test structure", "one-way",
+        (("CC3-CE4", "CE3-CE4"), ("CC3-CC4", "CE3-CC4")), "test", False,
+        "find CE4 harder than CC4 in the transfer test"),
+)  # fmt: skip
+"""The paper's tests in the paper's order; every difference is positive in people where they show
+the effect."""
+
+
+def learner_tests(trials: pd.DataFrame, learner: str) -> pd.DataFrame:
+    """Every test of the paper for which a learner played the conditions.
+
+    Subjects that have not played every trial of a condition are left out of it; the loops of a
+    subject are averaged first.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, of those who did
+            what people did.
+        learner: Label of the learner.
+
+    Returns:
+        A row for each test in the paper's order, with the columns :data:`TEST_COLUMNS`:
+
+        - ``learner``, ``family``, ``test``; ``subjects``: in all groups together.
+        - ``difference``: of means, in attempts: the first minus the second of ``test``; of trials
+          the first minus the last; of the interaction what training with the structure of the
+          test saves, the mean over both structures.
+        - ``statistic`` (t or F), ``df`` (such as ``1, 78``), ``value``, ``p``, and ``p_holm``,
+          which is corrected within the family.
+        - ``effect`` (``d`` or ``ηp²``), ``effect_size`` and, of d, ``hedges_g``.
+        - ``paper``: what the paper prints of people.
+        - ``note``: why the test is not defined; then its numbers are NaN. Empty otherwise.
+    """
+    return _tests_of(by_subject(trials[trials["learner"] == learner], _TRIAL), learner)
+
+
+def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
+    printed = _printed()
+    rows = []
+    for phase in ("train", "test"):
+        held = _matrices(means[(means["learner"] == learner) & (means["phase"] == phase)])
+        for test in TESTS:
+            if test.phase == phase and all(name in held for name in test.conditions):
+                attempts = {name: held[name][0] for name in test.conditions}
+                if len({one.shape[1] for one in attempts.values()}) > 1:
+                    continue  # groups that played different trials
+                unsolved = not any(held[name][1] for name in test.conditions)
+                outcome = test.run(attempts)
+                limit = max(float(one.max()) for one in attempts.values())
+                note = str(outcome) if outcome.undefined else ""
+                if note and unsolved:
+                    note = f"not defined: no subject solved a trial within {limit:g} attempts"
+                subjects = sum(map(len, attempts.values()))
+                rows.append(_row(learner, test, subjects, outcome, printed[test.key], note))
+    return _corrected(rows)
+
+
+def printed_tests() -> pd.DataFrame:
+    """What the paper prints, in the form of :func:`learner_tests`.
+
+    p values and sizes of effects follow from the printed statistics and their degrees of freedom,
+    differences from the published means. Training trials are not published: there differences are
+    NaN, and t has no sign.
+    """
+    return _published_tests().copy()
+
+
+@cache
+def _published_tests() -> pd.DataFrame:
+    rows = []
+    means = people()
+    size = int(means["subjects"].iloc[0])
+    for test in TESTS:
+        text = _printed()[test.key]
+        outcome = _parsed(text)
+        drawn = means[(means["phase"] == test.phase) & means["condition"].isin(test.conditions)]
+        if len(drawn):  # the difference needs the means alone
+            by_condition = drawn.groupby("condition", sort=False)["mean"]
+            one = test.run({str(name): row.to_numpy()[None] for name, row in by_condition})
+            outcome = replace(outcome, difference=one.difference)
+        rows.append(_row(PEOPLE, test, size * len(test.conditions), outcome, text, ""))
+    return _corrected(rows)
+
+
+def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
+    """:func:`printed_tests`, then :func:`learner_tests` of each learner; none without any."""
+    means = by_subject(trials, _TRIAL)
+    own = [table for name in learners if len(table := _tests_of(means, name))]
+    return pd.concat([printed_tests(), *own], ignore_index=True) if own else _corrected([])
+
+
+def outcome_text(row: Mapping[str, object]) -> str:
+    """A row of such a table as a paper prints it, with the corrected p and the effect's size."""
+    if row["note"]:
+        return str(row["note"])
+    effect = "d" if row["effect"] == "d" else "ηp²"
+    parts = [
+        f"{row['statistic']}({row['df']}) = {_number(row['value'])}",
+        _p("p", row["p"]),
+        _p("Holm", row["p_holm"]),
+        f"{effect} = {_number(row['effect_size'])}",
+    ]
+    return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
+
+
+def _number(value: object) -> str:
+    return f"{float(str(value)) + 0.0:.2f}".replace("-", "−")
+
+
+def _p(name: str, value: object) -> str:
+    p = float(str(value))
+    if p < 0.001:
+        return f"{name} < .001"
+    return f"{name} = {p:.3f}".replace("= 0.", "= .").replace("= 1.000", "= 1")
+
+
+def _printed() -> dict[str, str]:
+    """What the paper prints of each test, as its text has it."""
+    return {
+        **_PRINTED_OF_TRAINING,
+        **reference.results()["cogsci2018"]["human"]["statistics"],
+    }
+
+
+def _parsed(text: str) -> Outcome:
+    """``F(4,75)=40.16,p<.001`` as the outcome of a test of groups of equal size."""
+    from scipy.stats import f, t
+
+    found = re.match(r"([tF])\(([\d,]+)\)=([\d.]+)", text.replace(" ", ""))
+    assert found is not None
+    df = tuple(int(one) for one in found[2].split(","))
+    value = float(found[3])
+    if found[1] == "F":
+        p, effect = float(f.sf(value, *df)), partial_eta_squared(value, df[0], df[1])
+    else:  # n + n − 2 = df
+        p, effect = 2 * float(t.sf(value, *df)), value * float(np.sqrt(4 / (df[0] + 2)))
+    return Outcome(found[1], df, np.nan, value, p, effect)
+
+
+def _matrices(means: pd.DataFrame) -> dict[str, tuple[FloatArray, bool]]:
+    """By condition, ``[n, T]`` attempts of its subjects, and whether any trial was solved."""
+    held = {}
+    for name, rows in means.groupby("condition", observed=True, sort=False):
+        wide = rows.set_index([*SUBJECT, "trial"])["attempts"].unstack("trial")
+        held[str(name)] = (wide.dropna().to_numpy(float), bool((rows["solved"] > 0).any()))
+    return {name: found for name, found in held.items() if len(found[0])}
+
+
+def _row(
+    learner: str, test: PaperTest, subjects: int, outcome: Outcome, paper: str, note: str
+) -> dict[str, object]:
+    d = outcome.effect if outcome.statistic == "t" else None
+    return {
+        "learner": learner,
+        "family": test.family,
+        "test": test.name,
+        "subjects": subjects,
+        "difference": outcome.difference + 0.0,  # no minus zero
+        "statistic": outcome.statistic,
+        "df": ", ".join(map(str, outcome.df)),
+        "value": outcome.value,
+        "p": outcome.p,
+        "effect": "d" if outcome.statistic == "t" else "ηp²",
+        "effect_size": outcome.effect,
+        "hedges_g": None if d is None else hedges_g(d, outcome.df[0]),
+        "paper": paper,
+        "note": note,
+    }
+
+
+def _corrected(rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
+    table = pd.DataFrame(list(rows), columns=[name for name in TEST_COLUMNS if name != "p_holm"])
+    numbers = ["difference", "value", "p", "effect_size", "hedges_g"]
+    table = table.astype(dict.fromkeys(numbers, float))
+    table["p_holm"] = np.nan
+    for _, family in table.groupby("family"):
+        table.loc[family.index, "p_holm"] = holm(family["p"].to_numpy())
+    return table[list(TEST_COLUMNS)]
+
+
+__all__ = [
+    "PEOPLE",
+    "TESTS",
+    "TEST_COLUMNS",
+    "PaperTest",
+    "learner_tests",
+    "outcome_text",
+    "paper_tests",
+    "printed_tests",
+]

@@ -1,0 +1,233 @@
+"""Scores: what a condition comes to for each subject, and what training was worth.
+
+Two questions are asked of transfer. *Congruency*: does training with the structure of the test help
+more than training with the other one? *Savings*: how many attempts does training with three levers
+save in the first room with four, against those who meet it without any training?
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.measures import (
+    BASELINES,
+    CELL,
+    TRANSFERS,
+    by_subject,
+    ordered,
+)
+from causal_openlock.analysis.results.summary import judged
+from causal_openlock.analysis.statistics import LEVEL, SEED, stratified_interval
+from causal_openlock.world.fsm import FloatArray
+
+SCORE_COLUMNS = (
+    "learner",
+    "protocol",
+    "score",
+    "condition",
+    "subjects",
+    "attempts",
+    "against",
+    "value",
+    "ci_low",
+    "ci_high",
+)
+"""Columns of :func:`transfer_scores`."""
+
+CONGRUENCY, SAVINGS = "congruency", "savings"
+
+
+def normalised_score(
+    attempts: FloatArray, random: FloatArray | float, ideal: FloatArray | float
+) -> FloatArray:
+    """Where attempts lie between chance and the best that is possible.
+
+    Args:
+        attempts: ``[...]`` attempts to solve.
+        random: ``[...]`` or a number: what a learner needs that acts at random.
+        ideal: The same of the ideal observer.
+
+    Returns:
+        ``[...]`` 0 for as many attempts as at random and 1 for the ideal; below 0 or above 1 for
+        more or fewer than these. NaN where random needs no more than ideal, so that nothing can be
+        told apart.
+    """
+    span = np.asarray(random, float) - np.asarray(ideal, float)
+    width = np.where(span > 0, span, np.nan)
+    score: FloatArray = (np.asarray(random, float) - np.asarray(attempts, float)) / width
+    return score
+
+
+def congruency(congruent: FloatArray, incongruent: FloatArray) -> FloatArray:
+    """How many attempts more a test takes after training with its own structure than with another.
+
+    Args:
+        congruent: ``[..., n]`` attempts of subjects trained with the structure of the test.
+        incongruent: ``[..., m]`` attempts of those trained with the other.
+
+    Returns:
+        ``[...]`` the difference of means; negative where training with the same structure helps.
+    """
+    difference: FloatArray = congruent.mean(axis=-1) - incongruent.mean(axis=-1)
+    return difference
+
+
+def savings(baseline: FloatArray, transfer: FloatArray) -> FloatArray:
+    """Which share of the attempts in a first trial training saves.
+
+    Args:
+        baseline: ``[..., n]`` attempts in the first trial of subjects without training.
+        transfer: ``[..., m]`` attempts in the first test trial of those with training.
+
+    Returns:
+        ``[...]`` 1 − transfer / baseline, of means: 0 if training saves nothing, below 0 if it
+        costs attempts.
+    """
+    share: FloatArray = 1 - transfer.mean(axis=-1) / baseline.mean(axis=-1)
+    return share
+
+
+def scores_by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, FloatArray]]:
+    """What every subject came to in the trials by which its condition is judged.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+    Returns:
+        By learner and protocol, by condition: ``[n]`` attempts of its subjects, each subject's
+        trials averaged.
+    """
+    return _by_condition(judged(trials))
+
+
+def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
+    """What training was worth to each learner in the paper's transfer conditions.
+
+    Congruency compares the mean of a subject's test trials; savings compare the first test trial
+    with the first baseline trial.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+    Returns:
+        A row for each learner, protocol and score for which the conditions were played, with the
+        columns :data:`SCORE_COLUMNS`:
+
+        - ``score``: ``congruency`` (in attempts, see :func:`congruency`) or ``savings`` (a share,
+          see :func:`savings`).
+        - ``condition``: the transfer condition whose test it is about; of congruency the one
+          trained with the structure of its test.
+        - ``subjects``: of that condition; ``attempts``: their mean.
+        - ``against``: the mean of those compared with: trained with the other structure, or
+          without training.
+        - ``value``, ``ci_low``, ``ci_high``: the score and its 95% bootstrap interval, subjects of
+          both groups resampled among themselves; NaN for an interval of one subject.
+    """
+    tests = scores_by_condition(trials[trials["condition"].isin(TRANSFERS)])
+    first_visits = trials[(trials["loop"] == 1) & (trials["trial"] == 1)]
+    in_phase = first_visits["phase"] == np.where(
+        first_visits["condition"].isin(TRANSFERS), "test", "train"
+    )
+    firsts = _by_condition(first_visits[in_phase])
+    rows = [
+        row
+        for who in dict.fromkeys([*tests, *firsts])
+        for row in (
+            *_scored(who, CONGRUENCY, tests.get(who, {})),
+            *_scored(who, SAVINGS, firsts.get(who, {})),
+        )
+    ]
+    table = pd.DataFrame(rows, columns=SCORE_COLUMNS)
+    names = ordered(trials["learner"], ())
+    return table.sort_values(
+        "learner", key=lambda column: column.map(names.index), kind="stable", ignore_index=True
+    )
+
+
+def published_transfer_scores(name: str, means: pd.DataFrame) -> pd.DataFrame:
+    """The same of published means.
+
+    Args:
+        name: What to call them.
+        means: ``condition``, ``phase``, ``trial``, ``subjects``, ``mean`` and ``se``, which is
+            population SD / √n.
+
+    Returns:
+        As :func:`transfer_scores`; the intervals follow from the error bars, as if means were
+        distributed normally.
+    """
+    from scipy.stats import norm
+
+    first = means[means["trial"] == 1].set_index("condition")
+    z = float(norm.isf((1 - LEVEL) / 2))
+    se = first["se"] * np.sqrt(first["subjects"] / (first["subjects"] - 1))
+    rows: list[tuple[object, ...]] = []
+    for score, condition, other in _comparisons():
+        one, two = first["mean"][condition], first["mean"][other]
+        if score == CONGRUENCY:
+            value, error = one - two, np.hypot(se[condition], se[other])
+        else:  # the error of a ratio, to first order
+            value = 1 - one / two
+            error = np.hypot(se[condition] / two, one * se[other] / two**2)
+        size = int(first["subjects"][condition])
+        low, high = value - z * error, value + z * error
+        rows.append((name, "human", score, condition, size, one, two, value, low, high))
+    return pd.DataFrame(rows, columns=SCORE_COLUMNS)
+
+
+def _comparisons() -> list[tuple[str, str, str]]:
+    """Each score, the condition that it is about, and the one that it is compared with."""
+    of_tests = {"CC3-CC4": "CE3-CC4", "CE3-CE4": "CC3-CE4"}
+    baseline = {name: next(one for one in BASELINES if name.endswith(one)) for name in TRANSFERS}
+    return [
+        *((CONGRUENCY, name, other) for name, other in of_tests.items()),
+        *((SAVINGS, name, other) for name, other in baseline.items()),
+    ]
+
+
+def _scored(
+    who: tuple[str, str], score: str, held: Mapping[str, FloatArray]
+) -> list[tuple[object, ...]]:
+    rows: list[tuple[object, ...]] = []
+    for kind, condition, other in _comparisons():
+        if kind != score or condition not in held or other not in held:
+            continue
+        one, two = held[condition], held[other]
+        function, groups = (congruency, (one, two)) if kind == CONGRUENCY else (savings, (two, one))
+        low, high = stratified_interval(
+            groups, partial(_apply, function), np.random.default_rng(SEED)
+        )
+        means = (float(one.mean()), float(two.mean()))
+        rows.append((*who, kind, condition, len(one), *means, float(function(*groups)), low, high))
+    return rows
+
+
+def _apply(
+    function: Callable[[FloatArray, FloatArray], FloatArray], drawn: Sequence[FloatArray]
+) -> FloatArray:
+    return function(*drawn)
+
+
+def _by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, FloatArray]]:
+    held: dict[tuple[str, str], dict[str, FloatArray]] = {}
+    for key, rows in by_subject(trials, []).groupby(CELL, observed=True, sort=True):
+        learner, condition, protocol = map(str, key)
+        held.setdefault((learner, protocol), {})[condition] = rows["attempts"].to_numpy(float)
+    return held
+
+
+__all__ = [
+    "CONGRUENCY",
+    "SAVINGS",
+    "SCORE_COLUMNS",
+    "congruency",
+    "normalised_score",
+    "published_transfer_scores",
+    "savings",
+    "scores_by_condition",
+    "transfer_scores",
+]

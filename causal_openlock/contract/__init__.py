@@ -1,0 +1,1 @@
+"""What a learner is shown and answers, and how it is found by name."""

@@ -1,0 +1,204 @@
+"""The contract of a learner: what it is told, what it sees, what it answers.
+
+A :class:`Learner` plays B subjects at once: every array is ``[B, ...]`` and no subject sees
+another's data. It is told a :class:`Brief`, sees a :class:`View`, answers with actions, and is
+told in a :class:`Step` what they led to. None of these types can hold a role, a schema or a
+solution: what is latent lives in :class:`Truth`, and only an :class:`InformedLearner`, which the
+record then shows beside the others as a bound, is ever given one.
+
+Learners are found by name through :mod:`causal_openlock.contract.registry`. For a first learner,
+:class:`~causal_openlock.contract.one_subject.OneSubjectLearner` asks for a single method,
+``act(observation)``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.errors import LearnerError
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.room import Room
+
+Observations = NDArray[np.int8]
+
+
+@dataclass(frozen=True)
+class Brief:
+    """What a learner is told before it starts.
+
+    Attributes:
+        subjects: How many subjects it plays, B.
+        positions: Levers of the room, P; seven in the paper.
+        action_names: The 2P + 1 actions by index: ``push_...``, ``pull_...``, ``push_door``.
+        action_limit: The most actions that an attempt can have.
+        attempt_limit: Attempts in a trial.
+        trials: How many trials there will be.
+        generators: One source of randomness for each subject.
+    """
+
+    subjects: int
+    positions: int
+    action_names: tuple[str, ...]
+    action_limit: int
+    attempt_limit: int
+    trials: int
+    generators: tuple[np.random.Generator, ...]
+
+    @property
+    def actions(self) -> int:
+        """Number of actions, 2P + 1."""
+        return 2 * self.positions + 1
+
+    @property
+    def observation_size(self) -> int:
+        """Bits of an observation, 2P + 2."""
+        return 2 * self.positions + 2
+
+
+@dataclass(frozen=True)
+class Console:
+    """What is shown beside the room; every field is ``[B]``.
+
+    Attributes:
+        solutions_left: Solutions not yet found in this trial.
+        solutions_found: Solutions found in this trial.
+        attempts_left: Attempts left in this trial, the present one included.
+        actions_left: Actions left in this attempt.
+    """
+
+    solutions_left: IntArray
+    solutions_found: IntArray
+    attempts_left: IntArray
+    actions_left: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class View:
+    """What B subjects perceive at one moment.
+
+    Attributes:
+        observation: ``[B, 2P + 2]`` of 0 and 1: levers pushed, levers grey, door locked, door open.
+        console: What is shown beside the room.
+        trial: ``[B]`` number of the trial in the whole condition, from 1.
+        attempt: ``[B]`` number of the attempt in the trial, from 1.
+        playing: ``[B]`` whether the subject still plays; actions of the others are ignored.
+    """
+
+    observation: Observations
+    console: Console
+    trial: IntArray
+    attempt: IntArray
+    playing: BoolArray
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one action of each subject led to; rows of subjects that had finished mean nothing.
+
+    Attributes:
+        view: What was perceived before.
+        action: ``[B]`` what was done.
+        outcome: ``[B, 2P + 2]`` the observation right after the action, before any reset.
+        reward: ``[B]`` the experiment's reward for it.
+        attempt_over: ``[B]`` whether the attempt ended with it.
+        trial_over: ``[B]`` whether the trial ended with it.
+        new_solution: ``[B]`` whether it completed a solution not found before in the trial.
+        next: What is perceived next: after an attempt the room is reset, after a trial it is
+            another room.
+    """
+
+    view: View
+    action: IntArray
+    outcome: Observations
+    reward: FloatArray
+    attempt_over: BoolArray
+    trial_over: BoolArray
+    new_solution: BoolArray
+    next: View
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is latent, for informed learners and for analysis.
+
+    Attributes:
+        rooms: The rooms of the session.
+        room: ``[B]`` index into ``rooms`` of the room that each subject is in now.
+    """
+
+    rooms: tuple[Room, ...]
+    room: IntArray
+
+
+@dataclass(frozen=True)
+class NoParameters:
+    """The parameters of a learner that has none."""
+
+
+class Learner(ABC):
+    """What plays. Subclasses state their hyper-parameters as a frozen dataclass ``Parameters``.
+
+    Args:
+        parameters: An instance of the class's ``Parameters``; by default their defaults.
+    """
+
+    Parameters: ClassVar[type] = NoParameters
+
+    def __init__(self, parameters: Any = None) -> None:
+        self.parameters = self.Parameters() if parameters is None else parameters
+
+    @classmethod
+    def material(cls, parameters: Any) -> str:
+        """What it plays by besides code and parameters, as a hash; empty if there is nothing.
+
+        A learner that reads a file of weights names the file's content here, so that results of
+        other weights are told apart.
+        """
+        return ""
+
+    @abstractmethod
+    def begin(self, brief: Brief) -> None:
+        """Get ready to play; called once, before anything else."""
+
+    @abstractmethod
+    def act(self, view: View) -> IntArray:
+        """``[B]`` the action of each subject."""
+
+    def learn(self, step: Step) -> None:
+        """Take in what the actions led to; called after every action."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that was learned, for a checkpoint; a learner without memory has nothing.
+
+        A copy: it must not change while the learner goes on. It holds the state of the learner's
+        generators too, so that one that is interrupted goes on as if it had not been. To be kept
+        in a file, it must be plain data: numbers, texts, NumPy arrays and tensors, in dicts, lists
+        and tuples.
+        """
+        return {}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint; called after :meth:`begin`. The checkpoint stays as it is."""
+        if state:
+            raise LearnerError(f"{type(self).__name__} keeps no state and cannot load any")
+
+    def metrics(self) -> dict[str, float]:
+        """What is worth watching while it learns, by name; a mean over the subjects.
+
+        Asked for now and then if somebody watches (``compare --tensorboard``), and otherwise
+        never: it must not change what the learner does.
+        """
+        return {}
+
+
+class InformedLearner(Learner):
+    """A learner that is told what is latent: a bound to compare others with, never a rival."""
+
+    @abstractmethod
+    def inform(self, truth: Truth) -> None:
+        """Told after :meth:`begin`, and again whenever a subject enters another room."""

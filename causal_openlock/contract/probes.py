@@ -1,0 +1,143 @@
+"""What a learner is handled with to see whether it keeps its contract.
+
+:mod:`causal_openlock.testing` plays learners with views that cannot be written to, with rows that
+mean nothing, and under an eye on the generators that everything in a process shares.
+:mod:`causal_openlock.experiment.learner_check` does some of that before a comparison.
+"""
+
+from __future__ import annotations
+
+import pickle
+import random
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def arrays(given: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """All arrays in a view or a step, with their names."""
+    for field in fields(given):
+        value = getattr(given, field.name)
+        if isinstance(value, np.ndarray):
+            yield field.name, value
+        else:
+            yield from arrays(value)
+
+
+def read_only(given: Any) -> Any:
+    """A copy of a view or a step that cannot be written to."""
+    copied = pickle.loads(pickle.dumps(given))
+    for _, array in arrays(copied):
+        array.flags.writeable = False
+    return copied
+
+
+class WrittenTo(Exception):  # noqa: N818 - it says what a learner did
+    """A learner changed what it was shown."""
+
+
+class Shown:
+    """Shows a learner copies that cannot be written to, and looks at the last of them again.
+
+    NumPy refuses to write to them. Other libraries do not heed that, and a learner may keep an
+    array for later, so the copies are compared with what they were after every call.
+    """
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[Any, Any]] = deque(maxlen=6)
+
+    def to(self, method: Callable[[Any], Any], given: Any) -> Any:
+        """What a method of a learner answers to a view or a step.
+
+        Raises:
+            WrittenTo: If it changed that, or something that it was shown before.
+        """
+        copied = read_only(given)
+        self._kept.append((copied, pickle.loads(pickle.dumps(given))))
+        told = f"{method.__name__} changes an array that it is given"
+        try:
+            answer = method(copied)
+        except ValueError as error:
+            # Compiled code may ask for a writable buffer only to read it.
+            if "read-only" in str(error) and "buffer source" not in str(error):
+                raise WrittenTo(f"{told} ({error})") from error
+            raise
+        for copied, was in self._kept:
+            for (name, one), (_, other) in zip(arrays(copied), arrays(was), strict=True):
+                if not np.array_equal(one, other):
+                    raise WrittenTo(f"{told} ({name})")
+        return answer
+
+
+def without(given: Any, gone: NDArray[Any], garble: bool) -> Any:
+    """A view or a step in which some subjects have finished.
+
+    Args:
+        given: The view or step as it was.
+        gone: ``[B]`` which subjects have finished.
+        garble: Whether their rows hold nonsense, which a careless learner would learn from.
+    """
+    changed = {}
+    for field in fields(given):
+        value = getattr(given, field.name)
+        if not isinstance(value, np.ndarray):
+            changed[field.name] = without(value, gone, garble)
+            continue
+        value = value.copy()
+        if field.name == "playing":
+            value[gone] = False
+        elif field.name in ("attempt_over", "trial_over", "new_solution"):
+            value[gone] = garble
+        elif garble:
+            value[gone] = 1 - value[gone] if value.ndim == 2 else 1 + value[gone]
+        changed[field.name] = value
+    return replace(given, **changed)
+
+
+@dataclass(frozen=True)
+class GlobalRandomness:
+    """The state of the generators that everything in a process shares."""
+
+    states: dict[str, Any]
+
+    @classmethod
+    def now(cls) -> GlobalRandomness:
+        """Where they stand; torch's counts once torch is imported."""
+        states: dict[str, Any] = {
+            "random": random.getstate(),
+            "numpy.random": np.random.get_state(),  # noqa: NPY002
+        }
+        if torch := sys.modules.get("torch"):
+            states["torch"] = torch.random.get_rng_state().numpy()
+        return cls(states)
+
+    @staticmethod
+    def seed(seed: int) -> None:
+        """Seed all of them."""
+        random.seed(seed)
+        np.random.seed(seed)  # noqa: NPY002
+        if torch := sys.modules.get("torch"):
+            torch.manual_seed(seed)
+
+    def restore(self) -> None:
+        """Put them back to where they stood."""
+        random.setstate(self.states["random"])
+        np.random.set_state(self.states["numpy.random"])  # noqa: NPY002
+        if torch := sys.modules.get("torch"):
+            # One that was imported since then stood where every new generator stands.
+            held = self.states.get("torch")
+            fresh = torch.Generator().get_state() if held is None else torch.from_numpy(held)
+            torch.random.set_rng_state(fresh)
+
+    def differs_from(self, other: GlobalRandomness) -> list[str]:
+        """Names of the generators that do not stand where they stood."""
+        return [
+            name
+            for name, state in self.states.items()
+            if pickle.dumps(state) != pickle.dumps(other.states[name])
+        ]

@@ -1,0 +1,218 @@
+"""Finding learners by name, and checking their hyper-parameters.
+
+Learners are found through the entry-point group ``causal_openlock.learners``, so that a package of
+one's own adds learners by declaring them::
+
+    [project.entry-points."causal_openlock.learners"]
+    mine = "my_package:MyLearner"
+
+The learners that come with the toolkit are registered in the same way. ``module:Class`` names a
+learner that is not registered, such as one in a file of the working directory or beside the
+experiment file.
+
+Hyper-parameters are the fields of the learner's frozen dataclass ``Parameters``. What an experiment
+file says of them is checked against the types of these fields; a text in their ``Annotated`` types
+tells users what they mean.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from causal_openlock.contract.learner import Learner
+from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
+from causal_openlock.errors import LearnerError
+from causal_openlock.files.module_source import (
+    MODULE_AND_NAME,
+    is_installed,
+    look_beside,
+    module_source,
+)
+from causal_openlock.wording import nearest
+
+ENTRY_POINTS = "causal_openlock.learners"
+
+
+def registry() -> dict[str, EntryPoint]:
+    """Every installed learner by name; none of them is loaded by this.
+
+    Raises:
+        LearnerError: If two packages register the same name.
+    """
+    found: dict[str, EntryPoint] = {}
+    for entry in entry_points(group=ENTRY_POINTS):
+        other = found.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            raise LearnerError(
+                f"the learner {entry.name!r} is registered twice, as {_origin(other)} and as "
+                f"{_origin(entry)}; uninstall one of these packages or rename its learner"
+            )
+    return dict(sorted(found.items()))
+
+
+def _origin(entry: EntryPoint) -> str:
+    return f"{entry.value} by {entry.dist.name}" if entry.dist else entry.value
+
+
+def origin(name: str) -> str:
+    """Where a learner's code comes from, so that another version of it is told apart.
+
+    Returns:
+        Name and version of its package; for ``module:Class``, a hash of the module's source.
+    """
+    entry = registry().get(name)
+    if entry is not None and entry.dist is not None:
+        return f"{entry.dist.name} {entry.dist.version}"
+    source = inspect.getsourcefile(learner_class(name))
+    if source is None:
+        return "unknown"
+    return f"{Path(source).name} {hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]}"
+
+
+def is_ours(name: str) -> bool:
+    """Whether a learner comes with the toolkit, by its registered name or ``module:Class``."""
+    return origin(name).startswith("causal-openlock ")
+
+
+def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:
+    """Which file of no installed package a learner's name would run, said before it does.
+
+    Args:
+        name: As for :func:`learner_class`; nothing is imported.
+        beside: The folder of the experiment file that names it.
+        role: What it runs as.
+
+    Returns:
+        A sentence; ``None`` for a learner that is installed or has no source.
+    """
+    module, colon, kind = name.partition(":")
+    installed = {entry.module.partition(".")[0] for entry in registry().values()}
+    if not colon or module.partition(".")[0] in {"causal_openlock", *installed}:
+        return None
+    source = module_source(module, (Path.cwd(), beside))
+    if source is None or is_installed(source):
+        return None
+    return f"{source.name} in {source.parent} will run as {role} {kind}"
+
+
+@cache
+def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
+    """A learner's class by its registered name, or by ``module:Class``.
+
+    Raises:
+        LearnerError: If there is none, it cannot be imported, or it is no learner.
+    """
+    if ":" in name:
+        if not MODULE_AND_NAME.fullmatch(name):
+            raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
+        look_beside()
+        entry = EntryPoint(name, name, ENTRY_POINTS)
+    else:
+        known = registry()
+        if name not in known:
+            raise LearnerError(
+                f"there is no learner {name!r}; {nearest(name, known)}; one that is not installed "
+                "is written module:Class"
+            )
+        entry = known[name]
+    try:
+        loaded = entry.load()
+    except Exception as error:  # a module can fail in any way while it is imported
+        raise LearnerError(
+            f"the learner {name!r} ({entry.value}) cannot be imported: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    if not (isinstance(loaded, type) and issubclass(loaded, Learner | OneSubjectLearner)):
+        raise LearnerError(
+            f"the learner {name!r} ({entry.value}) is no subclass of Learner or OneSubjectLearner"
+        )
+    return loaded
+
+
+def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
+    """A learner, ready for :meth:`Learner.begin`.
+
+    Args:
+        name: As for :func:`learner_class`.
+        parameters: Hyper-parameters that differ from their defaults.
+
+    Raises:
+        LearnerError: If there is no such learner, or a parameter is unknown or has a wrong value.
+    """
+    kind = learner_class(name)
+    checked = parse_parameters(name, parameters or {})
+    return kind(checked) if issubclass(kind, Learner) else PerSubjectAdapter(kind, checked)
+
+
+def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
+    """Hyper-parameters from plain data, as an instance of the learner's ``Parameters``.
+
+    Values are read as from a file: a list may stand for a tuple, and otherwise nothing is
+    converted, so that ``"3"`` is no number.
+
+    Raises:
+        LearnerError: If a parameter is unknown or missing, or its value does not fit.
+    """
+    from pydantic import TypeAdapter, ValidationError
+    from pydantic_core import PydanticSerializationError, to_json
+
+    declared: Any = learner_class(name).Parameters
+    hints = get_type_hints(declared, include_extras=True)
+    values = {}
+    for key, value in parameters.items():
+        if key not in {field.name for field in fields(declared)}:
+            raise LearnerError(
+                f"the learner {name} has no parameter {key!r}; "
+                f"{nearest(str(key), (field.name for field in fields(declared)))}"
+            )
+        try:
+            text = to_json(value, inf_nan_mode="constants")
+            values[key] = TypeAdapter(hints[key]).validate_json(text, strict=True)
+        except PydanticSerializationError:
+            raise LearnerError(
+                f"the parameter {key} of {name} must be plain data, and this is {value!r}"
+            ) from None
+        except ValidationError as error:
+            said = error.errors(include_url=False)[0]["msg"].removeprefix("Input ")
+            raise LearnerError(
+                f"the parameter {key} of {name} {said}, and this is {value!r}"
+            ) from None
+    try:
+        return declared(**values)
+    except (TypeError, ValueError) as error:  # one without default, or values at odds
+        raise LearnerError(f"the parameters of {name} do not fit: {error}") from None
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """A hyper-parameter as it is told to users."""
+
+    name: str
+    default: Any
+    meaning: str
+
+
+def parameter_table(name: str) -> list[ParameterInfo]:
+    """The hyper-parameters of a learner, with defaults and meanings."""
+    declared: Any = learner_class(name).Parameters
+    hints = get_type_hints(declared, include_extras=True)
+    table = []
+    for field in fields(declared):
+        notes = getattr(hints[field.name], "__metadata__", ())
+        meaning = " ".join(
+            note if isinstance(note, str) else note.description
+            for note in notes
+            if isinstance(note, str) or getattr(note, "description", None)
+        )
+        default = None if field.default is MISSING else field.default
+        if field.default_factory is not MISSING:
+            default = field.default_factory()
+        table.append(ParameterInfo(field.name, default, meaning))
+    return table

@@ -1,0 +1,89 @@
+"""What learners will cost in a room, said before they play: estimates from the work they count.
+
+A learner whose work grows with the room says so in a class method::
+
+    @classmethod
+    def expected_cost(cls, parameters, schema, action_limit) -> Cost | None: ...
+
+The seconds are a class and no measurement: counted work times what a step of it takes on a usual
+core. Nothing that is played depends on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock.contract.registry import learner_class, parse_parameters
+
+if TYPE_CHECKING:
+    from causal_openlock.experiment.experiment import Experiment
+    from causal_openlock.world.schema import Schema
+
+WORTH_SAYING = 1.0
+"""Seconds a trial from which on they are said."""
+MUCH_MEMORY = 500.0
+"""The same in megabytes."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a trial of one subject is expected to cost.
+
+    Attributes:
+        seconds: On one core; infinite if it cannot be played at all.
+        work: What is counted, in words.
+        megabytes: Held by the process, at most about, beyond what every learner holds.
+    """
+
+    seconds: float
+    work: str
+    megabytes: float = 0.0
+
+    def __str__(self) -> str:
+        """The cost in words, without who and where."""
+        if self.seconds == float("inf"):
+            return f"cannot play it: {self.work}"
+        memory = f" and up to {self.megabytes / 1000:.1f} GB a process"
+        return (
+            f"takes about {_rounded(self.seconds)} a trial and subject on one core"
+            f"{memory if self.megabytes >= MUCH_MEMORY else ''} (an estimate: {self.work})"
+        )
+
+
+def expected_cost(
+    learner: str, parameters: dict[str, Any], schema: Schema, action_limit: int
+) -> Cost | None:
+    """What a learner will cost in rooms of a schema; None if it does not say, or hardly anything.
+
+    Raises:
+        LearnerError: If there is no such learner.
+    """
+    kind = learner_class(learner)
+    ask = getattr(kind, "expected_cost", None)
+    cost: Cost | None = ask and ask(parse_parameters(learner, parameters), schema, action_limit)
+    if cost is None or (cost.seconds < WORTH_SAYING and cost.megabytes < MUCH_MEMORY):
+        return None
+    return cost
+
+
+def cost_cautions(experiment: Experiment) -> Iterator[str]:
+    """A sentence for each learner and schema of an experiment that are dear together."""
+    schemas = dict.fromkeys(s for c in experiment.conditions for s in c.schemas)
+    for entry in experiment.entries:
+        for schema in schemas:
+            limit = entry.protocol.actions_for(schema)
+            try:
+                cost = expected_cost(entry.learner, entry.parameters, schema, limit)
+            except Exception as error:  # an estimate is no reason not to play
+                yield f"what {entry.name} costs is not known ({type(error).__name__}: {error})"
+                continue
+            if cost is not None:
+                yield f"in {schema.name}, {entry.name} {cost}"
+
+
+def _rounded(seconds: float) -> str:
+    if seconds >= 90:
+        return f"{seconds / 60:.0f} minutes"
+    return f"{seconds:.0f} s"

@@ -1,0 +1,193 @@
+"""An experiment: learners × conditions × protocol × subjects, cut into cells.
+
+A *cell* is the unit of work: one learner in one condition with at most ``cell_size`` subjects. Its
+identity is a hash of everything that determines its record, so that a cell done is never done
+again, and one that has changed in any way is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from causal_openlock.contract.learner import Learner
+from causal_openlock.contract.registry import learner_class, origin, parse_parameters
+from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.version import __version__
+from causal_openlock.wording import counted
+from causal_openlock.world.rewards import RewardFunction
+
+
+@dataclass(frozen=True)
+class LearnerSpec:
+    """A learner as it takes part.
+
+    Attributes:
+        name: Its label.
+        learner: Its registered name.
+        parameters: All its hyper-parameters, defaults included.
+        protocol: How it plays.
+        reward: What its actions pay.
+        subjects: How many subjects it plays in each condition.
+    """
+
+    name: str
+    learner: str
+    parameters: dict[str, Any]
+    protocol: Protocol
+    reward: RewardFunction
+    subjects: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """The entry as plain data, with the class and package that the name stands for."""
+        return dict(self._described)
+
+    @cached_property
+    def _described(self) -> dict[str, Any]:
+        # Which package a learner is from is asked of all that are installed: once is enough.
+        kind = learner_class(self.learner)
+        material = ""
+        if issubclass(kind, Learner):
+            material = kind.material(parse_parameters(self.learner, self.parameters))
+        return {
+            "name": self.name,
+            "learner": self.learner,
+            "class": f"{kind.__module__}:{kind.__qualname__}",
+            "package": origin(self.learner),
+            **({"material": material} if material else {}),
+            "parameters": self.parameters,
+            "protocol": self.protocol.as_dict(),
+            "reward": self.reward.as_dict(),
+            "subjects": self.subjects,
+        }
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One unit of work: some subjects of one learner in one condition.
+
+    Attributes:
+        experiment: Name of the experiment, for the record.
+        seed: Its seed.
+        entry: The learner.
+        condition: The condition.
+        first_subject: Number of the first subject.
+        subjects: How many subjects.
+    """
+
+    experiment: str
+    seed: int
+    entry: LearnerSpec
+    condition: Condition
+    first_subject: int
+    subjects: int
+
+    @cached_property
+    def identity(self) -> str:
+        """A hash of everything that determines the cell's record."""
+        entry = self.entry.as_dict()
+        del entry["subjects"]
+        return _digest(
+            {
+                "version": __version__,
+                "experiment": self.experiment,
+                "seed": self.seed,
+                "entry": entry,
+                "condition": self.condition.as_dict(),
+                "subjects": [self.first_subject, self.subjects],
+            }
+        )
+
+    @property
+    def in_words(self) -> str:
+        """The cell in words, such as ``ddqn in CC4, subjects 0-19``."""
+        first, last = self.first_subject, self.first_subject + self.subjects - 1
+        who = f"subject {first}" if first == last else f"subjects {first}-{last}"
+        return f"{self.entry.name} in {self.condition.name}, {who}"
+
+    @property
+    def name(self) -> str:
+        """The cell in words that fit into a file name."""
+        last = self.first_subject + self.subjects - 1
+        return f"{self.entry.name}_{self.condition.name}_{self.first_subject}-{last}"
+
+    @property
+    def file_name(self) -> str:
+        """Name of the cell's file."""
+        return f"{self.name}_{self.identity[:12]}.parquet"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A declared experiment, everything in it resolved and checked.
+
+    Attributes:
+        name: A short name.
+        title: A line for the report.
+        seed: All randomness comes from it.
+        cell_size: Most subjects in a cell.
+        conditions: What is played.
+        entries: Who plays.
+        command: What to type to run it again.
+    """
+
+    name: str
+    title: str
+    seed: int
+    cell_size: int
+    conditions: tuple[Condition, ...]
+    entries: tuple[LearnerSpec, ...]
+    command: str = ""
+
+    def cells(self) -> Iterator[Cell]:
+        """The units of work, always in the same order."""
+        return iter(self._cells)
+
+    @cached_property
+    def _cells(self) -> tuple[Cell, ...]:
+        return tuple(self._cut())
+
+    def _cut(self) -> Iterator[Cell]:
+        for entry in self.entries:
+            for condition in self.conditions:
+                for first in range(0, entry.subjects, self.cell_size):
+                    many = min(self.cell_size, entry.subjects - first)
+                    yield Cell(self.name, self.seed, entry, condition, first, many)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The experiment as plain data, schemas and defaults included."""
+        return {
+            "version": __version__,
+            "name": self.name,
+            "title": self.title,
+            "command": self.command,
+            "seed": self.seed,
+            "cell_size": self.cell_size,
+            "conditions": [condition.as_dict() for condition in self.conditions],
+            "learners": [entry.as_dict() for entry in self.entries],
+        }
+
+    def cautions(self) -> list[str]:
+        """What nobody can do in this experiment, a sentence each."""
+        return [
+            f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
+            f"gives {counted(protocol.attempt_limit, 'attempt')}, so nobody can solve its trials"
+            for protocol in dict.fromkeys(entry.protocol for entry in self.entries)
+            for schema in dict.fromkeys(s for c in self.conditions for s in c.schemas)
+            if len(schema.solutions) > protocol.attempt_limit
+        ]
+
+    @cached_property
+    def identity(self) -> str:
+        """A hash of all of :meth:`as_dict` that determines the results."""
+        told = ("title", "command")
+        return _digest({key: value for key, value in self.as_dict().items() if key not in told})
+
+
+def _digest(data: Any) -> str:
+    text = json.dumps(data, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()

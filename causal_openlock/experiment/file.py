@@ -1,0 +1,480 @@
+"""Experiment files: an experiment as YAML, everything in it resolved, with line numbers.
+
+An experiment file looks like this; only ``name``, ``conditions`` and ``learners`` are required::
+
+    name: first_look
+    title: Random against the oracle
+    seed: 2018
+    protocol: human               # or rl, or one declared below
+    subjects: 40
+    reward: paper                 # a preset, a list of terms, weights, or module:function
+    conditions: [CC4, CC3-CC4, chain3]
+    learners:
+      - random
+      - oracle
+      - {learner: ddqn, name: ddqn_slow, parameters: {learning_rate: 0.0001}, subjects: 10}
+    protocols:
+      short: {based_on: rl, attempt_limit: 60, train_loops: 2}
+
+A condition that is not of the form ``A`` or ``A-B`` is spelled out, any sequence of schemas and
+layouts::
+
+    - name: keys_then_chain
+      train: [{schema: two_keys, layouts: random, trials: 4}]
+      test: [{schema: chain3, layouts: [trial1, {L0: LEFT, L1: UPPER, L2: LOWER}]}]
+
+The form of the file is the pydantic model :class:`ExperimentFile`, from which the JSON Schema for
+editors is made (``experiments/schema.json``).
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, is_dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, Discriminator, Field, Tag, create_model
+
+from causal_openlock.contract.registry import (
+    file_that_runs,
+    learner_class,
+    parse_parameters,
+)
+from causal_openlock.errors import ExperimentError, FileError, OpenLockError
+from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+from causal_openlock.experiment.protocol import (
+    PROTOCOLS,
+    Condition,
+    Protocol,
+    Trials,
+    find_protocol,
+    plan,
+)
+from causal_openlock.files.model_faults import StrictModel
+from causal_openlock.files.module_source import look_beside
+from causal_openlock.files.yaml_file import Document, Where, read_document
+from causal_openlock.formats.schema_file import JSON_SCHEMA_ID, bundled, find_schema
+from causal_openlock.wording import nearest
+from causal_openlock.world.rewards import PAPER_REWARD, WEIGHTS, find_reward
+from causal_openlock.world.room import Layout
+from causal_openlock.world.schema import NAME, Schema
+
+LONGEST_NAMES = 28
+"""How long learners or conditions may be within the name of a comparison: two of them fit."""
+
+Positive = Annotated[int, Field(ge=1)]
+Name = Annotated[
+    str,
+    Field(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$",
+        description="letters, digits, underscores, dots and dashes, at most 64 in all",
+    ),
+]
+
+
+def _form(value: Any) -> str:
+    """Which arm of a union is meant: told by the form of what is written."""
+    if isinstance(value, Mapping | BaseModel):
+        return "<mapping>"
+    return "<list>" if isinstance(value, list) else "<name>"
+
+
+def _written(*forms: str) -> Discriminator:
+    known = " or ".join(f"a {form}" for form in forms)
+    return Discriminator(
+        _form, custom_error_type="custom.form", custom_error_message=f"write {known} here"
+    )
+
+
+A_NAME, A_LIST, A_MAPPING = Tag("<name>"), Tag("<list>"), Tag("<mapping>")
+
+
+def _maybe(kind: Any, meaning: str) -> tuple[Any, None]:
+    return Annotated[kind | None, Field(description=meaning)], None
+
+
+_CHANGES: dict[str, Any] = {
+    "preset": _maybe(str, "What is changed; the paper's reward if nothing is said."),
+    "terms": _maybe(list[str], "Terms that add up, instead of a preset."),
+    **{
+        name: _maybe(Annotated[float, Field(allow_inf_nan=False)], meaning)
+        for name, meaning in WEIGHTS.items()
+    },
+}
+RewardWeights = create_model("RewardWeights", __base__=StrictModel, **_CHANGES)
+RewardWeights.__doc__ = "A reward with other weights."
+RewardName = Annotated[
+    Annotated[str, A_NAME] | Annotated[list[str], A_LIST] | Annotated[RewardWeights, A_MAPPING],
+    _written("name", "list of terms", "mapping of weights"),
+]
+LayoutEntry = Annotated[
+    Annotated[str, A_NAME] | Annotated[dict[str, str], A_MAPPING],
+    _written("name such as trial1", "mapping such as {L0: LEFT}"),
+]
+
+
+class TrialsFile(StrictModel):
+    """Some trials in rooms of one schema."""
+
+    schema_: Annotated[str, Field(alias="schema", description="Name or path of a schema.")]
+    layouts: Annotated[
+        Annotated[Literal["published", "random"], A_NAME] | Annotated[list[LayoutEntry], A_LIST],
+        _written("name (published, random)", "list of layouts"),
+        Field(description="Where the levers stand; the protocol decides if this is left out."),
+    ] = None  # type: ignore[assignment]
+    trials: Annotated[Positive | None, Field(description="How many trials.")] = None
+    shuffle: Annotated[bool, Field(description="Whether layouts come in random order.")] = True
+
+
+class ConditionFile(StrictModel):
+    """A condition spelled out."""
+
+    name: Name
+    train: Annotated[list[TrialsFile], Field(min_length=1)]
+    test: list[TrialsFile] = Field(default_factory=list)
+
+
+class ProtocolFile(StrictModel):
+    """A protocol of one's own: another one with some settings changed."""
+
+    based_on: Annotated[str, Field(description="A protocol to start from.")] = "human"
+    attempt_limit: Positive | None = None
+    stop_when_solved: bool | None = None
+    baseline_trials: Positive | None = None
+    training_trials: Positive | None = None
+    test_trials: Positive | None = None
+    baseline_loops: Positive | None = None
+    train_loops: Positive | None = None
+    test_loops: Positive | None = None
+    layouts: Literal["published", "random"] | None = None
+    test_layout: str | None = None
+    action_limit: Positive | None = None
+
+
+class LearnerFile(StrictModel):
+    """A learner that takes part, with what is different for it."""
+
+    learner: Annotated[str, Field(description="Registered name, or module:Class.")]
+    name: Annotated[Name | None, Field(description="Label in tables; the learner's name.")] = None
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    protocol: str | None = None
+    subjects: Positive | None = None
+    reward: RewardName | None = None
+
+
+ConditionEntry = Annotated[
+    Annotated[str, A_NAME] | Annotated[ConditionFile, A_MAPPING],
+    _written("name such as CC4 or CC3-CC4", "mapping with name, train and test"),
+]
+LearnerEntry = Annotated[
+    Annotated[str, A_NAME] | Annotated[LearnerFile, A_MAPPING],
+    _written("name", "mapping with learner, name, parameters and so on"),
+]
+
+
+class ExperimentFile(StrictModel):
+    """An experiment: learners, conditions, protocol, subjects."""
+
+    name: Name
+    title: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    protocol: str = "human"
+    subjects: Positive = 40
+    cell_size: Annotated[Positive, Field(description="Most subjects in a unit of work.")] = 40
+    reward: RewardName = PAPER_REWARD
+    conditions: Annotated[list[ConditionEntry], Field(min_length=1)]
+    learners: Annotated[list[LearnerEntry], Field(min_length=1)]
+    protocols: dict[str, ProtocolFile] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What the command line may change of an experiment; ``None`` leaves it as it is."""
+
+    conditions: Sequence[str] | None = None
+    learners: Sequence[str] | None = None
+    protocol: str | None = None
+    subjects: int | None = None
+    seed: int | None = None
+
+    @property
+    def options(self) -> list[str]:
+        """The options of the command line that say the same."""
+        words = [word for name in self.conditions or () for word in ("--condition", name)]
+        words += [word for name in self.learners or () for word in ("--learner", name)]
+        for option in ("protocol", "subjects", "seed"):
+            if (value := getattr(self, option)) is not None:
+                words += [f"--{option}", str(value)]
+        return words
+
+
+def read_experiment(
+    path: Path | str, changes: Changes | None = None, tell: Callable[[str], None] | None = None
+) -> Experiment:
+    """Read an experiment file.
+
+    Args:
+        path: The file.
+        changes: What to change of it.
+        tell: Called with a sentence before code runs that the file names and that no installed
+            package brings along.
+
+    Raises:
+        FileError: With line, column and remedy of every fault of the file, or of a schema file
+            that it names.
+        OpenLockError: If one of the changes does not fit.
+    """
+    document = read_document(path)
+    if isinstance(document.data, dict) and {"levers", "edges"} <= document.data.keys():
+        raise OpenLockError(f"{path} is a schema; play it with: compare --condition {path}")
+    file = document.validate(ExperimentFile)
+    builder = _Builder(document, file, changes or Changes())
+    if tell:
+        builder.tell_what_runs(tell)
+    return builder.build()
+
+
+def find_experiment(name: str | Path) -> Path:
+    """The file of an experiment, by path or by the name of a bundled one.
+
+    Raises:
+        OpenLockError: If there is none; the message names the nearest.
+    """
+    if Path(name).suffix in (".yaml", ".yml"):
+        return Path(name)
+    here = Path("experiments") / f"{name}.yaml"
+    folder = bundled("experiments")
+    for path in (here, folder / f"{name}.yaml"):
+        if path.is_file():
+            return path
+    known = [path.stem for path in folder.glob("*.yaml")]
+    raise OpenLockError(
+        f"there is no experiment {str(name)!r}; {nearest(str(name), known)}, or give the path of "
+        "a .yaml file"
+    )
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of experiment files, for editors."""
+    made = ExperimentFile.model_json_schema(by_alias=True)
+    return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock experiment"}
+
+
+def _is_code(reward: Any) -> bool:
+    """Whether a reward is a function of one's own."""
+    return isinstance(reward, str) and ":" in reward
+
+
+def _listed(names: Iterable[str]) -> str:
+    *before, last = names
+    return f"{', '.join(before)} and {last}" if before else last
+
+
+def _in_short(names: Sequence[str], what: str) -> str:
+    """Names as a part of a name; their number where they are many or long."""
+    said = re.sub(r"[^A-Za-z0-9_.-]+", "_", "_".join(names)).strip("_.-")
+    return said if 0 < len(said) <= LONGEST_NAMES else f"{len(names)}_{what}"
+
+
+class _Builder:
+    """Resolves every name in an experiment file, and says where one cannot be resolved."""
+
+    def __init__(self, document: Document, file: ExperimentFile, changes: Changes) -> None:
+        self.document, self.file, self.changes = document, file, changes
+        self.folder = document.path.resolve().parent
+        self.own_protocols: dict[str, Protocol] = {}
+
+    def at(self, where: Where | None, resolve: Callable[[], Any]) -> Any:
+        """Resolve something; a fault in it is a fault at ``where`` in the file, if it is there."""
+        try:
+            return resolve()
+        except FileError:
+            raise
+        except OpenLockError as error:
+            if where is None:
+                raise
+            raise self.document.error(where, str(error)) from None
+
+    def tell_what_runs(self, tell: Callable[[str], None]) -> None:
+        """Say which files run that the file names; those on the command line its user knows."""
+        chosen = self.changes.learners
+        learners = [
+            one
+            for one in map(self.as_learner, self.file.learners)
+            if chosen is None or {one.name, one.learner} & {*chosen}
+        ]
+        runs = {file_that_runs(one.learner, self.folder) for one in learners}
+        rewards = {one.reward for one in learners if _is_code(one.reward)}
+        if _is_code(self.file.reward):
+            rewards.add(self.file.reward)
+        runs |= {file_that_runs(str(one), self.folder, "reward") for one in rewards}
+        for said in sorted(filter(None, runs)):
+            tell(said)
+
+    def build(self) -> Experiment:
+        file, changes = self.file, self.changes
+        for name, declared in file.protocols.items():
+            self.own_protocols[name] = self.at(
+                ("protocols", name), partial(self.protocol, name, declared)
+            )
+        if changes.conditions is None:
+            conditions = [
+                self.at(
+                    ("conditions", index),
+                    partial(self.condition, condition, ("conditions", index)),
+                )
+                for index, condition in enumerate(file.conditions)
+            ]
+        else:
+            spelled_out = {c.name: c for c in file.conditions if isinstance(c, ConditionFile)}
+            conditions = [
+                self.condition(spelled_out.get(condition, condition), None)
+                for condition in changes.conditions
+            ]
+        if changes.learners is None:
+            entries = [
+                self.entry(self.as_learner(learner), ("learners", index))
+                for index, learner in enumerate(file.learners)
+            ]
+        else:
+            declared_learners = {
+                (known := self.as_learner(learner)).name or known.learner: known
+                for learner in file.learners
+            }
+            entries = [
+                self.entry(declared_learners.get(name) or LearnerFile(learner=name), None)
+                for name in changes.learners
+            ]
+        self.check_unique("condition", "conditions", [c.name for c in conditions])
+        self.check_unique("learner", "learners", [e.name for e in entries])
+        self.check_schemas(conditions)
+        self.check_fit(conditions, entries)
+        name, title = file.name, file.title or file.name
+        if changes.conditions is not None or changes.learners is not None:
+            players, places = [e.name for e in entries], [c.name for c in conditions]
+            name = f"{_in_short(players, 'learners')}_in_{_in_short(places, 'conditions')}"
+            title = f"{_listed(players)} in {_listed(places)}"
+        words = ["causal-openlock", "compare", self.document.path.as_posix(), *changes.options]
+        return Experiment(
+            name=name,
+            title=title,
+            command=shlex.join(words),
+            seed=file.seed if changes.seed is None else changes.seed,
+            cell_size=file.cell_size,
+            conditions=tuple(conditions),
+            entries=tuple(entries),
+        )
+
+    @staticmethod
+    def as_learner(learner: str | LearnerFile) -> LearnerFile:
+        return LearnerFile(learner=learner) if isinstance(learner, str) else learner
+
+    def schema(self, name: str) -> Schema:
+        return find_schema(name, beside=[self.folder])
+
+    def protocol(self, name: str, declared: ProtocolFile) -> Protocol:
+        if name in PROTOCOLS:
+            raise ExperimentError(
+                f"the protocol {name} comes with the package; choose another name"
+            )
+        if not NAME.fullmatch(name):
+            raise ExperimentError(f"{name!r} is no name for a protocol; use letters and digits")
+        base = find_protocol(declared.based_on, self.own_protocols)
+        given = declared.model_dump(exclude_unset=True, exclude={"based_on"})
+        return replace(base, name=name, **given)
+
+    def condition(self, declared: str | ConditionFile, where: Where | None) -> Condition:
+        if isinstance(declared, str):
+            return Condition.named(declared, self.schema)
+        train, test = (
+            tuple(
+                self.trials(trials, None if where is None else (*where, phase, index))
+                for index, trials in enumerate(groups)
+            )
+            for phase, groups in (("train", declared.train), ("test", declared.test))
+        )
+        return Condition(declared.name, train, test)
+
+    def trials(self, declared: TrialsFile, where: Where | None) -> Trials:
+        def part(*key: str | int) -> Where | None:
+            return None if where is None else (*where, *key)
+
+        schema = self.at(part("schema"), partial(self.schema, declared.schema_))
+        layouts: Any = declared.layouts
+        if isinstance(layouts, list):
+            layouts = tuple(
+                self.at(part("layouts", index), partial(Layout.of, schema, layout))
+                for index, layout in enumerate(layouts)
+            )
+            if declared.trials and declared.trials > len(layouts):
+                message = f"{declared.trials} trials need as many layouts; {len(layouts)} are given"
+                if where is None:
+                    raise ExperimentError(message)
+                raise self.document.error((*where, "trials"), message)
+        return Trials(schema, layouts, declared.trials, declared.shuffle)
+
+    def entry(self, declared: LearnerFile, where: Where | None) -> LearnerSpec:
+        changes, file = self.changes, self.file
+
+        def part(*key: str) -> Where | None:
+            return None if where is None else (*where, *key)
+
+        protocol = changes.protocol or declared.protocol or file.protocol
+        reward: Any = file.reward if declared.reward is None else declared.reward
+        if isinstance(reward, BaseModel):
+            reward = reward.model_dump(exclude_none=True)
+        if ":" in declared.learner or ":" in reward:
+            look_beside(self.folder)
+        self.at(part("learner"), lambda: learner_class(declared.learner))
+        parameters = self.at(
+            part("parameters"), lambda: parse_parameters(declared.learner, declared.parameters)
+        )
+        return LearnerSpec(
+            name=declared.name or declared.learner.rpartition(":")[2],
+            learner=declared.learner,
+            parameters=asdict(parameters) if is_dataclass(parameters) else {},  # type: ignore[arg-type]
+            protocol=self.at(
+                part("protocol")
+                if declared.protocol and not changes.protocol
+                else self.whole("protocol"),
+                lambda: find_protocol(protocol, self.own_protocols),
+            ),
+            reward=self.at(
+                part("reward") if declared.reward is not None else ("reward",),
+                lambda: find_reward(reward),
+            ),
+            subjects=changes.subjects or declared.subjects or file.subjects,
+        )
+
+    def whole(self, key: str) -> Where | None:
+        """A place in the file, unless the command line overrides it."""
+        return None if getattr(self.changes, key) is not None else (key,)
+
+    def check_unique(self, what: str, key: str, names: list[str]) -> None:
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                message = f"the {what} {name} is listed twice; give one of them another name"
+                if getattr(self.changes, key) is not None:
+                    raise ExperimentError(message)
+                raise self.document.error((key, index), message)
+
+    def check_schemas(self, conditions: list[Condition]) -> None:
+        known: dict[str, Schema] = {}
+        for condition in conditions:
+            for schema in condition.schemas:
+                if known.setdefault(schema.name, schema) != schema:
+                    raise ExperimentError(
+                        f"two different schemas are called {schema.name}; rename one of them"
+                    )
+
+    def check_fit(self, conditions: list[Condition], entries: list[LearnerSpec]) -> None:
+        """Every schema fits every protocol, so that nothing fails an hour into a comparison."""
+        for entry in entries:
+            for condition in conditions:
+                once = replace(entry.protocol, baseline_loops=1, train_loops=1, test_loops=1)
+                plan(condition, once, np.random.default_rng(0))

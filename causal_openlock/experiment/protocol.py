@@ -1,0 +1,373 @@
+"""Conditions and protocols, as data: which rooms a subject visits, and with what budgets.
+
+A *condition* is a sequence of trials: first those to train on, then perhaps those to test on.
+``CC4`` is a baseline (four-lever rooms governed by CC4), ``CC3-CC4`` a transfer (six rooms of CC3,
+then CC4). The paper's six conditions are instances of these two forms, and any other schema names
+fit them as well: ``chain3``, ``chain3-seven``.
+
+A *protocol* says how a condition is carried out: how many attempts a trial has, whether it ends
+when all solutions are found, how many trials there are and how often they are gone through.
+
+* ``human``: 30 attempts; a trial ends as soon as everything is found; baseline 5 trials, transfer
+  6 + 1 (paper, "Materials and Procedure").
+* ``rl``: 300 attempts in every trial, also after everything is found; a baseline loops 10 times
+  over its 5 trials; transfer loops 100 times over 6 training trials and 10 times over the 5 test
+  trials (paper, "Model Results"). Figure 6 shows 150,000 attempts for each schema and Figure 7
+  18,000 for each case, where these loops give 15,000 each: the text is followed here and the
+  loops are parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+
+from causal_openlock.errors import FileError, LayoutError, OpenLockError, ProtocolError
+from causal_openlock.wording import nearest
+from causal_openlock.world.room import Layout, positions_for, published_layouts
+from causal_openlock.world.schema import NAME, Schema
+from causal_openlock.world.tables import ACTIONS_LEFT
+
+PAPER_ACTION_LIMIT = 3
+MAX_ACTION_LIMIT = int(ACTIONS_LEFT)
+PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
+LayoutSource = Literal["published", "random"]
+
+
+def default_action_limit(schema: Schema) -> int:
+    """Actions in an attempt where nothing is said: the paper's 3, or as many as are needed."""
+    return max(PAPER_ACTION_LIMIT, schema.least_action_limit)
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How a condition is carried out.
+
+    Attributes:
+        name: For the record.
+        attempt_limit: Attempts in a trial.
+        stop_when_solved: Whether a trial ends as soon as all its solutions are found.
+        baseline_trials: Trials of a condition without a test. This number and the next two hold
+            where the condition does not say, and are lowered to the number of published layouts
+            if layouts are published and fewer (of four levers there are five).
+        training_trials: Trials to train on, in a condition with a test.
+        test_trials: Trials to test on.
+        baseline_loops: How often the trials of a baseline are gone through.
+        train_loops: The same for trials to train on.
+        test_loops: The same for trials to test on.
+        layouts: Where layouts come from, if the condition does not say: those the paper's authors
+            published, or drawn at random.
+        test_layout: A published layout to test on, so that each loop over the test is one trial
+            (the authors' program always used ``trial7``); none by default.
+        action_limit: Actions in an attempt; by default 3, or as many as the schema's longest
+            solution needs.
+    """
+
+    name: str
+    attempt_limit: int
+    stop_when_solved: bool
+    baseline_trials: int = 5
+    training_trials: int = 6
+    test_trials: int = 1
+    baseline_loops: int = 1
+    train_loops: int = 1
+    test_loops: int = 1
+    layouts: LayoutSource = "published"
+    test_layout: str | None = None
+    action_limit: int | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, int) and not isinstance(value, bool) and value < 1:
+                raise ProtocolError(f"{field.name} of protocol {self.name} must be at least 1")
+        if self.action_limit is not None and self.action_limit > MAX_ACTION_LIMIT:
+            raise ProtocolError(
+                f"action_limit of protocol {self.name} must be at most {MAX_ACTION_LIMIT}"
+            )
+        if self.layouts not in ("published", "random"):
+            raise ProtocolError(f"layouts are published or random, not {self.layouts!r}")
+
+    def actions_for(self, schema: Schema) -> int:
+        """Actions in an attempt in a room of this schema.
+
+        Raises:
+            ProtocolError: If the protocol's limit is too small for the schema.
+        """
+        if self.action_limit is None:
+            return default_action_limit(schema)
+        if self.action_limit < schema.least_action_limit:
+            raise ProtocolError(
+                f"{schema.name} needs attempts of {schema.least_action_limit} actions and the "
+                f"protocol {self.name} allows {self.action_limit}; raise its action_limit"
+            )
+        return self.action_limit
+
+    def as_dict(self) -> dict[str, Any]:
+        """The protocol as plain data."""
+        return asdict(self)
+
+
+PROTOCOLS = {
+    "human": Protocol("human", attempt_limit=30, stop_when_solved=True),
+    "rl": Protocol(
+        "rl",
+        attempt_limit=300,
+        stop_when_solved=False,
+        test_trials=5,
+        baseline_loops=10,
+        train_loops=100,
+        test_loops=10,
+    ),
+}
+
+
+def find_protocol(name: str, own: dict[str, Protocol] | None = None) -> Protocol:
+    """A protocol by name.
+
+    Raises:
+        ProtocolError: If there is none; the message names the nearest.
+    """
+    known = {**PROTOCOLS, **(own or {})}
+    if name not in known:
+        raise ProtocolError(f"there is no protocol {name!r}; {nearest(name, known)}")
+    return known[name]
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Some trials in rooms of one schema.
+
+    Attributes:
+        schema: What governs the rooms.
+        layouts: Layouts to draw from without repeats; ``None`` leaves the source to the protocol.
+        number: How many trials, neither more nor fewer; ``None`` leaves it to the protocol, or
+            takes all given layouts.
+        shuffle: Whether the layouts come in random order.
+    """
+
+    schema: Schema
+    layouts: tuple[Layout, ...] | LayoutSource | None = None
+    number: int | None = None
+    shuffle: bool = True
+
+    def __post_init__(self) -> None:
+        if isinstance(self.layouts, tuple) and (self.number or 0) > len(self.layouts):
+            raise ProtocolError(
+                f"{self.number} trials of {self.schema.name} need as many layouts, and "
+                f"{len(self.layouts)} are given"
+            )
+
+    def as_dict(self) -> dict[str, Any]:
+        """The trials as plain data, schema included."""
+        layouts = self.layouts
+        return {
+            "schema": self.schema.as_dict(),
+            "layouts": [list(layout.places) for layout in layouts]
+            if isinstance(layouts, tuple)
+            else layouts,
+            "number": self.number,
+            "shuffle": self.shuffle,
+        }
+
+    def draw(
+        self, generator: np.random.Generator, number: int, source: LayoutSource
+    ) -> list[Layout]:
+        """The layouts of one loop over these trials, for one subject.
+
+        Args:
+            generator: Draws them.
+            number: How many, if the trials do not say; fewer if fewer layouts are published.
+            source: Where they come from, if the trials do not say.
+
+        Raises:
+            ProtocolError: If there are not so many layouts.
+        """
+        layouts: Any = self.layouts or source
+        if layouts == "published":
+            layouts = _published(self.schema) or "random"
+        number = self.number or (len(layouts) if self.layouts and layouts != "random" else number)
+        if layouts == "random":
+            most = math.perm(positions_for(self.schema), len(self.schema.levers))
+            if number > most:
+                raise ProtocolError(
+                    f"{self.schema.name} has {most} layouts and {number} trials ask for as many; "
+                    "ask for fewer trials, or for more loops"
+                )
+            drawn: dict[tuple[int, ...], Layout] = {}
+            while len(drawn) < number:
+                layout = Layout.random(self.schema, generator)
+                drawn.setdefault(layout.places, layout)
+            return list(drawn.values())
+        if (self.number or 0) > len(layouts):
+            raise ProtocolError(
+                f"{self.number} trials of {self.schema.name} are asked for and {len(layouts)} "
+                f"layouts of {len(self.schema.levers)} levers are published; ask for at most "
+                f"{len(layouts)} trials, or for layouts: random"
+            )
+        order = generator.permutation(len(layouts)) if self.shuffle else np.arange(len(layouts))
+        return [layouts[index] for index in order[:number]]
+
+
+@cache
+def _published(schema: Schema) -> tuple[Layout, ...]:
+    return tuple(Layout.of(schema, name) for name in published_layouts(schema))
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A sequence of trials.
+
+    Attributes:
+        name: For the record.
+        train: Trials in the order in which they come; all of a baseline's trials are here.
+        test: Trials to test on afterwards; empty for a baseline.
+    """
+
+    name: str
+    train: tuple[Trials, ...]
+    test: tuple[Trials, ...] = ()
+
+    @classmethod
+    def named(cls, name: str, find: Callable[[str], Schema]) -> Condition:
+        """The baseline ``A`` or the transfer ``A-B`` over schemas A and B.
+
+        Args:
+            name: One or two schemas, by name or by the path of a ``.yaml`` file: ``CC4``,
+                ``CC3-CC4``, ``CC3-my/vault.yaml``. A path may have dashes in it; a file of the
+                whole name comes first.
+            find: Finds a schema by name or path.
+
+        Raises:
+            ProtocolError: If it has another form.
+            OpenLockError: If there is no such schema, or its file has faults.
+        """
+        ways = [parts for parts in _ways(name) if all(map(_may_be_schema, parts))]
+        missing: tuple[int, OpenLockError] | None = None
+        for parts in ways:
+            schemas: list[Schema] = []
+            try:
+                for part in parts:
+                    schemas.append(find(part))
+            except FileError:  # it is there, and has faults
+                raise
+            except OpenLockError as error:
+                # What is told is what is missing where the most is there.
+                if missing is None or len(schemas) > missing[0]:
+                    missing = len(schemas), error
+                continue
+            words = [
+                part if NAME.fullmatch(part) else schema.name
+                for part, schema in zip(parts, schemas, strict=True)
+            ]
+            return cls("-".join(words), *[(Trials(schema),) for schema in schemas])
+        if missing is not None:
+            raise missing[1]
+        raise ProtocolError(
+            f"{name!r} is no condition; write one schema for a baseline (CC4) or two for a "
+            "transfer (CC3-CC4); a schema of one's own is the path of a .yaml file "
+            "(CC3-my/vault.yaml)"
+        )
+
+    @property
+    def schemas(self) -> tuple[Schema, ...]:
+        """The schemas met, each once, in order."""
+        return tuple(dict.fromkeys(trials.schema for trials in (*self.train, *self.test)))
+
+    def as_dict(self) -> dict[str, Any]:
+        """The condition as plain data, schemas included."""
+        return {
+            "name": self.name,
+            "train": [trials.as_dict() for trials in self.train],
+            "test": [trials.as_dict() for trials in self.test],
+        }
+
+
+def _ways(name: str) -> Iterator[tuple[str, ...]]:
+    """The whole name, and its two parts at each of its dashes."""
+    yield (name,)
+    for dash in (index for index, character in enumerate(name) if character == "-"):
+        yield name[:dash], name[dash + 1 :]
+
+
+def _may_be_schema(part: str) -> bool:
+    return bool(NAME.fullmatch(part)) or part.endswith((".yaml", ".yml"))
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One trial of one subject: where it stands in the condition, and its room."""
+
+    phase: str
+    loop: int
+    trial: int
+    schema: Schema
+    layout: Layout
+
+
+def plan(condition: Condition, protocol: Protocol, generator: np.random.Generator) -> list[Visit]:
+    """The trials that one subject goes through, in order.
+
+    Each loop draws its layouts anew, without repeats within the loop.
+
+    Raises:
+        ProtocolError: If a schema does not fit the protocol or its ``test_layout``, or has fewer
+            layouts than trials.
+    """
+    visits: list[Visit] = []
+    baseline = not condition.test
+    train = (
+        (protocol.baseline_trials, protocol.baseline_loops)
+        if baseline
+        else (protocol.training_trials, protocol.train_loops)
+    )
+    test = (protocol.test_trials, protocol.test_loops)
+    for phase, groups, (number, loops) in (
+        ("train", condition.train, train),
+        ("test", _with_test_layout(condition.test, protocol), test),
+    ):
+        for loop in range(loops if groups else 0):
+            drawn: Iterable[tuple[Schema, Layout]] = (
+                (trials.schema, layout)
+                for trials in groups
+                for layout in trials.draw(generator, number, protocol.layouts)
+            )
+            visits += [
+                Visit(phase, loop + 1, trial + 1, schema, layout)
+                for trial, (schema, layout) in enumerate(drawn)
+            ]
+    for schema in condition.schemas:
+        protocol.actions_for(schema)
+    return visits
+
+
+def check_trial(trial: int, trials: int, where: str) -> None:
+    """Refuse a number that no trial has.
+
+    Args:
+        trial: The number, counted over a whole condition from 1.
+        trials: How many trials there are.
+        where: In what, for the message.
+
+    Raises:
+        ProtocolError: If there is no such trial.
+    """
+    if not 1 <= trial <= trials:
+        raise ProtocolError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
+
+
+def _with_test_layout(groups: tuple[Trials, ...], protocol: Protocol) -> tuple[Trials, ...]:
+    if protocol.test_layout is None:
+        return groups
+    try:
+        return tuple(
+            replace(trials, layouts=(Layout.of(trials.schema, protocol.test_layout),))
+            for trials in groups
+        )
+    except LayoutError as error:
+        raise ProtocolError(f"test_layout of protocol {protocol.name}: {error}") from None

@@ -1,0 +1,251 @@
+"""The record: one row for every attempt, and the only thing that analysis reads.
+
+The columns below are the contract between a session, which writes them, and everything that
+measures, draws or reports. A record is an Arrow table, kept as one Parquet file for each cell.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.world.fsm import BoolArray, IntArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+CATEGORIES = ("else", "unlock", "open1", "open2", "open3")
+"""Ruling on Figures 6 and 7: what an attempt came to, as an event and not as a sum of rewards.
+
+``openK`` is the K-th new solution of the trial (``open3`` stands for the third and all later
+ones); opening the door in any other way is ``open1``; ``unlock`` means that the door was unlocked
+at some moment but not opened; ``else`` is the rest.
+"""
+
+PHASES = ("train", "test")
+
+
+def record_schema() -> pa.Schema:
+    """The columns of a record, each with its meaning."""
+    import pyarrow as pa
+
+    text = pa.dictionary(pa.int32(), pa.string())
+    columns: list[tuple[str, Any, str]] = [
+        ("experiment", text, "name of the experiment"),
+        ("learner", text, "label of the learner in the experiment"),
+        ("condition", text, "name of the condition, such as CC3-CC4"),
+        ("protocol", text, "name of the protocol, such as human"),
+        ("subject", pa.int32(), "number of the subject, from 0"),
+        ("seed", pa.int64(), "seed of the experiment"),
+        ("phase", text, "train or test; a baseline condition is all train"),
+        ("loop", pa.int32(), "how often the phase's trials have been gone through, from 1"),
+        ("trial", pa.int32(), "number of the trial within the loop, from 1"),
+        ("schema", text, "name of the schema that governs the room"),
+        ("layout", text, "name of the layout, or the positions of its levers"),
+        ("attempt", pa.int32(), "number of the attempt within the trial, from 1"),
+        ("actions", pa.list_(pa.uint8()), "what was done, by action index"),
+        ("moved", pa.list_(pa.bool_()), "whether each action moved something"),
+        ("unlocked", pa.bool_(), "whether the door was unlocked at any moment"),
+        ("opened", pa.bool_(), "whether the door was opened"),
+        ("solution", pa.int16(), "index of the solution that opened the door, -1 for none"),
+        ("new_solution", pa.bool_(), "whether it was found for the first time in this trial"),
+        ("solutions_found", pa.int16(), "solutions found in this trial so far, this one included"),
+        ("solutions", pa.int16(), "solutions that the room has"),
+        ("reward", pa.float64(), "sum of the rewards of the attempt's actions"),
+        ("category", text, "else, unlock, open1, open2 or open3"),
+        ("wall_time", pa.float32(), "seconds since the cell began"),
+    ]
+    return pa.schema(
+        [pa.field(name, kind, metadata={"meaning": text}) for name, kind, text in columns]
+    )
+
+
+def compact(record: pa.Table) -> pa.Table:
+    """The same values with names coded by fewer bytes, which an analysis of many cells is glad of.
+
+    How many is a matter of the column and never of what a record happens to hold, so that compact
+    records of any cells can be put together, and their names be counted as one.
+    """
+    import pyarrow as pa
+
+    # Two phases and five categories; layouts drawn at random may be many; nobody declares 32,768
+    # learners, conditions or schemas.
+    bytes_of = {"phase": pa.int8(), "category": pa.int8(), "layout": pa.int32()}
+    fields = [
+        pa.field(one.name, pa.dictionary(bytes_of.get(one.name, pa.int16()), one.type.value_type))
+        if pa.types.is_dictionary(one.type)
+        else one
+        for one in record.schema
+    ]
+    return record.cast(pa.schema(fields))
+
+
+def categorise(
+    unlocked: BoolArray, opened: BoolArray, new: BoolArray, found: IntArray
+) -> NDArray[np.int8]:
+    """What attempts came to, as indices into :data:`CATEGORIES`.
+
+    Args:
+        unlocked: ``[N]`` whether the door was unlocked at any moment.
+        opened: ``[N]`` whether it was opened.
+        new: ``[N]`` whether that was a new solution.
+        found: ``[N]`` solutions found in the trial, this one included.
+    """
+    nth = np.where(new, np.clip(found, 1, 3), 1)
+    return np.where(opened, 1 + nth, unlocked).astype(np.int8)
+
+
+class AttemptLog:
+    """The attempts of a session, kept in columns that grow by half when they are full.
+
+    Memory grows with the record and with nothing else: about 50 bytes an attempt.
+
+    Args:
+        action_limit: The most actions that an attempt of this session can have.
+    """
+
+    def __init__(self, action_limit: int) -> None:
+        self.action_limit = action_limit
+        self.rows = 0
+        self._columns: dict[str, NDArray[Any]] = {
+            "subject": np.zeros(0, np.int32),
+            "visit": np.zeros(0, np.int32),
+            "attempt": np.zeros(0, np.int32),
+            "used": np.zeros(0, np.int8),
+            "actions": np.zeros((0, action_limit), np.uint8),
+            "moved": np.zeros((0, action_limit), bool),
+            "unlocked": np.zeros(0, bool),
+            "opened": np.zeros(0, bool),
+            "solution": np.zeros(0, np.int16),
+            "new_solution": np.zeros(0, bool),
+            "solutions_found": np.zeros(0, np.int16),
+            "reward": np.zeros(0, np.float64),
+            "wall_time": np.zeros(0, np.float32),
+        }
+
+    def append(self, **values: NDArray[Any] | float) -> None:
+        """Add the attempts that have just ended; every column must be given."""
+        many = len(np.atleast_1d(values["subject"]))
+        end = self.rows + many
+        capacity = len(self._columns["subject"])
+        if end > capacity:
+            self._grow(max(end, capacity + capacity // 2, 1024))
+        for name, column in self._columns.items():
+            column[self.rows : end] = values[name]
+        self.rows = end
+
+    def _grow(self, capacity: int) -> None:
+        for name, column in self._columns.items():
+            grown = np.zeros((capacity, *column.shape[1:]), column.dtype)
+            grown[: self.rows] = column[: self.rows]
+            self._columns[name] = grown
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self._columns[name][: self.rows]
+
+    @property
+    def row_type(self) -> np.dtype[np.void]:
+        """An attempt as one piece of bytes: what :meth:`since` gives and :meth:`extend` takes."""
+        return np.dtype(
+            [(name, column.dtype, column.shape[1:]) for name, column in self._columns.items()]
+        )
+
+    def since(self, row: int) -> NDArray[np.void]:
+        """The attempts from a row on, as a structured array; a copy."""
+        rows = np.empty(self.rows - row, self.row_type)
+        for name in self._columns:
+            rows[name] = self[name][row:]
+        return rows
+
+    def extend(self, rows: NDArray[np.void]) -> None:
+        """Add attempts that another log's :meth:`since` has given."""
+        self.append(**{name: rows[name] for name in self._columns})
+
+
+def assemble(
+    log: AttemptLog, visits: dict[str, NDArray[Any]], constants: dict[str, Any]
+) -> pa.Table:
+    """A session's log as a record, sorted by subject and time.
+
+    Args:
+        log: The attempts.
+        visits: ``[B, T]`` arrays ``phase``, ``loop``, ``trial``, ``schema``, ``layout`` and
+            ``solutions`` for each of the T trials that each of the B subjects visits.
+        constants: The values of ``experiment``, ``learner``, ``condition``, ``protocol`` and
+            ``seed``, and ``subjects``, ``[B]`` the numbers of the session's subjects.
+    """
+    import pyarrow as pa
+
+    numbers = constants["subjects"]
+    order = numbers[log["subject"]].argsort(kind="stable")
+    subject, visit = log["subject"][order], log["visit"][order]
+    used = log["used"][order]
+    offsets = pa.array(np.concatenate([[0], np.cumsum(used)]), pa.int32())
+    taken = np.arange(log.action_limit) < used[:, None]
+
+    def in_attempt(name: str, kind: pa.DataType) -> pa.Array:
+        return pa.ListArray.from_arrays(offsets, pa.array(log[name][order][taken], kind))
+
+    category = categorise(
+        log["unlocked"][order],
+        log["opened"][order],
+        log["new_solution"][order],
+        log["solutions_found"][order],
+    )
+    columns: dict[str, Any] = {
+        "subject": numbers[subject],
+        "attempt": log["attempt"][order],
+        "actions": in_attempt("actions", pa.uint8()),
+        "moved": in_attempt("moved", pa.bool_()),
+        "category": _dictionary(category, CATEGORIES),
+        **{
+            name: log[name][order]
+            for name in (
+                "unlocked",
+                "opened",
+                "solution",
+                "new_solution",
+                "solutions_found",
+                "reward",
+                "wall_time",
+            )
+        },
+    }
+    for name, values in visits.items():
+        column = values[subject, visit]
+        if column.dtype.kind in "OU":
+            names, codes = np.unique(values, return_inverse=True)
+            column = _dictionary(codes.reshape(values.shape)[subject, visit], names.tolist())
+        columns[name] = column
+    schema = record_schema()
+    for name in ("experiment", "learner", "condition", "protocol"):
+        columns[name] = _dictionary(np.zeros(log.rows, np.int32), [constants[name]])
+    columns["seed"] = np.full(log.rows, constants["seed"])
+    return pa.table([_cast(columns[field.name], field.type) for field in schema], schema=schema)
+
+
+def _dictionary(codes: IntArray | NDArray[Any], names: Any) -> pa.Array:
+    import pyarrow as pa
+
+    return pa.DictionaryArray.from_arrays(
+        pa.array(codes.astype(np.int32)), pa.array(list(names), pa.string())
+    )
+
+
+def _cast(column: Any, kind: pa.DataType) -> Any:
+    import pyarrow as pa
+
+    return column if isinstance(column, pa.Array) else pa.array(column, kind)
+
+
+__all__ = [
+    "CATEGORIES",
+    "PHASES",
+    "AttemptLog",
+    "assemble",
+    "categorise",
+    "compact",
+    "record_schema",
+]

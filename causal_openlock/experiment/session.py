@@ -1,0 +1,406 @@
+"""A session: B subjects walk through a condition, and everything they do is recorded.
+
+The session steps all subjects at once, whatever trial each of them is in; it hands a learner what
+a subject perceives and nothing else; it decides what is a new solution, when an attempt and when a
+trial is over, and it keeps the record. It is the only place that knows the latent truth.
+
+:meth:`Session.play` runs a learner to the end. :meth:`Session.view` and :meth:`Session.step` are
+the same loop by hand, for a notebook or a person.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.contract.learner import (
+    Brief,
+    Console,
+    InformedLearner,
+    Learner,
+    Step,
+    Truth,
+    View,
+)
+from causal_openlock.errors import LearnerError, ProtocolError
+from causal_openlock.experiment.protocol import Condition, Protocol, Visit, plan
+from causal_openlock.experiment.record import AttemptLog, assemble
+from causal_openlock.world.fsm import BoolArray, IntArray
+from causal_openlock.world.randomness import Streams, generators
+from causal_openlock.world.reward_table import RewardTable
+from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
+from causal_openlock.world.room import Layout, action_names, positions_for
+from causal_openlock.world.schema import Schema
+from causal_openlock.world.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+KEPT = (
+    *("visit", "room", "attempt", "row", "found", "found_count", "playing"),
+    *("actions", "moved", "previous", "was_unlocked", "earned"),
+)
+"""What changes while a session is played, apart from the log and the luck."""
+
+
+class Session:
+    """B subjects in one condition under one protocol.
+
+    Args:
+        condition: Which rooms they visit.
+        protocol: With what budgets.
+        subjects: Numbers of the subjects; their rooms and their luck depend on them.
+        seed: Seed of the experiment.
+        reward: The reward of each action.
+        learner: Label of the learner, for the record; it also keys the learner's randomness, while
+            rooms and luck are the same for all learners.
+        experiment: Name of the experiment, for the record.
+
+    Raises:
+        ProtocolError: If a schema of the condition does not fit the protocol, or there is no
+            subject or one twice.
+    """
+
+    def __init__(
+        self,
+        condition: Condition,
+        protocol: Protocol,
+        subjects: Sequence[int] | int,
+        *,
+        seed: int = 0,
+        reward: RewardForm = PAPER_REWARD,
+        learner: str = "learner",
+        experiment: str = "session",
+    ) -> None:
+        numbers = range(subjects) if isinstance(subjects, int) else subjects
+        self.condition, self.protocol = condition, protocol
+        self.subjects = len(numbers)
+        if not numbers or len(set(numbers)) < len(numbers):
+            raise ProtocolError("a session needs at least one subject, and each subject only once")
+        self._constants = {
+            "experiment": experiment,
+            "learner": learner,
+            "condition": condition.name,
+            "protocol": protocol.name,
+            "seed": seed,
+            "subjects": np.array(numbers, dtype=np.int32),
+        }
+        place = f"{condition.name}/{protocol.name}"
+        environment = generators(seed, f"environment/{condition.name}", numbers)
+        visits = [plan(condition, protocol, generator) for generator in environment]
+        self._tables = RoomTables(max(positions_for(schema) for schema in condition.schemas))
+        self._rooms, layouts = self._stack(visits)
+        schemas = [room.schema.name for room in self._tables.rooms]
+        self._visits = {
+            "phase": np.array([[visit.phase for visit in row] for row in visits], dtype=object),
+            "loop": np.array([[visit.loop for visit in row] for row in visits], dtype=np.int32),
+            "trial": np.array([[visit.trial for visit in row] for row in visits], dtype=np.int32),
+            "schema": np.array(schemas, dtype=object)[self._rooms],
+            "layout": layouts,
+            "solutions": self._tables.solutions.astype(np.int16)[self._rooms],
+        }
+        self._luck = Streams(environment) if self._tables.stochastic else None
+        self._reward = RewardTable(find_reward(reward), self._tables)
+        self.brief = Brief(
+            subjects=self.subjects,
+            positions=self._tables.positions,
+            action_names=action_names(self._tables.positions),
+            action_limit=int(self._tables.action_limit.max()),
+            attempt_limit=protocol.attempt_limit,
+            trials=self._rooms.shape[1],
+            generators=generators(seed, f"learner/{learner}/{place}", numbers),
+        )
+        self._log = AttemptLog(self.brief.action_limit)
+        self._clock = time.perf_counter()
+        self._begin()
+
+    def _stack(self, visits: list[list[Visit]]) -> tuple[IntArray, NDArray[np.object_]]:
+        """``[B, T]`` index of the room of each trial, and ``[B, T]`` the name of its layout.
+
+        Layouts of different names can put the levers in the same places, and are then one room:
+        what a trial's layout is called is for the trial to say, and not for the room.
+        """
+        positions, protocol = self._tables.positions, self.protocol
+        limits = {schema: protocol.actions_for(schema) for schema in self.condition.schemas}
+        distinct: dict[tuple[int, Layout], int] = {}
+        rooms: list[tuple[Schema, Layout, int]] = []
+        for row in visits:
+            for visit in row:
+                key = (id(visit.schema), visit.layout)
+                if key not in distinct:
+                    distinct[key] = len(rooms)
+                    layout = visit.layout.in_room(positions)
+                    rooms.append((visit.schema, layout, limits[visit.schema]))
+        which = np.array(
+            [[distinct[id(visit.schema), visit.layout] for visit in row] for row in visits]
+        )
+        names = np.array([layout.name for _, layout, _ in rooms], dtype=object)
+        return self._tables.add(rooms)[which], names[which]
+
+    def _begin(self) -> None:
+        subjects, tables = self.subjects, self._tables
+        self._visit = np.zeros(subjects, dtype=np.int64)
+        self._room = self._rooms[:, 0].copy()
+        self._attempt = np.ones(subjects, dtype=np.int64)
+        self._row = tables.start[self._room]
+        self._found = np.zeros((subjects, int(tables.solutions.max())), dtype=bool)
+        self._found_count = np.zeros(subjects, dtype=np.int64)
+        self._playing = np.ones(subjects, dtype=bool)
+        self._everyone = np.arange(subjects)
+        # What the attempt in progress has come to.
+        self._actions = np.zeros((subjects, self.brief.action_limit), dtype=np.uint8)
+        self._moved = np.zeros((subjects, self.brief.action_limit), dtype=bool)
+        self._previous = np.full(subjects, -1, dtype=np.int64)
+        self._was_unlocked = np.zeros(subjects, dtype=bool)
+        self._earned = np.zeros(subjects)
+        self._view = self._perceive()
+
+    # -- what is seen, and what is latent -------------------------------------------------------
+
+    @property
+    def view(self) -> View:
+        """What the subjects perceive now."""
+        return self._view
+
+    @property
+    def over(self) -> bool:
+        """Whether every subject has finished."""
+        return not self._playing.any()
+
+    @property
+    def truth(self) -> Truth:
+        """What is latent; for informed learners and for analysis."""
+        return Truth(rooms=tuple(self._tables.rooms), room=self._room.copy())
+
+    def _perceive(self) -> View:
+        tables = self._tables
+        left = tables.solutions[self._room] - self._found_count
+        return View(
+            observation=tables.observation.take(self._row, axis=0),
+            console=Console(
+                solutions_left=left,
+                solutions_found=self._found_count.copy(),
+                attempts_left=self.protocol.attempt_limit + 1 - self._attempt,
+                actions_left=tables.status.take(self._row) & ACTIONS_LEFT,
+            ),
+            trial=self._visit + 1,
+            attempt=self._attempt.copy(),
+            playing=self._playing.copy(),
+        )
+
+    # -- the loop -------------------------------------------------------------------------------
+
+    def play(self, learner: Learner) -> pa.Table:
+        """Let a learner play to the end.
+
+        Returns:
+            The record, sorted by subject and time.
+
+        Raises:
+            LearnerError: If the learner answers with anything but B action indices.
+        """
+        self.begin(learner)
+        return self.go_on(learner)
+
+    def begin(self, learner: Learner, state: dict[str, Any] | None = None) -> None:
+        """Tell a learner what it has to know before it plays; the first half of :meth:`play`.
+
+        Args:
+            learner: The learner.
+            state: A learner's state to go on with.
+        """
+        learner.begin(self.brief)
+        if state is not None:
+            learner.load_state_dict(state)
+        if isinstance(learner, InformedLearner):
+            learner.inform(self.truth)
+
+    def go_on(self, learner: Learner, after: Callable[[], None] | None = None) -> pa.Table:
+        """Let a learner that has begun play to the end; the second half of :meth:`play`.
+
+        Args:
+            learner: The learner.
+            after: Called after every step, once the learner has learned from it.
+        """
+        informed = learner if isinstance(learner, InformedLearner) else None
+        while not self.over:
+            step = self.step(learner.act(self._view))
+            learner.learn(step)
+            if informed and step.trial_over.any():
+                informed.inform(self.truth)
+            if after:
+                after()
+        return self.record()
+
+    def step(self, action: Any) -> Step:
+        """Take one action for each subject.
+
+        Args:
+            action: ``[B]`` action indices; those of subjects that have finished are ignored.
+
+        Raises:
+            LearnerError: If there are not B integers, or one is outside the action space.
+        """
+        tables, view = self._tables, self._view
+        action = self._checked(action)
+        luck = self._luck.uniform() if self._luck else None
+        row = self._row
+        choice = tables.choice(row, action)
+        after, status = tables.step(choice, luck)
+        if not self._playing.all():
+            after = np.where(self._playing, after, row)
+            status = tables.status.take(after)
+        unlocked = np.flatnonzero(status >= UNLOCKED)
+        experienced = unlocked[self._found_count[unlocked] > 0]
+        reward = self._reward.pay(choice, after, self._previous, self._found, experienced)
+
+        moment = tables.used.take(row)
+        self._actions[self._everyone, moment] = action
+        self._moved[self._everyone, moment] = tables.state[after] != tables.state[row]
+        self._previous[:] = action  # a copy: the learner is handed the array itself
+        self._was_unlocked[unlocked] = True
+        self._earned += reward
+        self._row = after
+
+        attempt_over = (status & ACTIONS_LEFT == 0) & self._playing
+        trial_over = np.zeros(self.subjects, dtype=bool)
+        new_solution = np.zeros(self.subjects, dtype=bool)
+        ended = np.flatnonzero(attempt_over)
+        # Before rooms are put back, and an array of its own: a learner may write to it.
+        outcome = tables.observation.take(after, axis=0)
+        if len(ended):
+            self._end_attempts(ended, trial_over, new_solution)
+        self._view = self._perceive()
+        return Step(
+            view=view,
+            action=action,
+            outcome=outcome,
+            reward=reward,
+            attempt_over=attempt_over,
+            trial_over=trial_over,
+            new_solution=new_solution,
+            next=self._view,
+        )
+
+    def _checked(self, action: Any) -> IntArray:
+        try:
+            actions = np.asarray(action)
+        except ValueError:  # lists of different lengths
+            actions = np.asarray(None)
+        if actions.shape != (self.subjects,) or actions.dtype.kind not in "iu":
+            raise LearnerError(
+                f"a learner answers with {self.subjects} integers, one for each subject, and not "
+                f"with {actions.dtype} of shape {actions.shape}"
+            )
+        chosen: IntArray = np.where(self._playing, actions, 0).astype(np.int64)
+        if chosen.min() < 0 or chosen.max() >= self.brief.actions:
+            wrong = chosen[(chosen < 0) | (chosen >= self.brief.actions)][0]
+            raise LearnerError(
+                f"action {wrong} is outside the action space; a room of {self.brief.positions} "
+                f"positions has actions 0 to {self.brief.actions - 1}"
+            )
+        return chosen
+
+    def _end_attempts(self, ended: IntArray, trial_over: BoolArray, new: BoolArray) -> None:
+        """Book the attempts that ended, and put their rooms back or go on to the next."""
+        tables, row = self._tables, self._row[ended]
+        opened = tables.opened[row]
+        solution = np.where(opened, tables.solution[row], -1)
+        is_new = (solution >= 0) & ~self._found[ended, solution]
+        new[ended] = is_new
+        self._found[ended[is_new], solution[is_new]] = True
+        self._found_count[ended] += is_new
+        self._log.append(
+            subject=ended,
+            visit=self._visit[ended],
+            attempt=self._attempt[ended],
+            used=tables.used[row],
+            actions=self._actions[ended],
+            moved=self._moved[ended],
+            unlocked=self._was_unlocked[ended],
+            opened=opened,
+            solution=solution,
+            new_solution=is_new,
+            solutions_found=self._found_count[ended],
+            reward=self._earned[ended],
+            wall_time=time.perf_counter() - self._clock,
+        )
+        over = self._attempt[ended] >= self.protocol.attempt_limit
+        if self.protocol.stop_when_solved:
+            over |= self._found_count[ended] == tables.solutions[self._room[ended]]
+        trial_over[ended] = over
+        self._attempt[ended] += 1
+        self._next_trials(ended[over])
+        self._row[ended] = tables.start[self._room[ended]]
+        self._previous[ended] = -1
+        self._was_unlocked[ended] = False
+        self._earned[ended] = 0.0
+
+    def _next_trials(self, finished: IntArray) -> None:
+        self._visit[finished] += 1
+        self._attempt[finished] = 1
+        self._found[finished] = False
+        self._found_count[finished] = 0
+        self._playing[finished] = self._visit[finished] < self._rooms.shape[1]
+        going_on = finished[self._playing[finished]]
+        self._room[going_on] = self._rooms[going_on, self._visit[going_on]]
+
+    @property
+    def log(self) -> AttemptLog:
+        """The attempts so far, in the order in which they ended."""
+        return self._log
+
+    @property
+    def solutions(self) -> IntArray:
+        """``[B, T]`` how many solutions the room of each trial has; for who looks on."""
+        return self._visits["solutions"]
+
+    @property
+    def progress(self) -> float:
+        """The share of all trials that is over."""
+        return float(self._visit.mean()) / self.brief.trials
+
+    def state_dict(self, since: int = 0) -> dict[str, Any]:
+        """Where the session stands, for a checkpoint; the rooms follow from its arguments.
+
+        Args:
+            since: How many attempts are known already; ``log`` holds the others.
+        """
+        return {
+            **{name: getattr(self, f"_{name}").copy() for name in KEPT},
+            "luck": self._luck.state_dict() if self._luck else None,
+            "attempts": self._log.rows,
+            "seconds": time.perf_counter() - self._clock,
+            "log": self._log.since(since),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint of a session with the same arguments, whose log is whole.
+
+        Raises:
+            ProtocolError: If it is the state of another session.
+        """
+        held = [(state[name], getattr(self, f"_{name}")) for name in KEPT]
+        if (
+            any(one.shape != own.shape or one.dtype != own.dtype for one, own in held)
+            or state["log"].dtype != self._log.row_type
+            or len(state["log"]) != state["attempts"]
+            or (state["luck"] is None) != (self._luck is None)
+        ):
+            raise ProtocolError("this is the state of another session, or not all of it")
+        for name in KEPT:
+            setattr(self, f"_{name}", state[name].copy())
+        if self._luck:
+            self._luck.load_state_dict(state["luck"])
+        self._log = AttemptLog(self.brief.action_limit)
+        self._log.extend(state["log"])
+        self._clock = time.perf_counter() - state["seconds"]
+        self._view = self._perceive()
+
+    def record(self) -> pa.Table:
+        """The attempts so far as a record, sorted by subject and time."""
+        return assemble(self._log, self._visits, self._constants)

@@ -1,0 +1,489 @@
+"""A results folder: what was run, one Parquet file for each cell, and the report.
+
+::
+
+    DIR/
+      experiment.json       everything that determines the results, and the files they are in
+      cells/                one file a cell; its name ends with the cell's identity. Beside it, as
+                            long as the cell is played: its checkpoint, and how far it is
+      report.html  summary.csv  figures/
+      errors/               why cells failed: a file each, a sentence and the traceback
+
+A cell's file is complete or not there, so a comparison killed at any moment goes on where it was.
+Cells and ``experiment.json`` carry checksums (:mod:`causal_openlock.files.checksums`): a file that
+is not what was written, for whatever reason, is named, and its cell is played again.
+
+A folder keeps every cell that was ever done in it, by identity. What is shown are those of the
+experiment that was asked for last; so a learner can be mended, taken out, put back or added, and
+only cells that are not there are played. One process at a time works in a folder: it holds a lock
+on it, which the system takes back when the process ends, however it ends.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.experiment import Cell, Experiment
+from causal_openlock.experiment.inside import check_inside
+from causal_openlock.files.checksums import (
+    ChecksumError,
+    json_bytes,
+    read_json,
+    read_table,
+    table_bytes,
+)
+from causal_openlock.files.whole import PARTIAL, sweep, write_bytes
+from causal_openlock.version import __version__
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+IDENTITY = b"causal_openlock.cell"
+VERSIONS = b"causal_openlock.versions"
+LOCK = ".lock"
+CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
+"""What stands beside a cell's file while it is played; see
+:mod:`causal_openlock.experiment.checkpoint`."""
+LOG = "log.jsonl"
+"""What people did, in a folder of theirs; see :mod:`causal_openlock.play.log`."""
+_ERRORS = re.compile(r".+_[0-9a-f]{12}\.txt")
+
+
+class Store:
+    """A results folder.
+
+    Args:
+        folder: Where it is.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        self.cells = self.folder / "cells"
+        self._lock: IO[bytes] | None = None
+
+    # -- the folder -----------------------------------------------------------------------------
+
+    def open(self, experiment: Experiment, *, changed: bool = True) -> None:
+        """Make the folder ready for an experiment: a new one, or one that is done in part.
+
+        Args:
+            experiment: What is to be played.
+            changed: Whether a changed form of the experiment that the folder is of may be played
+                there. The rule: they share a cell, or at least name, seed and version, and a
+                learner with the same parameters in the same condition.
+
+        Raises:
+            StoreError: If it holds something else, is in use, or cannot be written to.
+        """
+        try:
+            self._prepare(experiment, changed)
+        except BaseException as error:
+            self.close()
+            if isinstance(error, OSError):
+                raise _unusable(self.folder, error.strerror) from None
+            if isinstance(error, OpenLockError) and not isinstance(error, StoreError):
+                raise StoreError(str(error)) from None
+            raise
+
+    def _prepare(self, experiment: Experiment, changed: bool) -> None:
+        declared = self.folder / "experiment.json"
+        if self.folder.exists() and not self.folder.is_dir():
+            raise StoreError(f"{self.folder} is a file; choose a folder for the results")
+        check_inside(self.folder)
+        if not declared.exists() and self._holds_something():
+            raise StoreError(
+                f"{self.folder} is not empty and holds no results; choose another folder"
+            )
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._take_lock()
+        files = {cell.file_name for cell in experiment.cells()}
+        if self._is_of(experiment, files, changed):
+            self.declare(_described(experiment))
+        self.cells.mkdir(exist_ok=True)
+        sweep(self.folder)
+        sweep(self.cells)
+        known = {Path(name).stem for name in files}
+        for path in self.cells.iterdir():
+            foreign = path.suffix in (CHECKPOINT, ATTEMPTS) and path.stem not in known
+            if foreign or path.suffix == PROGRESS:
+                path.unlink(missing_ok=True)
+        for path in (self.folder / "errors").glob("*.txt"):
+            if path.stem not in known and _ERRORS.fullmatch(path.name):
+                path.unlink(missing_ok=True)
+
+    def _is_of(self, experiment: Experiment, files: set[str], changed: bool) -> bool:
+        """Whether the folder is to be declared as of an experiment; refuses if it must not be."""
+        done = {path.name for path in self.cells.glob("*.parquet")}
+        if not (self.folder / "experiment.json").exists():
+            return True
+        try:
+            held = self.description()
+        except StoreError:
+            if not changed and (self.folder / LOG).exists():
+                return False  # the log tells what it is of
+            # The names of cells end with their identities.
+            if not done or done & files:
+                return True
+            raise
+        if held["identity"] == experiment.identity:
+            return False
+        # Where nothing is done yet, nothing is lost by another experiment.
+        if not done or (changed and (done & files or _akin(held, experiment))):
+            return True
+        made = f", made with version {held['version']}" * (held["version"] != __version__)
+        raise StoreError(
+            f"{self.folder} holds another experiment ({held['name']}, seed {held['seed']}{made}), "
+            "or this one with other settings, schemas or learners, and no cell of what is asked "
+            "for; choose another folder"
+        )
+
+    @property
+    def name(self) -> str | None:
+        """The name of the experiment that the folder is of, if it is of one."""
+        try:
+            return str(self.description()["name"])
+        except OpenLockError:
+            return None
+
+    def declare(self, held: dict[str, Any]) -> None:
+        """Write ``experiment.json``, if that is not what it holds.
+
+        Args:
+            held: As :meth:`description` gives it.
+
+        Raises:
+            OpenLockError: If it cannot be written.
+        """
+        path, content = self.folder / "experiment.json", json_bytes(held)
+        with suppress(OSError):
+            if path.read_bytes() == content:
+                return
+        write_bytes(path, content)
+
+    def close(self) -> None:
+        """Let others work in the folder."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _holds_something(self) -> bool:
+        """Whether there is more in the folder than what a start cut short can have left."""
+        if not self.folder.exists():
+            return False
+        return any(path.name != LOCK and not path.match(PARTIAL) for path in self.folder.iterdir())
+
+    def _take_lock(self) -> None:
+        try:
+            import fcntl
+        except ImportError:  # a system without such locks
+            return
+        self.close()
+        lock = (self.folder / LOCK).open("wb")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            raise StoreError(
+                f"{self.folder} is in use by another comparison; wait for it, or choose another "
+                "folder"
+            ) from None
+        self._lock = lock
+
+    def description(self) -> dict[str, Any]:
+        """The content of ``experiment.json``.
+
+        Raises:
+            StoreError: If the folder holds no results, or the file is damaged.
+        """
+        from causal_openlock.experiment.described import description_fault
+
+        path = self.folder / "experiment.json"
+        try:
+            held = read_json(path.read_bytes())
+        except OSError:
+            raise StoreError(
+                f"{self.folder} holds no results (there is no experiment.json); give the folder "
+                "that compare wrote to"
+            ) from None
+        except ChecksumError as error:
+            raise self._damaged(path, str(error)) from None
+        if (fault := description_fault(held)) is not None:
+            raise self._damaged(path, f"{fault} is not what it should be")
+        check_inside(self.folder, held["cells"])
+        return held
+
+    # -- its cells ------------------------------------------------------------------------------
+
+    def path(self, cell: Cell) -> Path:
+        """Where a cell's record belongs."""
+        return self.cells / cell.file_name
+
+    def clear(self, cell: Cell) -> None:
+        """Remove what stood beside a cell's record while it was played."""
+        for suffix in (CHECKPOINT, ATTEMPTS, PROGRESS):
+            self.path(cell).with_suffix(suffix).unlink(missing_ok=True)
+
+    def share(self, cell: Cell) -> tuple[int, float] | None:
+        """How far a cell is that is being played: when that was told, and the share that is over.
+
+        The time is one of the file system's, good only to see whether it is another.
+        """
+        path = self.path(cell).with_suffix(PROGRESS)
+        with suppress(OSError, ValueError):  # just written, or just removed
+            return path.stat().st_mtime_ns, float(path.read_text(encoding="utf-8"))
+        return None
+
+    def blame(self, cell: Cell, what: str, trace: str) -> str:
+        """Keep why a cell failed.
+
+        Args:
+            cell: The cell.
+            what: What became of it, to follow its name.
+            trace: The traceback, or what is known instead.
+
+        Returns:
+            A sentence that says so.
+
+        Raises:
+            OpenLockError: If it cannot be written.
+        """
+        why = f"the learner {cell.in_words}, {what}"
+        write_bytes(self.error(cell), f"{why}\n\n{trace}".encode("utf-8", "backslashreplace"))
+        return why
+
+    def error(self, cell: Cell) -> Path:
+        """Where it is kept why a cell failed."""
+        return self.folder / "errors" / f"{Path(cell.file_name).stem}.txt"
+
+    def forgive(self, cell: Cell) -> None:
+        """Forget that a cell failed."""
+        self.error(cell).unlink(missing_ok=True)
+
+    def failures(self, missing: Iterable[str]) -> dict[str, str]:
+        """Why cells failed, in a sentence each.
+
+        Args:
+            missing: Cells, by the names of their files without the suffix.
+        """
+        found = {}
+        for name in missing:
+            with suppress(OSError):
+                text = (self.folder / "errors" / f"{name}.txt").read_text("utf-8", "replace")
+                found[name] = text.partition("\n")[0]
+        return found
+
+    def check(self, cell: Cell) -> str | None:
+        """Whether a cell's record is there and whole.
+
+        Returns:
+            ``None`` if it is; otherwise why not: ``"missing"``, or what is damaged.
+        """
+        path = self.path(cell)
+        if not path.exists():
+            return "missing"
+        try:
+            self.read(path, cell.identity)
+        except StoreError as error:
+            return str(error).rpartition("; ")[0]  # the remedy: its cell is run again anyway
+        return None
+
+    def read(
+        self, path: Path, identity: str | None = None, columns: Sequence[str] | None = None
+    ) -> pa.Table:
+        """A cell's record.
+
+        Args:
+            path: Its file.
+            identity: The cell that it is to be of; by default the one that its name tells.
+            columns: Those to read; by default all.
+
+        Returns:
+            The record; the metadata of its schema have :data:`IDENTITY` and :data:`VERSIONS`.
+
+        Raises:
+            StoreError: If the file is missing, damaged, or belongs to another cell.
+        """
+        import pyarrow as pa
+
+        from causal_openlock.experiment.record import record_schema
+
+        try:
+            table = read_table(path.read_bytes(), columns)
+        except FileNotFoundError:
+            raise StoreError(f"{path} is missing; run compare again to make it") from None
+        except (OSError, ChecksumError) as error:
+            raise self._damaged(path, str(error)) from None
+        metadata = table.schema.metadata or {}
+        held = metadata.get(IDENTITY, b"").decode(errors="replace")
+        if not held or not held.startswith(identity or path.stem.rpartition("_")[2]):
+            raise self._damaged(path, "it holds another cell")
+        schema = record_schema()
+        if columns is not None:
+            schema = pa.schema([schema.field(name) for name in columns])
+        try:
+            # Files of other programs may code names in other ways.
+            table = table.replace_schema_metadata(None).cast(schema)
+            table.validate(full=True)
+        except (pa.ArrowException, ValueError):
+            table = None
+        if table is None or any(column.null_count for column in table.columns):
+            raise self._damaged(path, "its columns are not those of a record")
+        return table.replace_schema_metadata(metadata)
+
+    def write(self, cell: Cell, record: pa.Table) -> None:
+        """Keep a cell's record.
+
+        Raises:
+            StoreError: If it cannot be written; nothing is left of it then.
+        """
+        metadata = {
+            IDENTITY: cell.identity.encode(),
+            VERSIONS: json.dumps(versions()).encode(),
+        }
+        path = self.path(cell)
+        try:
+            write_bytes(path, table_bytes(record, metadata))
+        except OpenLockError as error:
+            raise _unusable(path, " ".join(str(error.__cause__ or error).split())) from None
+
+    def record(
+        self, columns: Sequence[str] | None = None, *, small: bool = False
+    ) -> tuple[pa.Table, dict[str, Any]]:
+        """The records of all cells as one, and what they are the record of.
+
+        Args:
+            columns: Those to read, in the order of a record; by default all.
+            small: Whether it is to be :func:`~causal_openlock.experiment.record.compact`.
+
+        Returns:
+            The record, in the order of the cells; and :meth:`description` without the list of
+            files, but with ``versions`` of the packages that the cells were made with (a list
+            where they differ) and, if some cells are not there, ``missing_cells``, and why those
+            of them that failed did: ``failures``, by the name of the cell.
+
+        Raises:
+            StoreError: If there is no cell, or one is damaged.
+        """
+        import pyarrow as pa
+
+        from causal_openlock.experiment.record import compact
+
+        description = self.description()
+        there, missing = self.files()
+        del description["identity"], description["cells"]
+        tables, made_with = [], []
+        for path in there:
+            table = self.read(path, columns=columns)
+            made_with.append(versions_of(table, path))
+            table = table.replace_schema_metadata(None)
+            tables.append(compact(table) if small else table)
+        if missing:
+            description["missing_cells"] = names = [path.stem for path in missing]
+            if failed := self.failures(names):
+                description["failures"] = failed
+        description["versions"] = merged_versions(made_with)
+        return pa.concat_tables(tables), description
+
+    def files(self) -> tuple[list[Path], list[Path]]:
+        """The files of the cells that are there, in order, and of those that are not.
+
+        Raises:
+            StoreError: If the folder holds no results, or no cell.
+        """
+        paths = [self.cells / name for name in self.description()["cells"]]
+        there = [path for path in paths if path.exists()]
+        if not there:
+            raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
+        return there, [path for path in paths if path not in set(there)]
+
+    def _damaged(self, path: Path, what: str) -> StoreError:
+        if (self.folder / LOG).exists():
+            remedy = "start play with this folder and stop it: it is made anew from what is logged"
+        else:
+            remedy = "run compare again, with the same command, to make it anew"
+        return StoreError(f"{path} is damaged ({what}); {remedy}")
+
+
+def versions_of(record: pa.Table, path: Path) -> dict[str, Any]:
+    """What a cell was made with, as its file says: of each package its version, or several.
+
+    Args:
+        record: The cell's record, with its metadata.
+        path: Its file.
+
+    Raises:
+        StoreError: If it says nothing of the kind.
+    """
+    try:
+        held = json.loads(record.schema.metadata.get(VERSIONS, b"{}"))
+        several = [[said] if isinstance(said, str) else [*said] for said in held.values()]
+        if all(isinstance(one, str) for said in several for one in said):
+            return dict(held)
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        pass
+    raise StoreError(f"{path} does not say what it was made with; do not use it")
+
+
+def versions() -> dict[str, str]:
+    """What a cell is made with: versions by the name of the package."""
+    found = {"Python": platform.python_version()}
+    for package in ("causal-openlock", "numpy", "torch", "networkx"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Of each package its version, or a list where there are several."""
+    found: dict[str, list[str]] = {}
+    for versions in all_of_them:
+        for package, said in versions.items():
+            several = [said] if isinstance(said, str) else said
+            known = found.setdefault(package, [])
+            known += [one for one in several if one not in known]
+    return {package: one[0] if len(one) == 1 else one for package, one in found.items()}
+
+
+def _described(experiment: Experiment) -> dict[str, Any]:
+    """What ``experiment.json`` holds, as it reads back."""
+    held = {
+        "identity": experiment.identity,
+        **experiment.as_dict(),
+        "cells": [cell.file_name for cell in experiment.cells()],
+    }
+    return json.loads(json.dumps(held))
+
+
+def _akin(held: Mapping[str, Any], experiment: Experiment) -> bool:
+    """Whether an experiment is another form of one that a folder holds.
+
+    Code is left out: a learner that was mended is to take its place again.
+    """
+    mine = _described(experiment)
+
+    def learners(of: Mapping[str, Any]) -> list[Any]:
+        told = ("name", "learner", "parameters", "protocol", "reward")
+        return [{key: one[key] for key in told} for one in of["learners"]]
+
+    return (
+        all(held[key] == mine[key] for key in ("name", "seed", "version"))
+        and any(one in learners(mine) for one in learners(held))
+        and any(one in mine["conditions"] for one in held["conditions"])
+    )
+
+
+def _unusable(path: Path, said: str | None) -> StoreError:
+    return StoreError(
+        f"{path} cannot be written ({said or 'the system does not say why'}); free some space or "
+        "choose another folder, then run the same command again: it goes on where it was"
+    )

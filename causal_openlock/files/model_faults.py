@@ -1,0 +1,103 @@
+"""What a pydantic model refuses, in sentences for people who write YAML.
+
+Pydantic speaks of inputs and dictionaries. Here each of its verdicts becomes one sentence that
+names the key, says what is there, and says what to write instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from causal_openlock.wording import nearest
+
+Where = tuple[str | int, ...]
+"""A path of keys and list indices into a file."""
+
+
+class StrictModel(BaseModel):
+    """A part of a file: no key but those that are declared, and no value of another type."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+def described(value: Any) -> str:
+    """A value of a file in a few words, for a message."""
+    if isinstance(value, Mapping):
+        return "keys and values" if value else "{}"
+    if isinstance(value, str):
+        return f"the text {value!r}" if len(value) <= 40 else f"a text of {len(value)} characters"
+    if isinstance(value, Sequence):
+        return "a list" if value else "an empty list"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "nothing" if value is None else str(value)[:40]
+
+
+_WANTED = {
+    "string_type": "a valid string",
+    "int_type": "a valid integer",
+    "float_type": "a valid number",
+    "bool_type": "true or false",
+    "list_type": "a list, written [one, another]",
+    "dict_type": "keys and values, written {key: value}",
+    "model_type": "keys and values, written {key: value}",
+}
+
+
+def sentence(fault: Any, model: type[BaseModel]) -> str:
+    """Pydantic's verdict as a sentence with a remedy.
+
+    Args:
+        fault: One of ``ValidationError.errors()``.
+        model: The model that refused.
+    """
+    where, kind, value = fault["loc"], fault["type"], fault.get("input")
+    name = ".".join(str(part) for part in where) or "the file"
+    in_quotes = value is not None and not isinstance(value, str | Mapping | Sequence)
+    quotes = "; write it in quotes" if in_quotes else ""
+    if kind == "missing":
+        return f"{where[-1]}: is missing; add it"
+    if kind == "extra_forbidden":
+        return (
+            f"{where[-1]!r} is no key here; {nearest(str(where[-1]), _fields(model, where[:-1]))}"
+        )
+    if kind.startswith("custom."):
+        return f"{fault['msg']}"
+    if where and where[-1] == "[key]":
+        return f"a key must be a text, and this is {described(value)}{quotes or '; write a name'}"
+    if kind in _WANTED:
+        remedy = quotes if kind == "string_type" else ""
+        return f"{name} must be {_WANTED[kind]}, and this is {described(value)}{remedy}"
+    if kind == "too_short":
+        return f"{name} needs at least {fault['ctx']['min_length']}; add one"
+    if kind == "string_pattern_mismatch":
+        field = _fields(model, where[:-1]).get(str(where[-1]))
+        form = (field and field.description) or fault["ctx"]["pattern"]
+        return f"{name} must have the form: {form}; this is {described(value)}"
+    said = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    return f"{name} {said}, and this is {described(value)}"
+
+
+def _fields(model: Any, where: Where) -> dict[str, Any]:
+    """The fields that a model has at a place, by key; found by walking its field annotations."""
+    from typing import get_args
+
+    def models(annotation: Any) -> list[type[BaseModel]]:
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            return [annotation]
+        return [found for part in get_args(annotation) for found in models(part)]
+
+    here = [model]
+    for key in where:
+        here = [
+            found
+            for part in here
+            if isinstance(key, str) and key in part.model_fields
+            for found in models(part.model_fields[key].annotation)
+        ] or here
+    return {
+        field.alias or name: field for part in here for name, field in part.model_fields.items()
+    }

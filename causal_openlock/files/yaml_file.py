@@ -1,0 +1,313 @@
+"""YAML files whose every fault has a line and a column.
+
+Schemas and experiments are both written by hand, so both are read here: YAML 1.2 by
+ruamel.yaml, which remembers where each key stood, then a pydantic model. A fault of either, or
+one that only the meaning of the file shows, becomes a :class:`~causal_openlock.errors.FileError`.
+What no one would write by hand is refused before anything is built from it: files larger than
+128 kB or with more than 5,000 lines or values, nesting deeper than 16 levels, and those parts of
+YAML that say one thing in two ways or make a small file large (anchors, aliases, merge keys, tags,
+keys that are no names, several documents in one file).
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from causal_openlock.errors import Fault, FileError, OpenLockError
+from causal_openlock.files.model_faults import Where as Where
+from causal_openlock.files.model_faults import described, sentence
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+    from ruamel.yaml import YAML
+
+    Model = TypeVar("Model", bound=BaseModel)
+
+MAX_BYTES = 128 * 1024
+MAX_VALUES = MAX_LINES = 5000
+MAX_DEPTH = 16
+TOO_LARGE = Fault(1, 1, f"the file has more than {MAX_BYTES:,} bytes; is this the right file?")
+
+
+def yaml_parser() -> YAML:
+    """A YAML 1.2 reader and writer that keeps comments, order and quotes."""
+    from ruamel.yaml import YAML
+
+    yaml = YAML(typ="rt", pure=True)
+    yaml.Constructor = _constructor()
+    yaml.Emitter = _emitter()
+    yaml.preserve_quotes = True
+    yaml.width = 100
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    return yaml
+
+
+@cache
+def _constructor() -> Any:
+    """ruamel.yaml's constructor, which then also says where a value stands that it cannot make."""
+    from ruamel.yaml.constructor import ConstructorError, RoundTripConstructor
+
+    class Constructor(RoundTripConstructor):
+        def construct_object(self, node: Any, deep: bool = False) -> Any:
+            try:
+                return super().construct_object(node, deep=deep)
+            except (ValueError, LookupError):  # a 31st of June, a number of 5,000 digits
+                raise ConstructorError(
+                    problem=f"{described(node.value)} looks like a number or a date and is none",
+                    problem_mark=node.start_mark,
+                ) from None
+
+    return Constructor
+
+
+@cache
+def _emitter() -> Any:
+    """ruamel.yaml's emitter, which then never breaks a text into lines.
+
+    A text that is broken does not always come back: where two spaces stand at the break, one of
+    them is lost. Nor does, unless it is quoted, one with a line break that only Unicode knows, or
+    one that begins with a question mark in the middle of a line.
+    """
+    from ruamel.yaml.emitter import Emitter as Plain
+
+    class Emitter(Plain):
+        def choose_scalar_style(self) -> Any:
+            text = self.event.value
+            odd = text.startswith("?") or any(one in text for one in "\x85\u2028\u2029")
+            return '"' if odd else super().choose_scalar_style()
+
+        def process_scalar(self) -> None:
+            width, self.best_width = self.best_width, sys.maxsize
+            super().process_scalar()
+            self.best_width = width
+
+    return Emitter
+
+
+@dataclass(frozen=True)
+class Document:
+    """A parsed file that remembers where everything stood.
+
+    Attributes:
+        path: The file.
+        text: Its text.
+        data: Its content: ruamel.yaml's dicts and lists.
+    """
+
+    path: Path
+    text: str
+    data: Any
+
+    def fault(self, where: Where, message: str) -> Fault:
+        """A fault at the deepest part of ``where`` that the file has."""
+        line, column = 0, 0
+        node = self.data
+        for key in where:
+            marks = getattr(node, "lc", None)
+            if isinstance(node, Mapping):
+                # A key that is no text is told by pydantic as text.
+                known = next((own for own in node if own == key or str(own) == key), node)
+                if known is node:
+                    break
+                line, column = marks.key(known) if marks else (line, column)
+                node = node[known]
+            elif isinstance(node, Sequence) and not isinstance(node, str):
+                index = node.index(key) if isinstance(key, str) and key in node else key
+                if not (isinstance(index, int) and 0 <= index < len(node)):
+                    break
+                line, column = marks.item(index) if marks else (line, column)
+                node = node[index]
+            else:
+                break
+        return Fault(line + 1, column + 1, message)
+
+    def error(self, where: Where, message: str) -> FileError:
+        """One fault as an error."""
+        return FileError(self.path, [self.fault(where, message)])
+
+    def validate(self, model: type[Model]) -> Model:
+        """The content as a pydantic model.
+
+        Raises:
+            FileError: With one fault for every value that the model refuses.
+        """
+        from pydantic import ValidationError
+
+        if not isinstance(self.data, Mapping):
+            found = "is empty" if self.data is None else f"holds {described(self.data)}"
+            raise self.error((), f"the file {found}; it must hold keys such as name: and values")
+        try:
+            return model.model_validate(_plain(self.data))
+        except ValidationError as error:
+            faults = error.errors(include_url=False)
+            for fault in faults:
+                # <name>, <list>, <mapping>: which arm of a union was tried, no key of the file.
+                *above, last = fault["loc"] or ("",)
+                arm = str(last)[:1] == "<" and fault["type"] != "extra_forbidden"
+                kept = [part for part in above if str(part)[:1] != "<"]
+                fault["loc"] = (*kept, *(() if arm or not fault["loc"] else (last,)))
+            raise FileError(
+                self.path,
+                [self.fault(fault["loc"], sentence(fault, model)) for fault in faults],
+            ) from None
+
+
+def read_document(path: Path | str) -> Document:
+    """Parse a YAML file written by hand.
+
+    Raises:
+        FileError: If it is no YAML 1.2, or nothing that a person would write.
+        OpenLockError: If it cannot be read.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise OpenLockError(f"{path}: cannot be read ({error.strerror}); check the name") from None
+    except ValueError:
+        raise OpenLockError(f"{str(path)!r} is no name that a file can have") from None
+    if len(content) > MAX_BYTES:
+        raise FileError(path, [TOO_LARGE])
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        before = content[: error.start].decode("utf-8")
+        message = f"this is not UTF-8 text ({error.reason}); save the file as UTF-8"
+        raise FileError(path, [_fault_after(before, message)]) from None
+    return parse_document(text, path)
+
+
+def parse_document(text: str, path: Path | str = "<text>") -> Document:
+    """Parse YAML text; ``path`` is what faults are reported against.
+
+    Raises:
+        FileError: If it is no YAML 1.2, or nothing that a person would write.
+    """
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+    from ruamel.yaml.reader import ReaderError
+
+    path = Path(path)
+    if len(text) > MAX_BYTES:
+        raise FileError(path, [TOO_LARGE])
+    if len(text.splitlines()) > MAX_LINES:
+        message = f"the file has more than {MAX_LINES:,} lines; is this the right file?"
+        raise FileError(path, [Fault(MAX_LINES + 1, 1, message)])
+    try:
+        for mark, message in _refusals(text):
+            raise FileError(path, [Fault(mark.line + 1, mark.column + 1, message)])
+        return Document(path, text, yaml_parser().load(text))
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        problem = " ".join((error.problem or error.context or "it cannot be parsed").split())
+        message = f"this is not valid YAML: {problem}; correct this line or the one before it"
+        raise FileError(path, [Fault(line, column, message)]) from None
+    except ReaderError as error:
+        message = f"the character U+{ord(text[error.position]):04X} is not allowed; take it out"
+        raise FileError(path, [_fault_after(text[: error.position], message)]) from None
+    except YAMLError as error:
+        problem = " ".join(str(error).split())[:200]
+        raise FileError(
+            path, [Fault(1, 1, f"this is not YAML: {problem}; is this the right file?")]
+        ) from None
+
+
+def _fault_after(before: str, message: str) -> Fault:
+    """A fault at the character that follows the text ``before``."""
+    lines = before.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return Fault(len(lines), len(lines[-1]) + 1, message)
+
+
+def _refusals(text: str) -> Iterator[tuple[Any, str]]:
+    """Where the text holds what no one would write by hand, and what to do about it.
+
+    This walks the parser's events, which costs no more than the text is long.
+    """
+    from ruamel.yaml.events import (
+        AliasEvent,
+        CollectionEndEvent,
+        CollectionStartEvent,
+        DocumentStartEvent,
+        MappingStartEvent,
+        NodeEvent,
+        ScalarEvent,
+    )
+
+    # Of each collection around the present one: the keys so far (of a list: None), and whether
+    # the next value is a key.
+    open_: list[tuple[set[str] | None, bool]] = []
+    documents = values = 0
+    for event in yaml_parser().parse(text):
+        mark = event.start_mark
+        if isinstance(event, CollectionEndEvent):
+            open_.pop()
+        elif isinstance(event, DocumentStartEvent):
+            documents += 1
+            if documents > 1:
+                yield mark, "the file holds a second document; keep one of them"
+            if event.version and event.version != (1, 2):
+                yield mark, "this is read as YAML 1.2; take the line %YAML out"
+        if not isinstance(event, NodeEvent):
+            continue
+        values += 1
+        if values > MAX_VALUES:
+            yield mark, f"the file has more than {MAX_VALUES:,} values; is this the right file?"
+        if isinstance(event, AliasEvent):
+            yield mark, f"the alias *{event.anchor:.40} is not allowed here; write the value out"
+        elif event.anchor:
+            yield mark, f"the anchor &{event.anchor:.40} is not allowed here; take it out"
+        elif tag := getattr(event, "tag", None):
+            tag = str(tag).replace("tag:yaml.org,2002:", "!!")
+            yield mark, f"the tag {tag:.60} is not allowed here; take it out"
+        keys, is_key = open_[-1] if open_ else (None, False)
+        if keys is not None:
+            open_[-1] = keys, not is_key
+        if is_key and keys is not None:
+            if not isinstance(event, ScalarEvent):
+                yield mark, "a key must be a name, and this is several values; write one name"
+            elif event.value == "<<" and not event.style:
+                yield mark, "the merge key << is not allowed here; write its values out"
+            elif event.value in keys:
+                yield mark, f"the key {event.value[:64]!r} is written twice; remove one of them"
+            else:
+                keys.add(event.value)
+        if isinstance(event, CollectionStartEvent):
+            a_mapping = isinstance(event, MappingStartEvent)
+            open_.append((set() if a_mapping else None, a_mapping))
+            if len(open_) > MAX_DEPTH:
+                yield mark, f"nested deeper than {MAX_DEPTH} levels; is this the right file?"
+        elif isinstance(event, ScalarEvent) and not _is_text(event.value):
+            yield mark, "half a character is written here as \\u; write the character itself"
+
+
+def _is_text(value: str) -> bool:
+    """Whether no half of a surrogate pair is in it, which no file could hold."""
+    return value.isascii() or not any("\ud800" <= character <= "\udfff" for character in value)
+
+
+def dump_yaml(data: Any, width: int = 100) -> str:
+    """Data as YAML text; lists and mappings that are longer than a line are broken."""
+    stream = io.StringIO()
+    yaml = yaml_parser()
+    yaml.width = width
+    yaml.dump(data, stream)
+    return stream.getvalue()
+
+
+def _plain(node: Any) -> Any:
+    """Builtin dicts, lists and scalars, so that pydantic's messages name familiar types."""
+    if isinstance(node, Mapping):
+        return {_plain(key): _plain(value) for key, value in node.items()}
+    if isinstance(node, Sequence) and not isinstance(node, str):
+        return [_plain(value) for value in node]
+    for kind in (bool, int, float, str):
+        if isinstance(node, kind):
+            return kind(node)
+    return node

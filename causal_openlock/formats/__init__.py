@@ -1,0 +1,1 @@
+"""Schemas as text: the YAML that declares them, and the formats of other graph software."""

@@ -1,0 +1,403 @@
+"""Schemas in the file formats of other programs, and as a Bayesian network.
+
+A :class:`~causal_openlock.world.schema.Schema` is first turned into a networkx ``DiGraph`` that
+holds all of it in plain attributes, and every graph format is a way to write that graph:
+
+* of the graph: ``name``, ``title``, ``levers`` (their order) and ``inert``;
+* of a node: ``kind`` (lever or door), and ``gate`` (``any``, ``all``, ``at_least 2``) if it has
+  causes; of an edge: ``strength``.
+
+YAML, node-link JSON, GML and DOT carry everything there and back. A file from elsewhere may lack
+any of these attributes: its levers then come in the order of its nodes, gates are ``any``,
+strengths 1, and no lever is inert. The node ``door`` is the door.
+
+DAGitty's grammar knows no attributes of the graph, so the door bears them; ``beta`` is the
+strength, the door is the ``outcome``, free levers are ``exposure``. Read back here nothing is
+lost; DAGitty itself keeps names, arrows, ``beta``, exposure and outcome when it saves a diagram
+again, and drops title, lever order, gates and inert levers. In a text from DAGitty the outcome is
+the door whatever it is called, positions and the roles latent, adjusted and selected are passed
+over, and edges other than ``->`` and ``<-`` are refused.
+
+BIF can only be written: it holds the tables of :func:`to_bayesian_network`, not their gates.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import compress, product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import networkx as nx
+import numpy as np
+
+from causal_openlock.errors import OpenLockError, SchemaError
+from causal_openlock.files.whole import write_text
+from causal_openlock.files.yaml_file import MAX_BYTES
+from causal_openlock.formats.graph_text import dagitty_text, dot_text, parse_graph
+from causal_openlock.formats.schema_file import dump_schema, parse_schema, schema_from_dict
+from causal_openlock.wording import nearest
+from causal_openlock.world.fsm import gate_chance
+from causal_openlock.world.schema import DOOR, NAME, Schema
+
+if TYPE_CHECKING:
+    from pgmpy.models import DiscreteBayesianNetwork
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format that a schema can be written in.
+
+    Attributes:
+        name: What it is called here.
+        suffixes: How its files end; the first is the one to use.
+        description: What it is and who reads it.
+        write: From a schema to text.
+        read: From text and the name of a nameless schema to a schema; None if it cannot be read.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    description: str
+    write: Callable[[Schema], str]
+    read: Callable[[str, str], Schema] | None = None
+
+    @property
+    def suffix(self) -> str:
+        """How a file in this format ends, such as ``.gml``."""
+        return self.suffixes[0]
+
+    @property
+    def readable(self) -> bool:
+        """Whether a schema can be read from it, not only written to it."""
+        return self.read is not None
+
+
+def export_schema(schema: Schema, format: str) -> str:
+    """A schema as text in one of :data:`FORMATS`.
+
+    Raises:
+        OpenLockError: If there is no such format.
+    """
+    return _format(format).write(schema)
+
+
+def import_schema(text: str, format: str, name: str = "imported") -> Schema:
+    """A schema from text in one of :data:`FORMATS`.
+
+    Args:
+        text: The content of a file.
+        format: Name of its format.
+        name: What to call the schema if the text does not say.
+
+    Raises:
+        SchemaError: If the text is not in that format, or the graph in it is no schema.
+        OpenLockError: If there is no such format or it can only be written.
+    """
+    chosen = _format(format)
+    if chosen.read is None:
+        readable = ", ".join(known for known, each in FORMATS.items() if each.readable)
+        raise OpenLockError(
+            f"{chosen.name} can only be written, as it does not hold all of a schema; "
+            f"formats that can be read: {readable}"
+        )
+    if len(text) > MAX_BYTES:
+        raise SchemaError(
+            f"this {chosen.name} text has {len(text):,} characters, more than the {MAX_BYTES:,} "
+            "allowed; is this the right file?"
+        )
+    return chosen.read(text, name)
+
+
+def write_schema_as(schema: Schema, path: Path | str, format: str | None = None) -> None:
+    """Write a schema to a file.
+
+    Args:
+        schema: What to write.
+        path: Where; a file that is there is replaced in one step.
+        format: Name of the format; by default the one that the path's suffix stands for.
+
+    Raises:
+        OpenLockError: If the format is unknown or the file cannot be written.
+    """
+    write_text(path, export_schema(schema, format or _format_of(path)))
+
+
+def read_schema_as(path: Path | str, format: str | None = None) -> Schema:
+    """Read a schema from a file, whose name it gets if the file gives none.
+
+    Args:
+        path: The file.
+        format: Name of its format; by default the one that the path's suffix stands for.
+
+    Raises:
+        OpenLockError: If the file cannot be read or holds no schema; the text begins with its path.
+    """
+    path = Path(path)
+    chosen = format or _format_of(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise OpenLockError(f"{path}: is not UTF-8 text; save it as UTF-8") from None
+    except OSError as error:
+        raise OpenLockError(f"{path}: cannot be read ({error.strerror}); check the name") from None
+    if chosen == "yaml":
+        return parse_schema(text, path)
+    stem = path.stem.replace("-", "_").replace(" ", "_")
+    try:
+        return import_schema(text, chosen, stem if NAME.fullmatch(stem) else "imported")
+    except SchemaError as error:
+        raise SchemaError(f"{path}: {error}", error.at) from None
+
+
+def _format(name: str) -> Format:
+    """A format by its name, or by the ending of its files."""
+    for format in FORMATS.values():
+        if name == format.name or f".{name}" in format.suffixes:
+            return format
+    raise OpenLockError(f"there is no schema format {name!r}; {nearest(name, FORMATS)}")
+
+
+def _format_of(path: Path | str) -> str:
+    suffix = Path(path).suffix.lower()
+    known = {known: format.name for format in FORMATS.values() for known in format.suffixes}
+    if suffix not in known:
+        raise OpenLockError(
+            f"{path}: the suffix {suffix!r} stands for no schema format; {nearest(suffix, known)}"
+        )
+    return known[suffix]
+
+
+# -- a schema as a plain graph, and back ----------------------------------------------------------
+
+
+def _plain_graph(schema: Schema) -> nx.DiGraph:
+    """The schema as a graph whose attributes are names, numbers and lists of names."""
+    graph = nx.DiGraph(
+        name=schema.name,
+        title=schema.title,
+        levers=list(schema.levers),
+        inert=list(schema.inert),
+    )
+    for node in [*schema.levers, DOOR]:
+        graph.add_node(node, kind="door" if node == DOOR else "lever")
+        if schema.causes(node):
+            graph.nodes[node]["gate"] = str(schema.gate(node)).replace("at least", "at_least")
+        for cause, strength in zip(schema.causes(node), schema.strengths(node), strict=True):
+            graph.add_edge(cause, node, strength=strength)
+    return graph
+
+
+def _schema_of(graph: nx.DiGraph, format: str, name: str) -> Schema:
+    """The schema that a graph from a file holds.
+
+    Raises:
+        SchemaError: If it holds none; the message names the format.
+    """
+    about = graph.graph
+    if not graph.is_directed() or graph.is_multigraph():
+        raise SchemaError(
+            f"this {format} graph is not a directed graph with at most one edge from a node to "
+            "another; declare it directed and list each edge once"
+        )
+    if DOOR not in graph:
+        raise SchemaError(
+            f"this {format} graph has no node named {DOOR}; rename the node that stands for the "
+            f"door; {nearest(DOOR, map(str, graph))}"
+        )
+    data = {
+        "name": about.get("name") or name,
+        "title": about.get("title", ""),
+        "levers": _names(about["levers"] if "levers" in about else [n for n in graph if n != DOOR]),
+        "edges": {
+            cause: {
+                effect: {"strength": _number(edge.get("strength", 1.0), float)}
+                for effect, edge in effects.items()
+            }
+            for cause, effects in graph.adjacency()
+            if effects
+        },
+        "gates": {
+            node: {"at_least": _number(gate.removeprefix("at_least "), int)}
+            if isinstance(gate, str) and gate.startswith("at_least ")
+            else gate
+            for node, gate in graph.nodes(data="gate")
+            if gate is not None
+        },
+        "inert": _names(about.get("inert", [])),
+    }
+    try:
+        for node in graph if isinstance(data["levers"], list) else ():
+            if node != DOOR and node not in data["levers"]:
+                raise SchemaError(f"the list of levers lacks the node {node!r}; add it to the list")
+        return schema_from_dict(data)
+    except SchemaError as error:
+        raise SchemaError(f"this {format} graph is no schema: {error}", error.at) from None
+
+
+def _names(value: Any) -> Any:
+    """Names in a list, which most formats can only hold as one text."""
+    return value.split() if isinstance(value, str) else value
+
+
+def _number(value: Any, kind: type[int] | type[float]) -> Any:
+    """A number that a format may hold as text; what is none is left to the check that follows."""
+    with suppress(ValueError):
+        return kind(value) if isinstance(value, str) else value
+    return value
+
+
+def _no_graph(format: str, why: object, remedy: str) -> SchemaError:
+    """One sentence from what a reader of networkx said."""
+    return SchemaError(f"this is no {format} graph ({' '.join(str(why).split())[:160]}); {remedy}")
+
+
+# -- the formats ----------------------------------------------------------------------------------
+
+
+def _write_node_link(schema: Schema) -> str:
+    data = nx.node_link_data(_plain_graph(schema), edges="edges")
+    return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+
+
+def _read_node_link(text: str, name: str) -> Schema:
+    remedy = 'write one with networkx.node_link_data(graph, edges="edges") and json.dumps'
+    try:
+        data = json.loads(text)
+        graph = nx.node_link_graph(data, edges="edges" if "edges" in data else "links")
+    except KeyError as error:
+        raise _no_graph("node-link", f"the key {error} is missing", remedy) from None
+    except (ValueError, TypeError, AttributeError, RecursionError, nx.NetworkXError) as error:
+        raise _no_graph("node-link", error, remedy) from None
+    return _schema_of(graph, "node-link", name)
+
+
+def _joined(graph: nx.DiGraph) -> nx.DiGraph:
+    """The graph with its lists of names as texts, which are left out where empty."""
+    for key in ("levers", "inert"):
+        graph.graph[key] = " ".join(graph.graph[key])
+        if not graph.graph[key]:
+            del graph.graph[key]
+    return graph
+
+
+def _write_gml(schema: Schema) -> str:
+    return "\n".join(nx.generate_gml(_joined(_plain_graph(schema)))) + "\n"
+
+
+def _read_gml(text: str, name: str) -> Schema:
+    try:
+        graph = nx.parse_gml(text)
+    except (
+        LookupError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        nx.NetworkXError,
+    ) as error:
+        raise _no_graph("gml", error, "write one with networkx.write_gml") from None
+    if "title" in graph.graph:
+        # networkx takes the texts "()" and "[]" for empty lists.
+        graph.graph["title"] = str(graph.graph["title"])
+    return _schema_of(graph, "gml", name)
+
+
+def _write_dot(schema: Schema) -> str:
+    return dot_text(_joined(_plain_graph(schema)))
+
+
+def _write_dagitty(schema: Schema) -> str:
+    return dagitty_text(_joined(_plain_graph(schema)))
+
+
+def _read_dot(text: str, name: str) -> Schema:
+    return _schema_of(parse_graph(text, "dot"), "dot", name)
+
+
+def _read_dagitty(text: str, name: str) -> Schema:
+    graph = parse_graph(text, "dagitty")
+    outcomes = [node for node, value in graph.nodes(data="outcome") if value is not None]
+    if DOOR not in graph and len(outcomes) == 1:
+        nx.relabel_nodes(graph, {outcomes[0]: DOOR}, copy=False)
+    of_graph = graph.nodes.get(DOOR, {})
+    graph.graph |= {key: of_graph[key] for key in ("title", "levers", "inert") if key in of_graph}
+    for *_, edge in graph.edges(data=True):
+        edge["strength"] = edge.get("beta", 1.0)
+    return _schema_of(graph, "dagitty", name)
+
+
+def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> DiscreteBayesianNetwork:
+    """The causal model of one push per lever, causes before effects, then of the door.
+
+    A lever's state is 1 if it moved: it was pushed and as many of its causes transmitted as its
+    gate asks for. The door's state is 1 if it opens when it is pushed then. To ask what follows
+    from an intervention, cut the model and condition on the state that was set, as
+    ``VariableElimination(model.do(["L0"])).query(["door"], evidence={"L0": 1})`` does in pgmpy;
+    its ``CausalInference.query`` is wrong where levers that cause one another are set together.
+
+    Args:
+        schema: The levers and the door.
+        push_probability: Probability that a lever is pushed, each on its own.
+
+    Returns:
+        A checked model whose nodes are the schema's and have the states 0 and 1.
+
+    Raises:
+        OpenLockError: If ``push_probability`` is no probability.
+    """
+    from pgmpy.factors.discrete import TabularCPD
+    from pgmpy.models import DiscreteBayesianNetwork
+
+    if not 0.0 <= push_probability <= 1.0:
+        raise OpenLockError(f"push_probability is {push_probability}; give a number from 0 to 1")
+    network = DiscreteBayesianNetwork()
+    network.name = schema.name
+    network.add_nodes_from(schema.graph.nodes)
+    network.add_edges_from(schema.graph.edges)
+    for node in schema.graph.nodes:
+        causes = schema.causes(node)
+        bits = [schema.mask([cause]) for cause in causes]
+        # pgmpy counts through the causes' states with the first cause slowest.
+        moved = [sum(compress(bits, states)) for states in product((0, 1), repeat=len(causes))]
+        chance = gate_chance(schema, node, np.array(moved, dtype=np.int64))
+        # Rounding may leave a sum of probabilities just above 1.
+        chance = chance * (1.0 if node == DOOR else push_probability)
+        network.add_cpds(
+            TabularCPD(
+                node,
+                2,
+                [1.0 - chance, chance],
+                evidence=list(causes),
+                evidence_card=[2] * len(causes),
+                state_names={each: [0, 1] for each in (node, *causes)},
+            )
+        )
+    network.check_model()
+    return network
+
+
+def _write_bif(schema: Schema) -> str:
+    from pgmpy.readwrite import BIFWriter
+
+    return str(BIFWriter(to_bayesian_network(schema)))
+
+
+FORMATS: dict[str, Format] = {
+    format.name: format
+    for format in (
+        Format("yaml", (".yaml", ".yml"), "the toolkit's own schema file", dump_schema,
+               lambda text, _: parse_schema(text)),
+        Format("node-link", (".json",), "networkx node-link JSON, also for D3",
+               _write_node_link, _read_node_link),
+        Format("gml", (".gml",), "Graph Modelling Language: networkx, Gephi, igraph, yEd",
+               _write_gml, _read_gml),
+        Format("dot", (".dot", ".gv"), "Graphviz", _write_dot, _read_dot),
+        Format("dagitty", (".dagitty",), "DAGitty in the browser and in R",
+               _write_dagitty, _read_dagitty),
+        Format("bif", (".bif",), "Bayesian network: pgmpy, bnlearn", _write_bif),
+    )
+}  # fmt: skip

@@ -1,0 +1,295 @@
+"""Schema files: a schema as YAML, checked with line numbers, written back without loss.
+
+A schema file looks like this; ``title``, ``gates`` and ``inert`` may be left out::
+
+    name: CC3
+    title: Common cause, three levers
+    levers: [L0, L1, L2]
+    edges:                      # cause: [effects]
+      L0: [L1, L2]
+      L1: [door]
+      L2: {door: {strength: 0.8}}
+    gates: {door: any}          # any, all, or {at_least: 2}
+
+Its form is the pydantic model :class:`SchemaFile`, from which the JSON Schema for editors is made
+(``schemas/schema.json``); its meaning is checked by :class:`~causal_openlock.world.schema.Schema`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError, WrapValidator
+from pydantic_core import PydanticCustomError
+
+from causal_openlock.errors import FileError, OpenLockError, SchemaError
+from causal_openlock.files.model_faults import StrictModel, described, sentence
+from causal_openlock.files.whole import write_text
+from causal_openlock.files.yaml_edit import rewritten, styled
+from causal_openlock.files.yaml_file import (
+    Document,
+    dump_yaml,
+    parse_document,
+    read_document,
+)
+from causal_openlock.wording import nearest
+from causal_openlock.world.schema import MAX_LEVERS, NAME, Gate, Schema
+
+PACKAGE = Path(__file__).parents[1]
+JSON_SCHEMA_ID = "https://json-schema.org/draft/2020-12/schema"
+
+
+class Edge(StrictModel):
+    """What can be said of one edge."""
+
+    strength: Annotated[
+        float,
+        Field(gt=0, le=1, description="Probability that an enabled push takes effect."),
+    ] = 1.0
+
+
+class AtLeast(StrictModel):
+    """A gate that holds while at least so many causes are pushed."""
+
+    at_least: Annotated[int, Field(ge=1, le=MAX_LEVERS)]
+
+
+def _one_of(what: str) -> WrapValidator:
+    """One message for a union, instead of one for each of its arms."""
+
+    def check(value: Any, handler: Any) -> Any:
+        try:
+            return handler(value)
+        except ValidationError as error:
+            # Inside the arm that was meant, a list or a mapping, its own faults say more.
+            deep = [fault for fault in error.errors(include_url=False) if len(fault["loc"]) > 1]
+            if not deep:
+                message = f"{what}, and this is {described(value)}"
+                raise PydanticCustomError(
+                    "custom.union", "{message}", {"message": message}
+                ) from None
+            raise ValidationError.from_exception_data(
+                error.title,
+                [
+                    {
+                        "type": fault["type"],
+                        "loc": fault["loc"][1:],
+                        "input": fault["input"],
+                        "ctx": fault.get("ctx", {}),
+                    }
+                    for fault in deep
+                ],
+            ) from None
+
+    return WrapValidator(check)
+
+
+Effects = Annotated[
+    list[str] | dict[str, Edge],
+    _one_of("effects are a list like [L1, door] or a mapping like {L1: {strength: 0.8}}"),
+]
+GateName = Annotated[
+    Literal["any", "all"] | AtLeast, _one_of("a gate is any, all or {at_least: k}")
+]
+
+
+class SchemaFile(StrictModel):
+    """A causal schema of levers and a door."""
+
+    name: Annotated[
+        str,
+        Field(
+            pattern=f"^{NAME.pattern}$",
+            description="a letter, then letters, digits and underscores, at most 64 in all",
+        ),
+    ]
+    title: Annotated[str, Field(description="A line for tables and figures.")] = ""
+    levers: Annotated[
+        list[str],
+        Field(min_length=1, description="The active levers, in the order layouts place them."),
+    ]
+    edges: Annotated[
+        dict[str, Effects],
+        Field(description="cause: [effects]; the effect `door` is the door."),
+    ]
+    gates: Annotated[
+        dict[str, GateName],
+        Field(description="How a node combines its causes; `any` where not given."),
+    ] = Field(default_factory=dict)
+    inert: Annotated[
+        list[str], Field(description="Levers that are meant to lie on no path to the door.")
+    ] = Field(default_factory=list)
+
+    def schema_(self) -> Schema:
+        """The schema that this file declares."""
+        edges: dict[str, dict[str, float]] = {}
+        for cause, effects in self.edges.items():
+            if isinstance(effects, dict):
+                edges[cause] = {effect: edge.strength for effect, edge in effects.items()}
+                continue
+            edges[cause] = {}
+            for index, effect in enumerate(effects):
+                if effect in edges[cause]:
+                    raise SchemaError(
+                        f"the edge {cause} -> {effect} is listed twice; remove one of them",
+                        ("edges", cause, index),
+                    )
+                edges[cause][effect] = 1.0
+        gates = {
+            node: Gate("at_least", gate.at_least) if isinstance(gate, AtLeast) else Gate(gate)
+            for node, gate in self.gates.items()
+        }
+        return Schema(
+            self.name, self.levers, edges, gates=gates, inert=self.inert, title=self.title
+        )
+
+
+def read_schema(path: Path | str) -> Schema:
+    """Read a schema file.
+
+    Raises:
+        FileError: With line, column and remedy of every fault.
+    """
+    return _schema_of(read_document(path))
+
+
+def parse_schema(text: str, path: Path | str = "<text>") -> Schema:
+    """As :func:`read_schema`, from text."""
+    return _schema_of(parse_document(text, path))
+
+
+def schema_from_dict(data: Mapping[str, Any]) -> Schema:
+    """A schema from plain data in the form of a schema file.
+
+    Raises:
+        SchemaError: If the data declare none.
+    """
+    try:
+        return SchemaFile.model_validate(dict(data)).schema_()
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        raise SchemaError(sentence(fault, SchemaFile), fault["loc"]) from None
+
+
+def _schema_of(document: Document) -> Schema:
+    declared = document.validate(SchemaFile)
+    try:
+        return declared.schema_()
+    except SchemaError as error:
+        raise document.error(error.at, str(error)) from None
+
+
+def write_schema(schema: Schema, path: Path | str) -> None:
+    """Write a schema file.
+
+    Where the file already holds a schema, only what changed is rewritten: comments, order and
+    spelling of the rest stay as they are.
+
+    Raises:
+        FileError: If there is a file with faults already; it stays as it is.
+        OpenLockError: If the file cannot be written.
+    """
+    path = Path(path)
+    if not path.exists():
+        write_text(path, dump_schema(schema))
+        return
+    document = read_document(path)
+    before = _schema_of(document)
+    if before == schema:
+        return
+    text = rewritten(document.text, before.as_dict(), schema.as_dict())
+    try:
+        faithful = parse_schema(text) == schema
+    except FileError:
+        faithful = False
+    write_text(path, text if faithful else dump_schema(schema))
+
+
+def dump_schema(schema: Schema) -> str:
+    """A schema as YAML text in block style, with lists of names on one line."""
+    return dump_yaml(styled(schema.as_dict()))
+
+
+# -- where schemas are found --------------------------------------------------------------------
+
+
+def bundled(kind: str) -> Path:
+    """The folder of files that travel with the package: ``schemas`` or ``experiments``.
+
+    In a checkout that is the folder beside the package, in an installed wheel the copy inside it.
+    """
+    inside = PACKAGE / "bundled" / kind
+    return inside if inside.is_dir() else PACKAGE.parent / kind
+
+
+def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = ()) -> Schema:
+    """A schema by name or path.
+
+    Args:
+        name: A path that ends in ``.yaml`` or ``.yml``, the name of a file ``NAME.yaml`` in one of
+            the folders searched, or a schema, which is returned as it is.
+        beside: Folders to search first, for example the one of the experiment that names it.
+            After them comes the working directory. In each of them, a folder ``schemas`` is
+            searched too. Last come the bundled schemas.
+
+    Raises:
+        FileError: If the file has faults.
+        OpenLockError: If there is no such schema; the message names the nearest.
+    """
+    if isinstance(name, Schema):
+        return name
+    text = os.fspath(name)
+    folders = [*map(Path, beside), Path()]
+    if text.endswith((".yaml", ".yml")):
+        for folder in folders:
+            if _is_file(folder / text):
+                return read_schema(folder / text)
+        return read_schema(text)
+    collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
+    for folder in [*folders, *collections]:
+        if _is_file(folder / f"{text}.yaml"):
+            return read_schema(folder / f"{text}.yaml")
+    known = {path.stem for folder in collections for path in folder.glob("*.yaml")}
+    raise OpenLockError(
+        f"there is no schema {text!r}; {nearest(text, known)}, or give the path of a .yaml file"
+    )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # no name that a file can have
+        return False
+
+
+def bundled_schemas() -> dict[str, Schema]:
+    """The schemas that come with the package, by name: the paper's four first."""
+    names = sorted(path.stem for path in bundled("schemas").glob("*.yaml"))
+    paper = ["CC3", "CE3", "CC4", "CE4"]
+    return {
+        name: read_schema(bundled("schemas") / f"{name}.yaml")
+        for name in [*paper, *(name for name in names if name not in paper)]
+    }
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of schema files, for editors."""
+    made = SchemaFile.model_json_schema()
+    return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock schema"}
+
+
+__all__ = [
+    "SchemaFile",
+    "bundled",
+    "bundled_schemas",
+    "dump_schema",
+    "find_schema",
+    "json_schema",
+    "parse_schema",
+    "read_schema",
+    "schema_from_dict",
+    "write_schema",
+]

@@ -1,0 +1,220 @@
+"""What notebooks show for schemas, rooms, records, experiments and learners, as HTML.
+
+IPython keeps formatters by the name of a type and loads nothing for them, so nothing else in the
+package knows about display: importing :mod:`causal_openlock` where IPython runs registers what
+stands here (:func:`register_formatters`). A record is an Arrow table; other tables stay as they
+are. Everything shown is one piece of HTML: pictures are inline SVG, nothing is loaded from
+elsewhere.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock.wording import counted
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from causal_openlock.contract.learner import Learner
+    from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+    from causal_openlock.world.room import Room
+    from causal_openlock.world.schema import Schema
+
+MOST_SOLUTIONS = 12
+ENDS = 5
+"""How many rows of a long record are shown at its beginning, and at its end."""
+
+CONSTANTS = ("experiment", "learner", "condition", "protocol", "seed")
+SHOWN = ("subject", "phase", "loop", "trial", "schema", "layout", "attempt")
+_CARD = "display:inline-block;background:#fff;color:#000;padding:0.6em;max-width:100%"
+_LEFT = "text-align:left;vertical-align:top"
+
+
+def schema_html(schema: Schema) -> str:
+    """A schema: its graph, and the solutions that follow from it."""
+    solutions = schema.solutions
+    lines = [escape(" ".join([*levers, "door"])) for levers in solutions[:MOST_SOLUTIONS]]
+    if len(solutions) > MOST_SOLUTIONS:
+        lines.append(f"and {len(solutions) - MOST_SOLUTIONS} more")
+    said = f"{counted(len(solutions), 'solution')}:<br>" + "<br>".join(lines)
+    title = schema.name if schema.title == schema.name else f"{schema.name}: {schema.title}"
+    return _card(title, _schema_svg(schema), f"<div>{said}</div>")
+
+
+def room_html(room: Room) -> str:
+    """A room at the start of an attempt, and which lever stands where."""
+    from causal_openlock.render.scene import Look
+    from causal_openlock.render.svg import room_svg
+
+    title = f"{room.schema.name} in {room.layout.name}"
+    look = Look.of_observation(room.observation[0], room.positions)
+    places = room.layout.as_mapping(room.schema).items()
+    said = ", ".join(f"{lever} {place}" for lever, place in places)
+    return _card(title, _inline(room_svg(look, title=title)), f"<div>{escape(said)}</div>")
+
+
+def record_html(record: pa.Table) -> str | None:
+    """A record: what all rows share, then the first rows and the last.
+
+    Actions are indices; those that moved something are bold.
+
+    Args:
+        record: Any Arrow table.
+
+    Returns:
+        The HTML, or ``None`` if the table is no record.
+    """
+    from causal_openlock.experiment.record import record_schema
+
+    if not set(record_schema().names) <= set(record.column_names):
+        return None
+    shared = {}
+    for name in (*CONSTANTS, *SHOWN):
+        values = record.column(name).unique()
+        if len(values) == 1 and name not in ("subject", "attempt"):
+            shared[name] = values[0].as_py()
+    subjects = len(record.column("subject").unique())
+    about = [counted(record.num_rows, "attempt"), counted(subjects, "subject")]
+    about += [f"{name} {value}" for name, value in shared.items()]
+    columns = [name for name in (*CONSTANTS, *SHOWN) if name not in shared]
+    whole = record.num_rows <= 2 * ENDS + 2
+    rows = (record if whole else record.slice(0, ENDS)).to_pylist()
+    cells = [_record_row(row, columns) for row in rows]
+    if not whole:
+        last = record.slice(record.num_rows - ENDS).to_pylist()
+        cells.append(["…"] * len(cells[0]))
+        cells += [_record_row(row, columns) for row in last]
+    heads = [*columns, "actions", "category", "found", "reward"]
+    return _card("Record", _table(heads, cells), f"<div>{escape(', '.join(about))}</div>")
+
+
+def _record_row(row: dict[str, Any], columns: Iterable[str]) -> list[str]:
+    actions = " ".join(
+        f"<b>{action}</b>" if moved else str(action)
+        for action, moved in zip(row["actions"], row["moved"], strict=True)
+    )
+    found = f"{row['solutions_found']} of {row['solutions']}"
+    rest = [escape(row["category"]), found, f"{row['reward']:g}"]
+    return [*(escape(str(row[name])) for name in columns), actions, *rest]
+
+
+def experiment_html(experiment: Experiment) -> str:
+    """An experiment: who plays what, and how much work that is."""
+    heads = ["name", "learner", "protocol", "reward", "subjects", "changed parameters"]
+    rows = [
+        [
+            *map(escape, (entry.name, entry.learner, entry.protocol.name, entry.reward.name)),
+            str(entry.subjects),
+            escape(", ".join(f"{name} {value}" for name, value in _changed(entry).items())),
+        ]
+        for entry in experiment.entries
+    ]
+    names = ", ".join(condition.name for condition in experiment.conditions)
+    cells = counted(len([*experiment.cells()]), "cell")
+    said = f"conditions {names}; seed {experiment.seed}; {cells}"
+    title = experiment.title or experiment.name
+    return _card(title, _table(heads, rows), f"<div>{escape(said)}</div>")
+
+
+def _changed(entry: LearnerSpec) -> dict[str, Any]:
+    """The hyper-parameters that differ from their defaults."""
+    from causal_openlock.contract.registry import parameter_table
+
+    defaults = {row.name: row.default for row in parameter_table(entry.learner)}
+    return {name: value for name, value in entry.parameters.items() if value != defaults[name]}
+
+
+def learner_html(learner: Learner) -> str:
+    """A learner: what it is, and its hyper-parameters; those that differ from defaults are bold."""
+    from causal_openlock.contract.one_subject import PerSubjectAdapter
+    from causal_openlock.contract.registry import parameter_table
+
+    kind = learner.single if isinstance(learner, PerSubjectAdapter) else type(learner)
+    parameters = learner.parameters
+    rows = []
+    for row in parameter_table(f"{kind.__module__}:{kind.__qualname__}"):
+        value = getattr(parameters, row.name)
+        shown = escape(str(value))
+        shown = shown if value == row.default else f"<b>{shown}</b>"
+        rows.append([escape(row.name), shown, escape(row.meaning)])
+    about = re.sub(r":\w+:`~?([^`]*)`", r"\1", (kind.__doc__ or "").strip().partition("\n")[0])
+    table = _table(["parameter", "value", "meaning"], rows) if rows else ""
+    return _card(kind.__name__, f"<div>{escape(about)}</div>", table)
+
+
+SHOWN_AS = {
+    ("causal_openlock.world.schema", "Schema"): schema_html,
+    ("causal_openlock.world.room", "Room"): room_html,
+    ("causal_openlock.experiment.experiment", "Experiment"): experiment_html,
+    ("causal_openlock.contract.learner", "Learner"): learner_html,
+    ("pyarrow.lib", "Table"): record_html,
+}
+"""What is shown of instances of each type and of its subclasses."""
+
+
+def register_formatters() -> None:
+    """Register every formatter with IPython, where it runs, by name of type: nothing is loaded."""
+    from IPython.core.getipython import get_ipython
+
+    shell: Any = get_ipython()
+    if shell:
+        html = shell.display_formatter.formatters["text/html"]
+        for (module, name), formatter in SHOWN_AS.items():
+            html.for_type_by_name(module, name, formatter)
+
+
+# -- pieces of HTML -------------------------------------------------------------------------------
+
+
+def _card(title: str, *parts: str) -> str:
+    """A heading and what stands below it, dark on white whatever the notebook's colours are."""
+    return f'<div style="{_CARD}"><b>{escape(title)}</b>{"".join(parts)}</div>'
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table of cells that are HTML already."""
+
+    def line(tag: str, cells: Iterable[str]) -> str:
+        return "<tr>" + "".join(f'<{tag} style="{_LEFT}">{c}</{tag}>' for c in cells) + "</tr>"
+
+    head, body = line("th", map(escape, heads)), "".join(line("td", row) for row in rows)
+    return f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
+
+
+def _schema_svg(schema: Schema) -> str:
+    import matplotlib as mpl
+
+    from causal_openlock.render.graph import draw_schema
+
+    text = io.StringIO()
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with mpl.rc_context():
+        mpl.rcdefaults()  # whatever a notebook has set for figures of its own
+        mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": schema.name})
+        figure: Any = draw_schema(schema).figure
+        figure.savefig(text, format="svg", metadata=nothing)
+    return _inline(text.getvalue())
+
+
+def _inline(svg: str) -> str:
+    """An SVG document for inside a page."""
+    # matplotlib's style sheet would hold for the whole page.
+    svg, styled = re.subn(r"<style.*?</style>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    if styled:
+        svg = svg.replace("<svg ", '<svg style="stroke-linejoin: round; stroke-linecap: butt" ', 1)
+    return f"<div>{svg}</div>"
+
+
+__all__ = [
+    "experiment_html",
+    "learner_html",
+    "record_html",
+    "register_formatters",
+    "room_html",
+    "schema_html",
+]

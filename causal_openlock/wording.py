@@ -1,0 +1,61 @@
+"""Numbers, lists and names in sentences."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+
+
+def counted(number: int, one: str, many: str | None = None) -> str:
+    """A number and its noun: ``1 attempt``, ``2,000 attempts``.
+
+    Args:
+        number: How many.
+        one: The noun for one.
+        many: The noun for any other number; by default that for one with an s.
+    """
+    return f"{number:,} {one if number == 1 else many or f'{one}s'}"
+
+
+def joined(names: Sequence[str]) -> str:
+    """``a, b and c``; empty for none."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def file_names(names: Iterable[str]) -> dict[str, str]:
+    """Names as parts of names of files: lower-case letters, digits and underscores, all different.
+
+    Args:
+        names: Different names, such as those of protocols.
+
+    Returns:
+        By name; those that differ in signs only are numbered.
+    """
+    found: dict[str, str] = {}
+    for name in names:
+        part = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII)
+        while part in found.values():
+            part += "_2"
+        found[name] = part
+    return found
+
+
+_PARTS = re.compile(r"(\d+)").split
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Say which known name was probably meant, and list what there is.
+
+    Returns:
+        A clause such as ``did you mean CC4? known: CC3, CC4``.
+    """
+    # Numbers within names count as numbers, so that trial10 comes after trial2.
+    names = sorted(known, key=lambda name: [int(x) if x.isdigit() else x for x in _PARTS(name)])
+    lowered = {known_name.lower(): known_name for known_name in names}
+    close = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=0.5)
+    meant = f"did you mean {lowered[close[0]]}? " if close else ""
+    return f"{meant}known: {', '.join(names) or 'none'}"
+
+
+__all__ = ["counted", "file_names", "joined", "nearest"]

@@ -1,0 +1,219 @@
+"""A schema compiled into a finite state machine: integer tables over states and actions.
+
+A *state* says which levers are pushed and whether the door is open: bit *i* of the state is lever
+*i*, the bit above the levers is the door. An *action* pushes or pulls one lever or pushes the
+door; with *n* levers, actions 0..n-1 push, n..2n-1 pull, and 2n pushes the door. This machine
+knows roles, not positions: :mod:`causal_openlock.world.room` puts the levers somewhere.
+
+An attempt is short, so of all states it meets few. :func:`unroll` lists them: one row for each
+state at each moment of an attempt, which turns everything that depends on the moment (the first
+action, the last) into a property of the row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.world.schema import DOOR, Schema
+
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+FloatArray = NDArray[np.float64]
+
+NO_SOLUTION = -1
+
+
+@dataclass(frozen=True, eq=False)
+class FSM:
+    """The machine that governs a room; S states, A actions.
+
+    Attributes:
+        schema: What it was compiled from.
+        next_state: ``[S, A]`` the state after an action that takes effect; the same state where
+            the action can do nothing.
+        chance: ``[S, A]`` the probability that the action takes effect; 0 where it can do nothing,
+            1 where it can and all strengths are 1.
+        unlocked: ``[S]`` whether the door is unlocked.
+        solution: ``[S]`` index into ``schema.solutions`` if the pushed levers, inert ones aside,
+            are exactly that solution; -1 otherwise.
+    """
+
+    schema: Schema
+    next_state: IntArray
+    chance: FloatArray
+    unlocked: BoolArray
+    solution: IntArray
+
+    @property
+    def levers(self) -> int:
+        """Number of levers."""
+        return len(self.schema.levers)
+
+    @property
+    def states(self) -> int:
+        """Number of states, S."""
+        return len(self.unlocked)
+
+    @property
+    def actions(self) -> int:
+        """Number of actions, A: a push and a pull for each lever, and the push of the door."""
+        return 2 * self.levers + 1
+
+    @property
+    def opened(self) -> BoolArray:
+        """``[S]`` whether the door is open."""
+        return np.arange(self.states) >> self.levers == 1
+
+    def state(self, pushed: tuple[str, ...] = (), opened: bool = False) -> int:
+        """The state in which these levers are pushed and the door is open or closed."""
+        return self.schema.mask(pushed) | opened << self.levers
+
+    def describe(self, state: int) -> str:
+        """A state in words, such as ``L0 L1 pushed, unlocked``."""
+        pushed = [lever for bit, lever in enumerate(self.schema.levers) if state >> bit & 1]
+        levers = f"{' '.join(pushed)} pushed" if pushed else "all pulled"
+        lock = "unlocked" if self.unlocked[state] else "locked"
+        return f"{levers}, {lock}{', open' if state >> self.levers else ''}"
+
+    def action_name(self, action: int) -> str:
+        """An action in words, such as ``push L0`` or ``push door``."""
+        if action == 2 * self.levers:
+            return f"push {DOOR}"
+        verb = "pull" if action >= self.levers else "push"
+        return f"{verb} {self.schema.levers[action % self.levers]}"
+
+
+def compile_schema(schema: Schema) -> FSM:
+    """Compile a schema into its finite state machine.
+
+    Chance is asked for pushes and pulls alike: a pull is enabled as a push is, and as likely to
+    take effect. With *n* levers the tables have 2^(n+1) states: 32 for the paper's four levers,
+    8,192 for twelve.
+    """
+    levers = len(schema.levers)
+    pushed = np.arange(1 << levers)
+    door_action, door_bit = 2 * levers, 1 << levers
+
+    holds = {node: gate_chance(schema, node, pushed) for node in [*schema.levers, DOOR]}
+    causes_of_door = np.bitwise_count(pushed & schema.mask(schema.causes(DOOR)))
+    unlocked = causes_of_door >= schema.threshold(DOOR)
+
+    next_state = np.tile(pushed[:, None], (2, 2 * levers + 1))
+    next_state[len(pushed) :] |= door_bit
+    chance = np.zeros(next_state.shape)
+    for bit, lever in enumerate(schema.levers):
+        is_pushed = pushed >> bit & 1 == 1
+        for action, possible in ((bit, ~is_pushed), (levers + bit, is_pushed)):
+            chance[:, action] = np.tile(holds[lever] * possible, 2)
+            next_state[chance[:, action] > 0, action] ^= 1 << bit
+    closed = slice(0, len(pushed))
+    chance[closed, door_action] = holds[DOOR] * unlocked
+    next_state[closed, door_action] |= door_bit * unlocked
+
+    relevant = pushed & ~schema.mask(schema.inert)
+    solution = np.full(len(pushed), NO_SOLUTION)
+    for index, levers_of_it in enumerate(schema.solutions):
+        solution[relevant == schema.mask(levers_of_it)] = index
+    solution[~unlocked] = NO_SOLUTION
+    return FSM(
+        schema=schema,
+        next_state=next_state.astype(np.int64),
+        chance=chance,
+        unlocked=np.tile(unlocked, 2),
+        solution=np.tile(solution, 2),
+    )
+
+
+def gate_chance(schema: Schema, node: str, pushed: IntArray) -> FloatArray:
+    """``[2^n]`` probability that ``node`` obeys a push or pull while ``pushed`` are pushed.
+
+    Each pushed cause transmits with its strength, independently; the push or pull takes effect if
+    at least as many transmit as the gate asks for. The counts are added up cause by cause, and
+    counts above the threshold are kept together, since they make no difference.
+    """
+    threshold = schema.threshold(node)
+    counts = np.zeros((threshold + 1, len(pushed)))
+    counts[0] = 1.0
+    for cause, strength in zip(schema.causes(node), schema.strengths(node), strict=True):
+        transmits = strength * (pushed >> schema.levers.index(cause) & 1)
+        shifted = counts * transmits
+        counts -= shifted
+        counts[1:] += shifted[:-1]
+        counts[-1] += shifted[-1]
+    return np.minimum(counts[threshold], 1.0)  # rounding may end just above 1
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """One attempt unrolled: a row for each state that it can be in after each number of actions.
+
+    Row 0 is the start: no action used, all levers pulled, door closed. N rows, A actions and one
+    more, with index A, that never moves anything: a lever that is not part of the schema.
+
+    Attributes:
+        fsm: The machine.
+        action_limit: Actions in an attempt.
+        state: ``[N]`` state of the machine.
+        used: ``[N]`` actions used so far.
+        effect: ``[N, A+1]`` row after an action that takes effect.
+        over: ``[N]`` whether the attempt is over: the door is open or no action is left.
+        begins: ``[N, K]`` whether the actions so far are the beginning of solution *k*.
+    """
+
+    fsm: FSM
+    action_limit: int
+    state: IntArray
+    used: IntArray
+    effect: IntArray
+    over: BoolArray
+    begins: BoolArray
+
+    @cached_property
+    def chance(self) -> FloatArray:
+        """``[N, A+1]`` probability that the action takes effect; made when it is asked for."""
+        chance = np.zeros((len(self.state), self.fsm.actions + 1))
+        chance[~self.over, :-1] = self.fsm.chance[self.state[~self.over]]
+        return chance
+
+
+def unroll(fsm: FSM, action_limit: int) -> Attempt:
+    """List every state that an attempt of ``action_limit`` actions can be in, moment by moment."""
+    layers = [np.zeros(1, dtype=np.int64)]
+    for _ in range(action_limit):
+        playing = layers[-1][~fsm.opened[layers[-1]]]
+        layers.append(np.union1d(playing, fsm.next_state[playing].ravel()))
+    first_row = np.cumsum([0, *map(len, layers)])
+    state = np.concatenate(layers)
+    used = np.repeat(np.arange(action_limit + 1), list(map(len, layers)))
+    over = (used == action_limit) | fsm.opened[state]
+
+    # The column past the last action leaves the state as it is and only spends the action.
+    after = np.column_stack([fsm.next_state[state], state])
+    effect = np.tile(np.arange(len(state))[:, None], (1, after.shape[1]))
+    for moment in range(action_limit):
+        rows = np.flatnonzero((used == moment) & ~over)
+        where = np.searchsorted(layers[moment + 1], after[rows])
+        effect[rows] = first_row[moment + 1] + where
+
+    # As many levers pushed as actions used: every action so far was a push that moved its lever.
+    pushes_only = np.bitwise_count(state) == used
+    solutions = np.array([fsm.schema.mask(levers) for levers in fsm.schema.solutions])
+    begins = pushes_only[:, None] & (state[:, None] & ~solutions == 0)
+    opened = fsm.opened[state]
+    complete = np.bitwise_count(solutions) + 1 == used[:, None]
+    begins |= (
+        opened[:, None] & complete & (fsm.solution[state][:, None] == np.arange(len(solutions)))
+    )
+    return Attempt(
+        fsm=fsm,
+        action_limit=action_limit,
+        state=state,
+        used=used,
+        effect=effect,
+        over=over,
+        begins=begins,
+    )

@@ -1,0 +1,97 @@
+"""Randomness that belongs to a subject.
+
+Every subject has generators of its own, spawned from the experiment's seed by what the subject
+is, so that its data depend neither on the other subjects in its batch nor on the number of workers.
+:class:`Streams` hands out one number to each of B subjects at once without asking B generators
+every time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.world.fsm import FloatArray
+
+
+def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.Generator, ...]:
+    """One generator for each subject.
+
+    Args:
+        seed: Seed of the experiment.
+        key: What the generators are for; another key gives other numbers.
+        subjects: Numbers of the subjects.
+    """
+    digest = hashlib.sha256(key.encode()).digest()[:16]
+    words = tuple(int.from_bytes(digest[i : i + 4], "big") for i in range(0, 16, 4))
+    return tuple(
+        np.random.Generator(
+            np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(*words, subject)))
+        )
+        for subject in subjects
+    )
+
+
+def pick(odds: FloatArray, draw: float) -> int:
+    """An index, as probable as its odds are high.
+
+    Args:
+        odds: ``[N]``, not all zero; they need not add up to 1.
+        draw: A number in [0, 1), which decides.
+    """
+    ladder = odds.cumsum()
+    # Rounding may take the draw to the top of the ladder.
+    return min(int(np.searchsorted(ladder, draw * ladder[-1], side="right")), len(ladder) - 1)
+
+
+class Streams:
+    """Uniform numbers for B subjects at once, each from its own generator.
+
+    The t-th call gives each subject the t-th numbers of its own stream, whoever else is there.
+
+    Args:
+        generators: One for each subject.
+        width: How many numbers a subject gets at a time; ``None`` gives a single one.
+        block: How many times to draw ahead.
+    """
+
+    def __init__(
+        self,
+        generators: Sequence[np.random.Generator],
+        width: int | None = None,
+        block: int = 512,
+    ) -> None:
+        self._generators = tuple(generators)
+        self._shape = (block,) if width is None else (block, width)
+        self._drawn: FloatArray = np.zeros((0, len(self._generators)))
+        self._next = 0
+
+    def uniform(self) -> FloatArray:
+        """``[B]`` or ``[B, width]`` numbers in [0, 1)."""
+        if self._next == len(self._drawn):
+            drawn = np.stack([generator.random(self._shape) for generator in self._generators], 1)
+            # One contiguous piece for each call, since that is how the numbers are used.
+            self._drawn = np.ascontiguousarray(drawn)
+            self._next = 0
+        self._next += 1
+        numbers: FloatArray = self._drawn[self._next - 1]
+        return numbers
+
+    def integers(self, high: int) -> NDArray[np.int64]:
+        """``[B]`` or ``[B, width]`` integers in [0, high), uniformly distributed."""
+        return (self.uniform() * high).astype(np.int64)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the streams stand, for a checkpoint."""
+        states = [generator.bit_generator.state for generator in self._generators]
+        return {"states": states, "drawn": self._drawn, "next": self._next}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        for generator, saved in zip(self._generators, state["states"], strict=True):
+            generator.bit_generator.state = saved
+        self._drawn, self._next = state["drawn"], state["next"]

@@ -1,0 +1,173 @@
+"""Rewards of one's own, written in Python.
+
+``module:function`` names a function of what actions led to, in a file of the working directory or
+beside the experiment file, or in an installed package::
+
+    def eager(events):
+        # Opening the door pays, the more the fewer solutions are found.
+        return 50.0 * events.opens / (1 + events.found) - 0.1
+
+It is given the :class:`~causal_openlock.world.reward_events.Events` of N actions and returns N
+numbers. Each number depends on the events of its own action and on nothing else: the function is
+asked for many actions at once, in any order, in several processes, and more often than they are
+taken. It is tried before anything is played.
+
+What a reward is made of is on record as a hash of its file, so that results of other code are told
+apart, and results are read without the code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from causal_openlock.errors import RewardError
+from causal_openlock.files.module_source import MODULE_AND_NAME, look_beside
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.reward_events import Events, RewardFunction
+
+
+@dataclass(frozen=True)
+class OwnReward(RewardFunction):
+    """A reward that is a function; its code is only loaded when it is asked.
+
+    Attributes:
+        name: Where it is, ``module:function``.
+        source: Name of its file, and a hash of what is in it.
+    """
+
+    name: str
+    source: str
+
+    heeds_everything = True
+
+    def pay(self, events: Events) -> FloatArray:
+        """``[N]`` the reward of each action.
+
+        Raises:
+            RewardError: If the function fails, does not return N numbers, or is not the one that
+                is on record.
+        """
+        function, source = _loaded(self.name)
+        if source != self.source:
+            raise RewardError(
+                f"the reward {self.name} was {self.source} and is {source}; bring back the file as "
+                "it was"
+            )
+        number = len(events.first)
+        try:
+            answer = np.asarray(function(_read_only(events)))
+        except Exception as error:  # code of one's own can fail in any way
+            raise RewardError(
+                f"the reward {self.name} fails ({type(error).__name__}: {error})"
+            ) from error
+        if answer.shape != (number,) or answer.dtype.kind not in "iufb":
+            raise RewardError(
+                f"the reward {self.name} has to return one number for each of {number} actions, "
+                f"and returned {answer.dtype} of shape {answer.shape}"
+            )
+        paid = answer.astype(np.float64)
+        if not np.isfinite(paid).all():
+            raise RewardError(
+                f"the reward {self.name} pays {paid[~np.isfinite(paid)][0]}; let it pay finite "
+                "numbers"
+            )
+        return paid
+
+    @property
+    def heeds_repeats(self) -> bool:
+        """It may."""
+        return True
+
+    @property
+    def heeds_found(self) -> bool:
+        """It may."""
+        return True
+
+    def as_dict(self) -> dict[str, Any]:
+        """The reward as plain data."""
+        return {"name": self.name, "function": self.name, "source": self.source}
+
+    def written(self) -> str:
+        """Where it is."""
+        return self.name
+
+
+def own_reward(name: str) -> OwnReward:
+    """A reward by ``module:function``, tried on some actions.
+
+    Raises:
+        RewardError: If there is none, or it does not do what a reward does.
+    """
+    reward = OwnReward(name, _loaded(name)[1])
+    _try_out(reward)
+    return reward
+
+
+@cache
+def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
+    """A function by its name, and what its file was when it was loaded."""
+    if not MODULE_AND_NAME.fullmatch(name):
+        raise RewardError(f"{name!r} names no reward; write it like my_module:my_function")
+    look_beside()
+    try:
+        function = EntryPoint(name, name, "").load()
+    except Exception as error:  # a module can fail in any way while it is imported
+        raise RewardError(
+            f"the reward {name!r} cannot be imported: {type(error).__name__}: {error}"
+        ) from error
+    if not callable(function) or isinstance(function, type):
+        raise RewardError(f"{name!r} is no function; a reward is a function of events")
+    # The file that is named, also where what it holds was made elsewhere or is no plain function.
+    source = inspect.getsourcefile(sys.modules[name.partition(":")[0]])
+    if source is None:
+        raise RewardError(f"{name!r} has no source that can be put on record; write it in a file")
+    digest = hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]
+    return function, f"{Path(source).name} {digest}"
+
+
+def _read_only(events: Events) -> Events:
+    """The same events, in arrays that cannot be written to."""
+    shown = {field.name: getattr(events, field.name).view() for field in fields(Events)}
+    for array in shown.values():
+        array.flags.writeable = False
+    return Events(**shown)
+
+
+def _try_out(reward: OwnReward) -> None:
+    """Ask for every action in a room, with and without a past, at once and one by one."""
+    from causal_openlock.world.room import Layout
+    from causal_openlock.world.schema import Schema
+    from causal_openlock.world.tables import RoomTables
+
+    tables = RoomTables(7)
+    fork = Schema("fork", ["A", "B", "C"], {"A": ["B", "C"], "B": ["door"], "C": ["door"]})
+    tables.add([(fork, Layout((0, 1, 2)), 3)])
+    row, action = np.divmod(np.arange(tables.rows * tables.actions), tables.actions)
+    fresh = Events.of(tables, row, action, tables.effect(np.arange(len(row))))
+    later = replace(fresh, repeated=row % 2 == 0, new=~fresh.new, found=1 + row % 2)
+    for events in (fresh, later):
+        paid = reward.pay(events)
+        if not np.array_equal(paid, reward.pay(events)):
+            raise RewardError(
+                f"the reward {reward.name} pays the same actions differently when it is asked "
+                "again; let it depend on the events alone"
+            )
+        apart = [reward.pay(events.at(np.array([index]))) for index in range(0, len(row), 7)]
+        if not np.allclose(np.concatenate(apart), paid[::7], rtol=1e-9, atol=1e-12):
+            raise RewardError(
+                f"the reward {reward.name} pays an action differently beside other actions; let it "
+                "judge each of them by itself"
+            )
+
+
+__all__ = ["OwnReward", "own_reward"]

@@ -1,0 +1,362 @@
+"""Rewards: terms that add up, judged on what one action led to.
+
+The paper words seven reward functions as changes to a basic one, so each is a *term* here and a
+reward is the sum of its terms (paper, "Reward Functions"). A term is a pure function of what
+happened in one action (:mod:`causal_openlock.world.reward_events`), for many actions at once:
+
+======================= ==========================================================================
+``basic``               10 on the action that unlocks the door, 50 on the one that opens it.
+``unique_solutions``    Takes both back unless the solution is new in this trial.
+``state_change``        0.5 if the observation changed.
+``negative_immovable``  -0.5 if the action moved nothing, levers and door alike.
+``negative_repeat``     -0.25 if the action equals the one before it in the attempt.
+``partial_sequence``    1 if the attempt's first action begins a solution; in place of
+                        ``state_change`` there.
+``solution_multiplier`` Multiplies both 10 and 50 of a new solution by 1.5 for each solution found
+                        before it: 60, 90, 135.
+======================= ==========================================================================
+
+Every amount is a weight that can be changed (:class:`Weights`): ``{solution_multiplier: 2.0}`` is
+the paper's reward with another multiplier, ``{preset: basic, open: 100}`` the basic one with more
+for the door. What no term says is a function of one's own
+(:mod:`causal_openlock.world.reward_code`).
+
+What the authors' program of January 2018 paid differs from the text. Its rewards are a ladder,
+not a sum: the first rung that fits pays and the rest does not count. They are the presets
+``authors_2018_*``, so that one can ask which of the two a result depends on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any, get_type_hints
+
+import numpy as np
+
+from causal_openlock.errors import RewardError
+from causal_openlock.wording import nearest
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.reward_events import Events as Events
+from causal_openlock.world.reward_events import RewardFunction as RewardFunction
+
+UNLOCK, OPEN = 10.0, 50.0
+MULTIPLIER = 1.5
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What the terms pay; the texts are what users are told."""
+
+    unlock: Annotated[float, "for unlocking the door (basic)"] = UNLOCK
+    open: Annotated[float, "for opening the door (basic)"] = OPEN
+    state_change: Annotated[float, "for a change of what is seen"] = 0.5
+    negative_immovable: Annotated[float, "for an action that moves nothing"] = -0.5
+    negative_repeat: Annotated[float, "for the same action twice in a row"] = -0.25
+    partial_sequence: Annotated[float, "for a first action that begins a solution"] = 1.0
+    solution_multiplier: Annotated[
+        float, "factor on unlock and open of a new solution, for each found before it"
+    ] = MULTIPLIER
+
+
+WEIGHTS: dict[str, str] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(Weights, include_extras=True).items()
+}
+"""What each weight means, by name."""
+
+
+def term_of(weight: str) -> str:
+    """The term that a weight belongs to."""
+    return "basic" if weight in ("unlock", "open") else weight
+
+
+@dataclass(frozen=True)
+class Reward(RewardFunction):
+    """A reward function of the paper: a sum of terms.
+
+    Attributes:
+        name: A preset's name, or the terms joined by ``+``; in brackets what is changed of it.
+        terms: Names of terms, in :data:`TERMS`.
+        weights: What the terms pay.
+    """
+
+    name: str
+    terms: tuple[str, ...]
+    weights: Weights = Weights()
+
+    def pay(self, events: Events) -> FloatArray:
+        """``[N]`` the reward of each action."""
+        total = np.zeros(len(events.first))
+        for term in self.terms:
+            total += TERMS[term](events, self)
+        return total
+
+    def paid(self, events: Events) -> FloatArray:
+        """``[N]`` what ``basic`` pays."""
+        return self.weights.unlock * events.unlocks + self.weights.open * events.opens
+
+    def as_dict(self) -> dict[str, Any]:
+        """The reward as plain data; of the weights those that are changed."""
+        changed = _differences(self.weights)
+        told: dict[str, Any] = {"name": self.name, "terms": self.terms}
+        return {**told, "weights": changed} if changed else told
+
+    def written(self) -> Any:
+        """A preset's name, a list of terms, or either with weights."""
+        base = self.name.partition("(")[0]
+        preset = PRESETS.get(base)
+        given = _told(self, preset.terms if isinstance(preset, Reward) else ())
+        for form in (base, base.split("+"), {"preset": base, **given}):
+            try:
+                if find_reward(form) == self:
+                    return form
+            except RewardError:
+                continue
+        return {"terms": base.split("+"), **_told(self, tuple(base.split("+")))}
+
+    @property
+    def heeds_repeats(self) -> bool:
+        """Whether it depends on the action before."""
+        return "negative_repeat" in self.terms
+
+    @property
+    def heeds_found(self) -> bool:
+        """Whether it depends on which solutions are found already."""
+        return not {"unique_solutions", "solution_multiplier"}.isdisjoint(self.terms)
+
+
+def _differences(weights: Weights) -> dict[str, float]:
+    """The weights that are not the paper's."""
+    return {name: value for name, value in asdict(weights).items() if value != _PAPERS[name]}
+
+
+_PAPERS = asdict(Weights())
+
+
+def _told(reward: Reward, base: tuple[str, ...]) -> dict[str, float]:
+    """The weights that make a reward of what has the terms ``base``."""
+    added = {*reward.terms} - {*base}
+    changed = _differences(reward.weights)
+    return {
+        name: value
+        for name, value in asdict(reward.weights).items()
+        if name in changed or term_of(name) in added
+    }
+
+
+def _basic(events: Events, reward: Reward) -> FloatArray:
+    return reward.paid(events)
+
+
+def _unique_solutions(events: Events, reward: Reward) -> FloatArray:
+    return np.where(events.new, 0.0, -reward.paid(events))
+
+
+def _state_change(events: Events, reward: Reward) -> FloatArray:
+    instead = events.first & events.on_path if "partial_sequence" in reward.terms else False
+    return np.where(events.changed & ~np.asarray(instead), reward.weights.state_change, 0.0)
+
+
+def _negative_immovable(events: Events, reward: Reward) -> FloatArray:
+    return np.where(events.changed, 0.0, reward.weights.negative_immovable)
+
+
+def _negative_repeat(events: Events, reward: Reward) -> FloatArray:
+    return np.where(events.repeated, reward.weights.negative_repeat, 0.0)
+
+
+def _partial_sequence(events: Events, reward: Reward) -> FloatArray:
+    return np.where(events.first & events.on_path, reward.weights.partial_sequence, 0.0)
+
+
+def _solution_multiplier(events: Events, reward: Reward) -> FloatArray:
+    factor = reward.weights.solution_multiplier**events.found
+    return (factor - 1.0) * reward.paid(events) * events.new
+
+
+TERMS: dict[str, Callable[[Events, Reward], FloatArray]] = {
+    "basic": _basic,
+    "unique_solutions": _unique_solutions,
+    "state_change": _state_change,
+    "negative_immovable": _negative_immovable,
+    "negative_repeat": _negative_repeat,
+    "partial_sequence": _partial_sequence,
+    "solution_multiplier": _solution_multiplier,
+}
+
+
+@dataclass(frozen=True)
+class AuthorsReward(RewardFunction):
+    """A reward of the authors' program of January 2018: the first rung that fits pays.
+
+    Attributes:
+        name: The preset's name.
+        unique: Unlocking and opening pay only on the way to a solution not yet found.
+        multiplier: A new solution pays 1, 1.5, 3.0, ... times as much, growing linearly.
+        partial: 1 while the attempt's actions begin a solution and the door is still locked.
+        change: 0.5 for a change of the observation.
+        immovable: -0.5 for an inactive lever; a locked active one costs nothing.
+        repeat: -0.25 for the same action twice in a row.
+    """
+
+    name: str
+    unique: bool = False
+    multiplier: bool = False
+    partial: bool = False
+    change: bool = False
+    immovable: bool = False
+    repeat: bool = False
+
+    def pay(self, events: Events) -> FloatArray:
+        """``[N]`` the reward of each action."""
+        # With all actions used, unique is what completes a new solution; before that, whatever
+        # does not retrace a found one.
+        unique = np.where(events.last, events.opens & events.new, ~events.retraced)
+        factor = np.maximum(1.0, MULTIPLIER * events.found) if self.multiplier else 1.0
+        bonus = np.where(unique, factor, 1.0)
+        due = unique if self.unique else np.ones_like(unique)
+        never = np.zeros_like(unique)
+        return np.select(
+            [
+                events.opens & due,
+                events.unlocked & due,
+                events.on_path if self.partial else never,
+                events.changed if self.change else never,
+                events.repeated if self.repeat else never,
+                events.inactive if self.immovable else never,
+            ],
+            [OPEN * bonus, UNLOCK * bonus, 1.0, 0.5, -0.25, -0.5],
+            default=0.0,
+        )
+
+    @property
+    def heeds_repeats(self) -> bool:
+        """Whether it depends on the action before."""
+        return self.repeat
+
+    @property
+    def heeds_found(self) -> bool:
+        """Whether it depends on which solutions are found already."""
+        return self.unique or self.multiplier
+
+    def as_dict(self) -> dict[str, Any]:
+        """The reward as plain data."""
+        return asdict(self)
+
+    def written(self) -> str:
+        """Its name."""
+        return self.name
+
+
+BASIC_REWARD = "basic"
+"""The plain reward, and the default of environments."""
+PAPER_REWARD = "paper"
+"""The paper's best combination, and the default of sessions and experiments."""
+
+
+def _presets() -> dict[str, RewardFunction]:
+    presets: dict[str, RewardFunction] = {
+        # Each builds on the basic reward, as the paper words it.
+        name: Reward(name, ("basic",) if name == "basic" else ("basic", name))
+        for name in TERMS
+    }
+    presets["partial_sequence"] = Reward(
+        "partial_sequence", ("basic", "state_change", "partial_sequence")
+    )
+    presets[PAPER_REWARD] = Reward(
+        PAPER_REWARD, ("basic", "negative_immovable", "partial_sequence", "solution_multiplier")
+    )
+    for short, rungs in {
+        "basic": "",
+        "change_state": "change",
+        "unique_solutions": "unique",
+        "change_state_unique_solutions": "unique change",
+        "negative_immovable": "immovable",
+        "negative_immovable_unique_solutions": "unique immovable",
+        "negative_immovable_negative_repeat": "immovable repeat",
+        "negative_immovable_partial_action_seq": "immovable partial",
+        "negative_immovable_solution_multiplier": "immovable multiplier",
+        "negative_immovable_partial_action_seq_solution_multiplier": (
+            "immovable partial multiplier"
+        ),
+    }.items():
+        name = f"authors_2018_{short}"
+        presets[name] = AuthorsReward(name, **dict.fromkeys(rungs.split(), True))
+    presets["authors_2018"] = AuthorsReward(
+        "authors_2018", immovable=True, partial=True, multiplier=True
+    )
+    return presets
+
+
+PRESETS = _presets()
+
+
+RewardForm = str | Iterable[str] | Mapping[str, Any] | RewardFunction
+"""What :func:`find_reward` takes."""
+
+
+def find_reward(reward: RewardForm) -> RewardFunction:
+    """A reward as it is written.
+
+    Args:
+        reward: The name of a preset; a list of terms that add up; weights by name, with the
+            ``preset`` or the ``terms`` that they change (the paper's reward if neither is said);
+            or ``module:function``, code of one's own.
+
+    Raises:
+        RewardError: If there is none of that name, a term or a weight is unknown or does not fit,
+            or the code does not do what a reward does.
+    """
+    if isinstance(reward, RewardFunction):
+        return reward
+    if isinstance(reward, Mapping):
+        return _weighted(reward)
+    if isinstance(reward, str) and ":" in reward:
+        from causal_openlock.world.reward_code import own_reward
+
+        return own_reward(reward)
+    if isinstance(reward, str):
+        if reward not in PRESETS:
+            raise RewardError(
+                f"there is no reward {reward!r}; {nearest(reward, PRESETS)}; code of one's own is "
+                "written module:function"
+            )
+        return PRESETS[reward]
+    terms = tuple(reward)
+    for index, term in enumerate(terms):
+        if term not in TERMS:
+            raise RewardError(f"there is no reward term {term!r}; {nearest(str(term), TERMS)}")
+        if term in terms[:index]:
+            raise RewardError(f"the reward term {term} is listed twice; remove one of them")
+    if not terms:
+        raise RewardError(f"a reward needs at least one term; known: {', '.join(TERMS)}")
+    return Reward("+".join(terms), terms)
+
+
+def _weighted(said: Mapping[str, Any]) -> Reward:
+    """A reward with other weights; a weight of a term that it does not have adds the term."""
+    given = dict(said)
+    preset, terms = given.pop("preset", None), given.pop("terms", None)
+    if preset is not None and terms is not None:
+        raise RewardError("a reward is based on a preset or on terms; leave one of them out")
+    base = find_reward(terms if terms is not None else preset or PAPER_REWARD)
+    if not isinstance(base, Reward):
+        raise RewardError(
+            f"the reward {base.name} has no weights that could be changed; base it on another "
+            "preset"
+        )
+    for name, value in given.items():
+        if name == "unique_solutions":
+            raise RewardError("unique_solutions has no weight; list it among the terms")
+        if name not in WEIGHTS:
+            raise RewardError(f"there is no weight {name!r}; {nearest(str(name), WEIGHTS)}")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise RewardError(f"the weight {name} is a number, not {value!r}")
+    added = [term_of(name) for name in WEIGHTS if name in given]  # in an order of their own
+    terms = [*base.terms, *added]
+    found = Reward(
+        base.name, tuple(dict.fromkeys(terms)), Weights(**{n: float(v) for n, v in given.items()})
+    )
+    told = ", ".join(f"{name}={value:g}" for name, value in _told(found, base.terms).items())
+    return replace(found, name=f"{base.name}({told})") if told else base

@@ -1,0 +1,289 @@
+"""A room: the machine of a schema with its levers put in their places.
+
+A room has seven positions (in larger rooms up to twelve), a lever at each. A *layout* says which
+position each active lever of a schema has; an inactive lever stands at every other one and never
+moves. A learner sees positions and colours, never roles: what it sees and does is indexed by
+position, in the paper's order.
+
+* Observation, ``2P + 2`` bits: for each position whether its lever is pushed, for each position
+  whether its lever is grey (active), whether the door is locked, whether it is open.
+* Action, one of ``2P + 1``: push the lever at position *p* (index *p*), pull it (``P + p``), or
+  push the door (``2P``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.errors import LayoutError
+from causal_openlock.wording import nearest
+from causal_openlock.world.fsm import FSM, BoolArray, FloatArray, IntArray, compile_schema
+from causal_openlock.world.reference import room_facts
+from causal_openlock.world.schema import MAX_LEVERS, Schema
+
+PAPER_POSITIONS = (
+    "UPPERRIGHT",
+    "UPPER",
+    "UPPERLEFT",
+    "LEFT",
+    "LOWERLEFT",
+    "LOWER",
+    "LOWERRIGHT",
+)
+RANDOM_LAYOUT: Literal["random"] = "random"
+
+
+def position_names(positions: int) -> tuple[str, ...]:
+    """Names of the positions of a room: the paper's for seven, ``P0``... in larger rooms.
+
+    Raises:
+        LayoutError: For a size that no room has.
+    """
+    if positions == len(PAPER_POSITIONS):
+        return PAPER_POSITIONS
+    if len(PAPER_POSITIONS) < positions <= MAX_LEVERS:
+        return tuple(f"P{index}" for index in range(positions))
+    raise LayoutError(
+        f"a room has {len(PAPER_POSITIONS)} to {MAX_LEVERS} positions, not {positions}"
+    )
+
+
+def positions_for(schema: Schema) -> int:
+    """The size of the smallest room that holds all levers of a schema."""
+    return max(len(PAPER_POSITIONS), len(schema.levers))
+
+
+def action_names(positions: int) -> tuple[str, ...]:
+    """Names of the actions by index: ``push_UPPERRIGHT``, ..., ``push_door``."""
+    names = position_names(positions)
+    moves = [f"{verb}_{name}" for verb in ("push", "pull") for name in names]
+    return (*moves, "push_door")
+
+
+def position_coordinates(positions: int) -> NDArray[np.float64]:
+    """``[P, 2]`` centre of each lever in units of one arm link, the arm's base at (0, 0), y up.
+
+    Seven positions stand as in the paper's Figure 2a, with the door on the right. In larger rooms
+    they stand on a circle with the same gap for the door.
+    """
+    if positions == len(PAPER_POSITIONS):
+        return np.array([room_facts()["positions"][name] for name in PAPER_POSITIONS], dtype=float)
+    position_names(positions)
+    angles = math.pi / 4 + np.arange(positions) * (3 * math.pi / 2) / (positions - 1)
+    radius = 3.0 * positions / len(PAPER_POSITIONS)
+    return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the active levers stand.
+
+    Attributes:
+        places: Position index of each lever, in the order of ``schema.levers``.
+        positions: Number of positions of the room.
+        name: A published name such as ``trial7``; otherwise the positions by name.
+    """
+
+    places: tuple[int, ...]
+    positions: int = len(PAPER_POSITIONS)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        names = position_names(self.positions)
+        for index, place in enumerate(self.places):
+            if not 0 <= place < self.positions:
+                raise LayoutError(f"there is no position {place} in a room of {self.positions}")
+            if place in self.places[:index]:
+                raise LayoutError(
+                    f"two levers stand at {names[place]}; give each lever a position of its own"
+                )
+        if not self.name:
+            object.__setattr__(self, "name", self._by_position)
+
+    @property
+    def _by_position(self) -> str:
+        """The name of a layout that has no other."""
+        return " ".join(position_names(self.positions)[place] for place in self.places)
+
+    @classmethod
+    def of(
+        cls,
+        schema: Schema,
+        layout: str | Mapping[str, str] | Layout,
+        positions: int | None = None,
+    ) -> Layout:
+        """A layout for a schema, from a published name or a mapping ``{lever: position name}``.
+
+        Args:
+            schema: Whose levers are to be placed.
+            layout: ``trial1`` .. ``trial11``, or a mapping that names every lever once. A published
+                layout fits any schema with as many levers, in their order.
+            positions: Size of the room; by default the smallest that holds the levers.
+
+        Raises:
+            LayoutError: If it does not fit the schema or puts two levers at one position.
+        """
+        resized = positions is not None
+        positions = positions or positions_for(schema)
+        names = position_names(positions)
+        if isinstance(layout, Layout):
+            if len(layout.places) != len(schema.levers):
+                raise LayoutError(
+                    f"the layout {layout.name} places {len(layout.places)} levers and "
+                    f"{schema.name} has {len(schema.levers)}"
+                )
+            return layout.in_room(positions) if resized else layout
+        label = ""
+        if isinstance(layout, str):
+            published = room_facts()["layouts"]
+            if layout not in published:
+                raise LayoutError(f"there is no layout {layout!r}; {nearest(layout, published)}")
+            label, values = layout, list(published[layout].values())
+            if len(values) != len(schema.levers):
+                fitting = ", ".join(published_layouts(schema)) or "random"
+                raise LayoutError(
+                    f"the layout {layout} places {len(values)} levers and {schema.name} has "
+                    f"{len(schema.levers)}; layouts that fit: {fitting}"
+                )
+            layout = dict(zip(schema.levers, values, strict=True))
+            names = PAPER_POSITIONS  # in a larger room, the first seven
+        for lever in layout:
+            if lever not in schema.levers:
+                raise LayoutError(
+                    f"the layout places {lever!r}, which {schema.name} does not have; "
+                    f"{nearest(str(lever), schema.levers)}"
+                )
+        places = []
+        for lever in schema.levers:
+            if lever not in layout:
+                raise LayoutError(f"the layout gives no position to {lever}; add one")
+            place = layout[lever]
+            if place not in names:
+                raise LayoutError(
+                    f"{lever} cannot stand at {place!r}; {nearest(str(place), names)}"
+                )
+            places.append(names.index(place))
+        return cls(tuple(places), positions, label)
+
+    @classmethod
+    def random(
+        cls, schema: Schema, generator: np.random.Generator, positions: int | None = None
+    ) -> Layout:
+        """A layout drawn uniformly from all that the room allows."""
+        positions = positions or positions_for(schema)
+        places = generator.permutation(positions)[: len(schema.levers)]
+        return cls(tuple(places.tolist()), positions)
+
+    def as_mapping(self, schema: Schema) -> dict[str, str]:
+        """The layout as ``{lever: position name}``."""
+        names = position_names(self.positions)
+        return {
+            lever: names[place] for lever, place in zip(schema.levers, self.places, strict=True)
+        }
+
+    def in_room(self, positions: int) -> Layout:
+        """The same places in a room of another size."""
+        if positions == self.positions:
+            return self
+        return Layout(self.places, positions, "" if self.name == self._by_position else self.name)
+
+    def role_actions(self) -> IntArray:
+        """``[2P + 1]`` the machine's action for each of the room's actions.
+
+        An inactive lever maps to the machine's action count, the column in which
+        :class:`~causal_openlock.world.fsm.Attempt` keeps "nothing moves".
+        """
+        levers = len(self.places)
+        roles = np.full(2 * self.positions + 1, 2 * levers + 1)
+        for role, place in enumerate(self.places):
+            roles[place] = role
+            roles[self.positions + place] = levers + role
+        roles[-1] = 2 * levers
+        return roles
+
+    def observations(self, fsm: FSM, states: IntArray) -> NDArray[np.int8]:
+        """``[len(states), 2P + 2]`` what is seen in each of these states of the machine."""
+        seen = np.zeros((len(states), 2 * self.positions + 2), dtype=np.int8)
+        for role, place in enumerate(self.places):
+            seen[:, place] = states >> role & 1
+            seen[:, self.positions + place] = 1
+        seen[:, -2] = ~fsm.unlocked[states]
+        seen[:, -1] = fsm.opened[states]
+        return seen
+
+
+def published_layouts(schema: Schema) -> list[str]:
+    """Names of the layouts that the paper's authors published for so many levers."""
+    facts = room_facts()["layouts"]
+    if positions_for(schema) != len(PAPER_POSITIONS):
+        return []
+    return [name for name, roles in facts.items() if len(roles) == len(schema.levers)]
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """A schema in a layout: the machine's tables by position. S states, P positions.
+
+    Attributes:
+        fsm: The machine.
+        layout: Where its levers stand.
+    """
+
+    fsm: FSM
+    layout: Layout
+
+    @classmethod
+    def of(
+        cls,
+        schema: Schema,
+        layout: str | Mapping[str, str] | Layout,
+        positions: int | None = None,
+    ) -> Room:
+        """Compile a schema and put it into a layout."""
+        return cls(compile_schema(schema), Layout.of(schema, layout, positions))
+
+    @property
+    def schema(self) -> Schema:
+        """The schema that governs the room."""
+        return self.fsm.schema
+
+    @property
+    def positions(self) -> int:
+        """Number of positions, P."""
+        return self.layout.positions
+
+    @cached_property
+    def next_state(self) -> IntArray:
+        """``[S, 2P + 1]`` the state after an action that takes effect."""
+        stay = np.arange(self.fsm.states)[:, None]
+        return np.hstack([self.fsm.next_state, stay])[:, self.layout.role_actions()]
+
+    @cached_property
+    def chance(self) -> FloatArray:
+        """``[S, 2P + 1]`` the probability that the action takes effect."""
+        never = np.zeros((self.fsm.states, 1))
+        return np.hstack([self.fsm.chance, never])[:, self.layout.role_actions()]
+
+    @cached_property
+    def observation(self) -> NDArray[np.int8]:
+        """``[S, 2P + 2]`` what is seen in each state."""
+        return self.layout.observations(self.fsm, np.arange(self.fsm.states))
+
+    @property
+    def active(self) -> BoolArray:
+        """``[P]`` whether the lever at each position is active (grey)."""
+        active = np.zeros(self.positions, dtype=bool)
+        active[list(self.layout.places)] = True
+        return active
+
+    def action_of(self, levers: Sequence[str]) -> list[int]:
+        """The room's actions that push these levers and then the door."""
+        places = dict(zip(self.schema.levers, self.layout.places, strict=True))
+        return [*(places[lever] for lever in levers), 2 * self.positions]

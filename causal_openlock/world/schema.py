@@ -1,0 +1,360 @@
+"""A causal schema: which lever enables which, and what unlocks the door.
+
+A :class:`Schema` is a directed acyclic graph whose nodes are levers and one door. An edge
+``cause -> effect`` says that the cause, while it is pushed, *enables* the effect. How a node
+combines its causes is its :class:`Gate`: ``any`` one of them, ``all`` of them, or at least *k*.
+A lever without causes moves freely; a lever with causes moves, either way, only while its gate
+holds. The door is unlocked exactly while its gate holds: its lock is a function of where the
+levers stand now.
+
+The *strength* of an edge is the probability that an enabled push or pull takes effect through it.
+Each pushed cause transmits on its own with its strength, and the push or pull takes effect if as
+many transmit as the gate asks for: a noisy-OR under ``any``, a noisy-AND under ``all``. Strengths
+on edges into the door are about pushing the door open; whether it is unlocked never depends on
+chance.
+
+What a learner has to find out is derived from the graph, never typed by hand: the *solutions*,
+minimal sets of levers whose pushes unlock the door, and how long an attempt must be for each of
+them to fit.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.errors import SchemaError
+from causal_openlock.wording import counted, nearest
+
+DOOR = "door"
+MAX_LEVERS = 12
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+GATES = ("any", "all", "at_least")
+NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
+"""What no title may hold: control characters and halves of characters, which files refuse."""
+
+
+@dataclass(frozen=True)
+class Gate:
+    """How a node combines its causes.
+
+    Attributes:
+        kind: ``any``, ``all`` or ``at_least``.
+        k: For ``at_least``: how many causes must be pushed.
+    """
+
+    kind: str = "any"
+    k: int = 1
+
+    def threshold(self, causes: int) -> int:
+        """How many of ``causes`` causes must be pushed for the gate to hold."""
+        return {"any": 1, "all": causes}.get(self.kind, self.k)
+
+    def __str__(self) -> str:
+        return f"at least {self.k}" if self.kind == "at_least" else self.kind
+
+
+class Schema:
+    """A causal schema over levers and a door.
+
+    Args:
+        name: A short name: letters, digits and underscores, beginning with a letter.
+        levers: The active levers, in the order in which layouts place them.
+        edges: ``{cause: {effect: strength}}``, or ``{cause: [effects]}`` where all are certain.
+        gates: ``{node: Gate}`` for nodes whose gate is not ``any``.
+        inert: Levers that are meant to lie on no path to the door.
+        title: A line for tables and figures.
+
+    Raises:
+        SchemaError: If the graph has a cycle, names an unknown lever, never unlocks the door, or
+            breaks another rule; ``error.at`` says where.
+
+    Example:
+        >>> edges = {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]}
+        >>> cc3 = Schema("CC3", ["L0", "L1", "L2"], edges)
+        >>> cc3.solutions
+        (('L0', 'L1'), ('L0', 'L2'))
+        >>> cc3.least_action_limit
+        3
+    """
+
+    def __init__(
+        self,
+        name: str,
+        levers: Iterable[str],
+        edges: Mapping[str, Iterable[str] | Mapping[str, float]],
+        *,
+        gates: Mapping[str, Gate] | None = None,
+        inert: Iterable[str] = (),
+        title: str = "",
+    ) -> None:
+        self.name = name
+        self.title = title or name
+        self.levers = tuple(levers)
+        self.inert = tuple(inert)
+        self._check_names()
+        self.graph: nx.DiGraph = self._build(edges, dict(gates or {}))
+        self._check_causes()
+
+    # -- construction and its checks ------------------------------------------------------------
+
+    def _check_names(self) -> None:
+        if bad := NO_TEXT.search(self.title):
+            raise SchemaError(
+                f"the title holds the character U+{ord(bad[0]):04X}; take it out", ("title",)
+            )
+        if not NAME.fullmatch(self.name):
+            raise SchemaError(
+                f"the name {self.name!r} must begin with a letter and hold at most 64 letters, "
+                "digits and underscores",
+                ("name",),
+            )
+        if not self.levers:
+            raise SchemaError("a schema needs at least one lever", ("levers",))
+        if len(self.levers) > MAX_LEVERS:
+            raise SchemaError(
+                f"{len(self.levers)} levers are more than the {MAX_LEVERS} positions of the "
+                "largest room; leave some out",
+                ("levers",),
+            )
+        for index, lever in enumerate(self.levers):
+            at = ("levers", index)
+            if not NAME.fullmatch(lever):
+                raise SchemaError(f"{lever!r} is no name for a lever; write it like L0", at)
+            if lever == DOOR:
+                raise SchemaError("the door is no lever; take it out of the list of levers", at)
+            if lever in self.levers[:index]:
+                raise SchemaError(f"lever {lever} is listed twice; remove one of them", at)
+        for index, lever in enumerate(self.inert):
+            self._known(lever, ("inert", index), {*self.levers})
+            if lever in self.inert[:index]:
+                raise SchemaError(
+                    f"lever {lever} is listed twice; remove one of them", ("inert", index)
+                )
+
+    def _known(self, node: str, at: tuple[str | int, ...], known: set[str]) -> None:
+        if node not in known:
+            raise SchemaError(f"{node!r} is unknown here; {nearest(node, known)}", at)
+
+    def _build(
+        self,
+        edges: Mapping[str, Iterable[str] | Mapping[str, float]],
+        gates: dict[str, Gate],
+    ) -> nx.DiGraph:
+        graph = nx.DiGraph(name=self.name)
+        graph.add_nodes_from(self.levers, kind="lever")
+        graph.add_node(DOOR, kind="door")
+        for cause, effects in edges.items():
+            if cause == DOOR:
+                raise SchemaError("the door is an effect and enables nothing", ("edges", DOOR))
+            self._known(cause, ("edges", cause), {*self.levers})
+            strengths = effects if isinstance(effects, Mapping) else dict.fromkeys(effects, 1.0)
+            for effect, strength in strengths.items():
+                at = ("edges", cause, effect)
+                self._known(effect, at, {*self.levers, DOOR})
+                if not 0.0 < strength <= 1.0:
+                    raise SchemaError(
+                        f"the strength {strength} of {cause} -> {effect} must be above 0 and at "
+                        "most 1",
+                        (*at, "strength"),
+                    )
+                graph.add_edge(cause, effect, strength=float(strength))
+        for node, gate in gates.items():
+            self._known(node, ("gates", node), {*self.levers, DOOR})
+            causes = graph.in_degree(node)
+            if gate.kind not in GATES:
+                raise SchemaError(
+                    f"the gate of {node} is {gate.kind!r}; {nearest(gate.kind, GATES)}",
+                    ("gates", node),
+                )
+            if causes == 0 and node != DOOR:
+                raise SchemaError(
+                    f"{node} has a gate and no cause; give it a cause or drop the gate",
+                    ("gates", node),
+                )
+            if causes and not 1 <= gate.threshold(causes) <= causes:
+                raise SchemaError(
+                    f"the gate of {node} asks for at least {gate.k} of {causes} causes and can "
+                    f"never hold, so the schema makes no sense; ask for 1 to {causes}",
+                    ("gates", node),
+                )
+        nx.set_node_attributes(
+            graph, {node: gates.get(node, Gate()) for node in graph.nodes}, name="gate"
+        )
+        return nx.freeze(graph)
+
+    def _check_causes(self) -> None:
+        if not nx.is_directed_acyclic_graph(self.graph):
+            cycle = [cause for cause, _ in nx.find_cycle(self.graph)]
+            # Told from the lever that comes first, so that the same fault reads the same.
+            first = min(range(len(cycle)), key=lambda i: self.levers.index(cycle[i]))
+            cycle = cycle[first:] + cycle[:first]
+            raise SchemaError(
+                f"{' -> '.join([*cycle, cycle[0]])} is a cycle, and none of these levers could "
+                "move first; remove one of these edges",
+                ("edges", cycle[0], cycle[1 % len(cycle)]),
+            )
+        if not self.graph.in_degree(DOOR):
+            raise SchemaError(
+                "nothing unlocks the door; add an edge from a lever to door", ("edges",)
+            )
+        useful = nx.ancestors(self.graph, DOOR)
+        for lever in self.levers:
+            if lever not in useful and lever not in self.inert:
+                raise SchemaError(
+                    f"lever {lever} is on no path to the door; connect it or list it under inert",
+                    ("levers", self.levers.index(lever)),
+                )
+            if lever in useful and lever in self.inert:
+                raise SchemaError(
+                    f"lever {lever} leads to the door and cannot be inert; take it out of inert",
+                    ("inert", self.inert.index(lever)),
+                )
+
+    # -- the graph in words ---------------------------------------------------------------------
+
+    def causes(self, node: str) -> tuple[str, ...]:
+        """The levers that enable ``node``, in the order of :attr:`levers`."""
+        return tuple(sorted(self.graph.predecessors(node), key=self.levers.index))
+
+    def strengths(self, node: str) -> tuple[float, ...]:
+        """The strength of each edge into ``node``, in the order of :meth:`causes`."""
+        return tuple(self.graph.edges[cause, node]["strength"] for cause in self.causes(node))
+
+    def gate(self, node: str) -> Gate:
+        """How ``node`` combines its causes."""
+        gate: Gate = self.graph.nodes[node]["gate"]
+        return gate
+
+    def threshold(self, node: str) -> int:
+        """How many causes of ``node`` must be pushed; 0 for a free lever."""
+        causes = self.graph.in_degree(node)
+        return self.gate(node).threshold(causes) if causes else 0
+
+    @property
+    def deterministic(self) -> bool:
+        """Whether every strength is 1."""
+        return all(data["strength"] == 1.0 for *_, data in self.graph.edges(data=True))
+
+    # -- solutions ------------------------------------------------------------------------------
+
+    @cached_property
+    def solutions(self) -> tuple[tuple[str, ...], ...]:
+        """Minimal sets of levers whose pushes unlock the door, each in one order that works.
+
+        A set works if its levers can be pushed one after another, each enabled by those before
+        it, so that the door's gate holds in the end; it is minimal if none of its proper subsets
+        works. Levers can only be pushed causes first, so a set works exactly if every gate in it
+        is met by the set itself.
+        """
+        subsets = np.arange(1 << len(self.levers))
+        works = np.ones(len(subsets), dtype=bool)
+        for bit, lever in enumerate(self.levers):
+            holds = self._pushed_causes(lever, subsets) >= self.threshold(lever)
+            works &= holds | (subsets >> bit & 1 == 0)
+        works &= self._pushed_causes(DOOR, subsets) >= self.threshold(DOOR)
+        minimal: list[int] = []
+        for subset in sorted(subsets[works].tolist(), key=int.bit_count):
+            if not any(smaller & subset == smaller for smaller in minimal):
+                minimal.append(subset)
+        order = {lever: rank for rank, lever in enumerate(self._topological_levers)}
+        found = [
+            tuple(
+                sorted(
+                    (lever for bit, lever in enumerate(self.levers) if subset >> bit & 1),
+                    key=order.__getitem__,
+                )
+            )
+            for subset in minimal
+        ]
+        return tuple(sorted(found, key=lambda levers: [self.levers.index(x) for x in levers]))
+
+    def orders(self, solution: Iterable[str]) -> Iterator[tuple[str, ...]]:
+        """Every order in which the levers of ``solution`` can be pushed, one after another."""
+        wanted = frozenset(solution)
+
+        def extend(pushed: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+            if len(pushed) == len(wanted):
+                yield pushed
+                return
+            for lever in self.levers:
+                if lever in wanted and lever not in pushed:
+                    met = sum(cause in pushed for cause in self.causes(lever))
+                    if met >= self.threshold(lever):
+                        yield from extend((*pushed, lever))
+
+        return extend(())
+
+    @property
+    def least_action_limit(self) -> int:
+        """The fewest actions in which every solution fits, the push of the door included."""
+        return max(map(len, self.solutions)) + 1
+
+    def mask(self, levers: Iterable[str]) -> int:
+        """A set of levers as an integer: bit *i* is set if ``self.levers[i]`` is in it."""
+        return sum(1 << self.levers.index(lever) for lever in set(levers))
+
+    def _pushed_causes(self, node: str, pushed: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.bitwise_count(pushed & self.mask(self.causes(node))).astype(np.int64)
+
+    @cached_property
+    def _topological_levers(self) -> tuple[str, ...]:
+        ordered = nx.lexicographical_topological_sort(
+            self.graph, key=lambda node: MAX_LEVERS if node == DOOR else self.levers.index(node)
+        )
+        return tuple(node for node in ordered if node != DOOR)
+
+    # -- as data --------------------------------------------------------------------------------
+
+    def as_dict(self) -> dict[str, Any]:
+        """The schema as plain data, in the form of a schema file; equal schemas give equal data."""
+        data: dict[str, Any] = {"name": self.name}
+        if self.title != self.name:
+            data["title"] = self.title
+        data["levers"] = list(self.levers)
+        data["edges"] = {}
+        for cause in self.levers:
+            effects = sorted(self.graph.successors(cause), key=[*self.levers, DOOR].index)
+            strengths = {effect: self.graph.edges[cause, effect]["strength"] for effect in effects}
+            if all(strength == 1.0 for strength in strengths.values()):
+                written: Any = effects
+            else:
+                written = {
+                    effect: {} if strength == 1.0 else {"strength": strength}
+                    for effect, strength in strengths.items()
+                }
+            if effects:
+                data["edges"][cause] = written
+        gates = {
+            node: {"at_least": gate.k} if gate.kind == "at_least" else gate.kind
+            for node in [*self.levers, DOOR]
+            if (gate := self.gate(node)).kind != "any"
+        }
+        if gates:
+            data["gates"] = gates
+        if self.inert:
+            data["inert"] = list(self.inert)
+        return data
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Schema) and self.as_dict() == other.as_dict()
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        # Not hash(): that differs between processes, and this value travels with a pickled schema.
+        return zlib.crc32(repr((self.name, self.levers, sorted(self.graph.edges))).encode())
+
+    def __repr__(self) -> str:
+        levers, solutions = counted(len(self.levers), "lever"), len(self.solutions)
+        return f"<Schema {self.name}: {levers}, {counted(solutions, 'solution')}>"

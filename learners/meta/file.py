@@ -1,0 +1,147 @@
+"""The file that declares a meta-training: on which rooms, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from causal_openlock.errors import ExperimentError, LayoutError
+from causal_openlock.files.model_faults import StrictModel
+from causal_openlock.files.yaml_file import read_document
+from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.wording import nearest
+from causal_openlock.world.reference import room_facts
+from causal_openlock.world.rewards import find_reward
+from causal_openlock.world.room import PAPER_POSITIONS
+from learners.meta.random_schemas import random_schemas
+from learners.meta.rooms import Distribution
+
+Positive = Annotated[int, Field(ge=1)]
+Units = Annotated[int, Field(ge=1, le=1024)]  # as learners.networks.network_file reads them
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class RandomSchemas(StrictModel):
+    """Schemas drawn at random: any graph of levers and a door, with gates."""
+
+    number: Positive
+    levers: Annotated[list[Annotated[int, Field(ge=2, le=7)]], Field(min_length=1)]
+    seed: Annotated[int, Field(ge=0)] = 0
+    weight: Annotated[float, Field(gt=0, description="Of all of them together.")] = 1.0
+    excluded: Annotated[
+        list[str], Field(description="Schemas that none of them does the same as.")
+    ] = Field(default_factory=list)
+
+
+class RoomsFile(StrictModel):
+    """What rooms are drawn from."""
+
+    schemas: Annotated[
+        dict[str, Annotated[float, Field(gt=0)]],
+        Field(description="Name or path of a schema: its weight."),
+    ] = Field(default_factory=dict)
+    random_schemas: RandomSchemas | None = None
+    excluded_layouts: Annotated[
+        Literal["published"] | list[str],
+        Field(description="Where they place their levers, no grey levers ever stand."),
+    ] = "published"
+    placements: Annotated[
+        Positive | None, Field(description="In how many ways levers stand at all; null: in any.")
+    ] = None
+    attempt_limit: Positive = 30
+    trials: Annotated[
+        list[Positive],
+        Field(min_length=2, max_length=2, description="Fewest and most that a memory lasts for."),
+    ] = Field(default_factory=lambda: [1, 7])
+    change: Annotated[Share, Field(description="Chance that a trial has another schema.")] = 0.15
+    rewards: Annotated[
+        list[str],
+        Field(min_length=1, description="Reward functions to perceive, one in each life."),
+    ]
+
+
+class NetworkFile(StrictModel):
+    """Kind and sizes of the network: :class:`learners.networks.memories.Sizes`."""
+
+    kind: Literal["levers", "flat"] = "levers"
+    lever: Units = 32
+    room: Units = 48
+    reader: Units = 48
+
+
+class TrainingFile(StrictModel):
+    """A meta-training."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    rooms: RoomsFile
+    action_cost: Annotated[
+        float, Field(ge=0, description="Of every action; a new solution earns 1.")
+    ] = 0.02
+    at_once: Annotated[Positive, Field(description="Rooms at a time.")] = 512
+    steps: Annotated[Positive, Field(description="Of each room, in a rollout.")] = 45
+    actions: Annotated[Positive, Field(description="Of all rooms together, in all.")] = 20_000_000
+    network: NetworkFile = Field(default_factory=NetworkFile)
+    learning_rate: Annotated[float, Field(gt=0, description="At first; it falls to a tenth.")] = (
+        0.002
+    )
+    gamma: Share = 0.95
+    decay: Share = 0.95
+    clip: Annotated[float, Field(gt=0)] = 0.2
+    epochs: Positive = 2
+    minibatches: Positive = 4
+    entropy_start: Annotated[float, Field(ge=0)] = 0.01
+    entropy_end: Annotated[float, Field(ge=0)] = 0.001
+
+    def distribution(self, beside: Path) -> Distribution:
+        """What rooms are drawn from, with every name resolved."""
+        rooms = self.rooms
+        weights = {find_schema(name, [beside]): weight for name, weight in rooms.schemas.items()}
+        drawn = rooms.random_schemas
+        if drawn:
+            others = [find_schema(name, [beside]) for name in drawn.excluded]
+            for schema in random_schemas(drawn.number, drawn.levers, drawn.seed, others):
+                weights[schema] = drawn.weight / drawn.number
+        if not weights:
+            raise ExperimentError("there is no schema to train with; add one under rooms: schemas:")
+        if rooms.trials[0] > rooms.trials[1]:
+            raise ExperimentError("rooms: trials: are the fewest and the most; write [1, 7]")
+        for name in rooms.rewards:
+            find_reward(name)
+        return Distribution(
+            schemas=tuple(weights),
+            weights=tuple(weights.values()),
+            rewards=tuple(rooms.rewards),
+            attempt_limit=rooms.attempt_limit,
+            trials=(rooms.trials[0], rooms.trials[1]),
+            change=rooms.change,
+            excluded=excluded_places(rooms.excluded_layouts),
+            placements=rooms.placements,
+        )
+
+
+def excluded_places(names: str | Sequence[str]) -> frozenset[frozenset[int]]:
+    """The sets of positions at which these published layouts have their levers.
+
+    To leave out these sets is to leave out more than these layouts: the same levers in any other
+    order, and any other schema there.
+    """
+    known = room_facts()["layouts"]
+    listed = known if names == "published" else names
+    for name in listed:
+        if name not in known:
+            raise LayoutError(f"there is no layout {name!r}; {nearest(name, known)}")
+    return frozenset(
+        frozenset(PAPER_POSITIONS.index(place) for place in known[name].values()) for name in listed
+    )
+
+
+def read_training(path: Path | str) -> TrainingFile:
+    """Read a file that declares a meta-training.
+
+    Raises:
+        FileError: With line, column and remedy of every fault.
+    """
+    return read_document(path).validate(TrainingFile)

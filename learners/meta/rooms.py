@@ -1,0 +1,255 @@
+"""Many rooms at once, each time others: what meta-training plays in.
+
+A :class:`~causal_openlock.experiment.session.Session` plans every trial beforehand and keeps a
+record. Meta-training needs neither and goes through millions of rooms, so that they are drawn while
+it goes on. The tables of :mod:`causal_openlock.world.tables` hold each schema once, its levers at
+the first positions; where they stand in a trial is a permutation of the positions, applied to what
+is seen and done. What a learner is told has the same form as in a session.
+
+A *life* is what a memory lasts for: some trials, the first in a room of a schema that is drawn, and
+each of the others in another room of the same schema, or now and then of another one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from causal_openlock.contract.learner import Brief, Console, Step, View
+from causal_openlock.experiment.protocol import default_action_limit
+from causal_openlock.world.fsm import BoolArray, IntArray
+from causal_openlock.world.reward_table import RewardTable
+from causal_openlock.world.rewards import find_reward
+from causal_openlock.world.room import PAPER_POSITIONS, Layout, action_names
+from causal_openlock.world.schema import Schema
+from causal_openlock.world.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
+
+POSITIONS = len(PAPER_POSITIONS)
+_KEPT = (
+    *("_schema", "_reward", "_listed_at", "_bits", "_trial", "_trials", "_attempt", "_found"),
+    *("_found_count", "_previous", "_row", "life_over"),
+)
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """What rooms are drawn from.
+
+    Attributes:
+        schemas: The schemas.
+        weights: How often each is drawn, relative to the others.
+        rewards: Names of reward functions, one of which a life perceives.
+        attempt_limit: Attempts in a trial.
+        trials: The fewest and the most trials in a life.
+        change: Chance that a trial's schema is drawn anew, and not that of the one before.
+        excluded: Sets of positions at which a room's grey levers never stand.
+        placements: In how many ways levers are placed at all, whatever their number, drawn once;
+            ``None`` draws each room's anew.
+    """
+
+    schemas: tuple[Schema, ...]
+    weights: tuple[float, ...]
+    rewards: tuple[str, ...] = ("unique_solutions",)
+    attempt_limit: int = 30
+    trials: tuple[int, int] = (1, 7)
+    change: float = 0.15
+    excluded: frozenset[frozenset[int]] = frozenset()
+    placements: int | None = None
+
+
+class MetaRooms:
+    """B rooms that go on for ever.
+
+    Args:
+        distribution: What they are drawn from.
+        rooms: How many at once, B.
+        generator: Draws them.
+
+    Attributes:
+        brief: What a learner is told before it starts.
+        view: What is perceived now.
+        life_over: ``[B]`` whether the memory's life ended with the last step.
+        last_schema: ``[B]`` index of the schema of the room in which the last step was taken.
+        last_solved: ``[B]`` whether everything was found in that room.
+    """
+
+    def __init__(
+        self,
+        distribution: Distribution,
+        rooms: int,
+        generator: np.random.Generator,
+    ) -> None:
+        self.distribution, self.generator = distribution, generator
+        self._levers = np.array([len(schema.levers) for schema in distribution.schemas])
+        tables = RoomTables(POSITIONS)
+        listed = [
+            (schema, Layout(tuple(range(levers)), POSITIONS), default_action_limit(schema))
+            for schema, levers in zip(distribution.schemas, self._levers.tolist(), strict=True)
+        ]
+        self._listed = tables.add(listed)
+        self._tables = tables
+        weights = np.array(distribution.weights, dtype=float)
+        self._reached = np.cumsum(weights / weights.sum())
+        self._rewards = [RewardTable(find_reward(name), tables) for name in distribution.rewards]
+        self._forbidden = np.zeros(1 << POSITIONS, dtype=bool)
+        for places in distribution.excluded:
+            self._forbidden[sum(1 << place for place in places)] = True
+        # By the number of levers, if there are only so many placements: [8, placements, 7].
+        counts = np.repeat(np.arange(POSITIONS + 1), distribution.placements or 0)
+        self._known_places = self._new_places(counts).reshape(POSITIONS + 1, -1, POSITIONS)
+        self.brief = Brief(
+            subjects=rooms,
+            positions=POSITIONS,
+            action_names=action_names(POSITIONS),
+            action_limit=int(tables.action_limit.max()),
+            attempt_limit=distribution.attempt_limit,
+            trials=distribution.trials[1],
+            generators=(),
+        )
+        self._everyone = np.arange(rooms)
+        self._schema = np.zeros(rooms, dtype=np.int64)
+        self._reward = np.zeros(rooms, dtype=np.int64)
+        # Which listed position stands at each of the room's, and by action.
+        self._listed_at = np.zeros((rooms, POSITIONS), dtype=np.int64)
+        self._bits = np.zeros((rooms, 2 * POSITIONS + 2), dtype=np.int64)
+        self._bits[:, -2:] = 2 * POSITIONS, 2 * POSITIONS + 1
+        self._trial = np.ones(rooms, dtype=np.int64)
+        self._trials = np.ones(rooms, dtype=np.int64)
+        self._attempt = np.ones(rooms, dtype=np.int64)
+        self._found = np.zeros((rooms, int(tables.solutions.max())), dtype=bool)
+        self._found_count = np.zeros(rooms, dtype=np.int64)
+        self._previous = np.full(rooms, -1, dtype=np.int64)
+        self._row = np.zeros(rooms, dtype=np.int64)
+        self._playing = np.ones(rooms, dtype=bool)
+        self.life_over = np.zeros(rooms, dtype=bool)
+        self.last_solved = np.zeros(rooms, dtype=bool)
+        self.last_schema = self._schema.copy()
+        self._new_trials(self._everyone, self._everyone >= 0)
+        self.view = self._perceive()
+
+    @property
+    def schema(self) -> IntArray:
+        """``[B]`` index of the schema of each room."""
+        return self._schema.copy()
+
+    @property
+    def layout(self) -> IntArray:
+        """``[B, 7]`` which lever of its schema stands where; -1 where none does."""
+        levers = self._levers[self._schema][:, None]
+        return np.where(self._listed_at < levers, self._listed_at, -1)
+
+    def _new_trials(self, who: IntArray, lives: BoolArray) -> None:
+        """Begin a trial for some rooms, ``who``; ``lives``: for which of them a new life too."""
+        known, generator = self.distribution, self.generator
+        least, most = known.trials
+        drawn = np.searchsorted(self._reached, generator.random(len(who)), side="right")
+        changes = lives | (generator.random(len(who)) < known.change)
+        schema = np.where(changes, np.minimum(drawn, len(self._levers) - 1), self._schema[who])
+        length = generator.integers(least, most + 1, len(who))
+        reward = generator.integers(len(self._rewards), size=len(who))
+        self._schema[who] = schema
+        self._trials[who] = np.where(lives, length, self._trials[who])
+        self._reward[who] = np.where(lives, reward, self._reward[who])
+        self._trial[who] = np.where(lives, 1, self._trial[who] + 1)
+        places = self._places(self._levers[schema])
+        listed_at = np.empty_like(places)
+        np.put_along_axis(listed_at, places, np.arange(POSITIONS)[None], axis=1)
+        self._listed_at[who] = listed_at
+        self._bits[who, :POSITIONS] = listed_at
+        self._bits[who, POSITIONS : 2 * POSITIONS] = listed_at + POSITIONS
+        self._attempt[who] = 1
+        self._found[who] = False
+        self._found_count[who] = 0
+        self._previous[who] = -1
+        self._row[who] = self._tables.start[self._listed[schema]]
+
+    def _places(self, levers: IntArray) -> IntArray:
+        """``[n, 7]`` positions for rooms of so many levers, ``[n]``."""
+        if (known := self._known_places.shape[1]) == 0:
+            return self._new_places(levers)
+        return self._known_places[levers, self.generator.integers(known, size=len(levers))]
+
+    def _new_places(self, levers: IntArray) -> IntArray:
+        """``[n, 7]`` random positions; the first ``levers`` of each row are no excluded set."""
+        places = np.empty((len(levers), POSITIONS), dtype=np.int64)
+        due = np.arange(len(levers))
+        while len(due):
+            places[due] = self.generator.random((len(due), POSITIONS)).argsort(axis=1)
+            inside = np.arange(POSITIONS) < levers[due, None]
+            sets = ((1 << places[due]) * inside).sum(axis=1)
+            due = due[self._forbidden[sets]]
+        return places
+
+    def _perceive(self) -> View:
+        tables = self._tables
+        seen = np.take_along_axis(tables.observation.take(self._row, axis=0), self._bits, axis=1)
+        return View(
+            observation=seen,
+            console=Console(
+                solutions_left=tables.solutions[self._listed[self._schema]] - self._found_count,
+                solutions_found=self._found_count.copy(),
+                attempts_left=self.distribution.attempt_limit + 1 - self._attempt,
+                actions_left=tables.status.take(self._row) & ACTIONS_LEFT,
+            ),
+            trial=self._trial.copy(),
+            attempt=self._attempt.copy(),
+            playing=self._playing,
+        )
+
+    def step(self, action: IntArray) -> Step:
+        """Take one action, ``[B]``, in each room."""
+        tables, view = self._tables, self.view
+        # The door's bit stands behind all levers, where the actions have the door itself.
+        listed = self._bits[self._everyone, np.where(action == 2 * POSITIONS, -2, action)]
+        choice = tables.choice(self._row, listed)
+        luck = self.generator.random(len(action)) if tables.stochastic else None
+        after, status = tables.step(choice, luck)
+        experienced = np.flatnonzero((status >= UNLOCKED) & (self._found_count > 0))
+        history = choice, after, self._previous, self._found, experienced
+        paid = np.stack([reward.pay(*history) for reward in self._rewards])
+        paid = paid[self._reward, self._everyone]
+        outcome = np.take_along_axis(tables.observation.take(after, axis=0), self._bits, axis=1)
+        self._row, self._previous = after, listed
+        attempt_over = status & ACTIONS_LEFT == 0
+        ended = np.flatnonzero(attempt_over)
+        trial_over = np.zeros(len(action), dtype=bool)
+        new = np.zeros(len(action), dtype=bool)
+        if len(ended):
+            self._end_attempts(ended, trial_over, new)
+        self.last_schema = self._schema.copy()
+        self.last_solved = self._found_count == tables.solutions[self._listed[self._schema]]
+        self.life_over = trial_over & (self._trial >= self._trials)
+        over = np.flatnonzero(trial_over)
+        if len(over):
+            self._new_trials(over, self.life_over[over])
+        self.view = self._perceive()
+        return Step(view, action, outcome, paid, attempt_over, trial_over, new, self.view)
+
+    def _end_attempts(self, ended: IntArray, trial_over: BoolArray, new: BoolArray) -> None:
+        tables, row = self._tables, self._row[ended]
+        solution = np.where(tables.opened[row], tables.solution[row], -1)
+        is_new = (solution >= 0) & ~self._found[ended, solution]
+        new[ended] = is_new
+        self._found[ended[is_new], solution[is_new]] = True
+        self._found_count[ended] += is_new
+        room = self._listed[self._schema[ended]]
+        trial_over[ended] = (self._attempt[ended] >= self.distribution.attempt_limit) | (
+            self._found_count[ended] == tables.solutions[room]
+        )
+        self._attempt[ended] += 1
+        self._row[ended] = tables.start[room]
+        self._previous[ended] = -1
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where every room stands, and what draws the next ones."""
+        kept: dict[str, Any] = {name: getattr(self, name).copy() for name in _KEPT}
+        return kept | {"generator": self.generator.bit_generator.state}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        for name in _KEPT:
+            getattr(self, name)[:] = state[name]
+        self.generator.bit_generator.state = state["generator"]
+        self.view = self._perceive()

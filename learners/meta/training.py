@@ -1,0 +1,276 @@
+"""Meta-training of ``rl2``: one memory, trained in very many rooms, in none of which it stays.
+
+RL² (Duan et al., 2016; Wang et al., 2016): a recurrent network is trained by policy gradient over
+many tasks. Its weights come to hold how to find out; what holds in the room at hand, it finds out
+with its memory, while the weights stay as they are. Which rooms it meets is declared in a YAML
+file::
+
+    python -m learners.meta.training experiments/meta_training/rl2.yaml --out rl2.npz
+
+A solution that is new in the trial earns 1, and every action costs a little. Unlocking the door
+earns nothing: where it was paid for too, as by the paper's rewards, the network came to unlock it
+again and again and to open it at the last moment.
+
+The file that is written holds the weights, the sizes of the network and the file it was trained
+by. Beside it stands another one, with which a training that was interrupted goes on as if it had
+not been: run the same command again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from causal_openlock.contract.learner import View
+from causal_openlock.errors import ExperimentError, Interrupted, OpenLockError
+from causal_openlock.files.state import StateError, read_state, write_state
+from causal_openlock.files.whole import replacing
+from causal_openlock.formats.schema_file import bundled
+from causal_openlock.world.fsm import BoolArray
+from learners.meta.file import TrainingFile, read_training
+from learners.meta.rooms import MetaRooms
+from learners.networks.actor_critic import PolicyGradient, Rollout, Trainer, chosen, log_chance
+from learners.networks.denormals import denormals_flushed
+from learners.networks.memories import Sizes, make_memory
+from learners.networks.network_file import write_network
+from learners.networks.perception import Perception
+
+TOLD_EVERY = 10.0
+"""Seconds between two lines of progress; what an interrupted training goes on from is saved too."""
+
+
+class MetaTraining:
+    """A meta-training that can be interrupted after any update.
+
+    Args:
+        file: What is trained, and on what.
+        beside: Folder in which schemas are searched first.
+    """
+
+    def __init__(self, file: TrainingFile, beside: Path = Path()) -> None:
+        self.file = file
+        weights, rooms, policy, order = np.random.default_rng(file.seed).spawn(4)
+        self.rooms = MetaRooms(file.distribution(beside), file.at_once, rooms)
+        self.network = make_memory(
+            Sizes(**file.network.model_dump()), self.rooms.brief.positions, [weights]
+        )
+        self.trainer = Trainer(
+            self.network,
+            PolicyGradient(
+                learning_rate=file.learning_rate,
+                gamma=file.gamma,
+                decay=file.decay,
+                clip=file.clip,
+                epochs=file.epochs,
+                minibatches=file.minibatches,
+            ),
+        )
+        self.perception = Perception(self.rooms.brief)
+        size = self.network.state_size(self.rooms.brief.positions)
+        self._memory = torch.zeros(1, file.at_once, size)
+        self._fresh = np.zeros(file.at_once, dtype=bool)
+        self._policy, self._order = policy, order
+        self.updates = 0
+        # Of each schema: trials that ended, how many were solved, their attempts.
+        self.tally = np.zeros((3, len(self.rooms.distribution.schemas)))
+
+    @property
+    def actions(self) -> int:
+        """Actions taken so far in all rooms together."""
+        return self.updates * self.file.steps * self.file.at_once
+
+    @property
+    def over(self) -> bool:
+        """Whether all actions that were asked for are taken."""
+        return self.actions >= self.file.actions
+
+    @torch.no_grad()
+    def rollout(self) -> Rollout:
+        """Play on in all rooms for some steps."""
+        file, rooms = self.file, self.rooms
+        state = self._memory
+        kept: list[dict[str, Any]] = []
+        for _ in range(file.steps):
+            view, fresh = rooms.view, self._fresh
+            inputs = self.perception.inputs(view)
+            seen = torch.from_numpy(inputs)[None, None]
+            logits, value, self._memory = self.network(
+                seen, self._memory, torch.from_numpy(fresh)[None, None]
+            )
+            action = chosen(logits[0, 0].numpy(), self._policy.random(file.at_once))
+            step = rooms.step(action)
+            self._count(step.trial_over, view)
+            kept.append(
+                {
+                    "inputs": inputs,
+                    "fresh": fresh,
+                    "action": action,
+                    "log_chance": log_chance(logits[0, 0].numpy(), action),
+                    "value": value[0, 0].numpy(),
+                    "reward": (step.new_solution - file.action_cost).astype(np.float32),
+                    "over": step.trial_over,
+                }
+            )
+            self.perception.note(step)
+            self.perception.forget(rooms.life_over)
+            self._fresh = rooms.life_over
+        seen = torch.from_numpy(self.perception.inputs(rooms.view))[None, None]
+        forgets = torch.from_numpy(self._fresh)[None, None]
+        _, bootstrap, _ = self.network(seen, self._memory, forgets)
+        stacked = {
+            name: torch.from_numpy(np.stack([happened[name] for happened in kept])[None])
+            for name in kept[0]
+        }
+        counts = torch.ones_like(stacked["over"])
+        return Rollout(**stacked, state=state, counts=counts, bootstrap=bootstrap[:, 0])
+
+    def _count(self, over: BoolArray, view: View) -> None:
+        rooms = self.rooms
+        for row, worth in enumerate((over, rooms.last_solved & over, over * view.attempt)):
+            self.tally[row] += np.bincount(
+                rooms.last_schema, weights=worth, minlength=self.tally.shape[1]
+            )
+
+    def update(self) -> dict[str, float]:
+        """One rollout, and what is learned from it."""
+        file = self.file
+        course = min(self.actions / file.actions, 1.0)
+        entropy = file.entropy_start + (file.entropy_end - file.entropy_start) * course
+        for group in self.trainer.optimiser.param_groups:
+            group["lr"] = file.learning_rate * (1.0 - 0.9 * course)
+        told = self.trainer.update(self.rollout(), entropy, self._order)
+        self.updates += 1
+        return told
+
+    def progress(self) -> str:
+        """How trials went since this was last asked."""
+        trials, solved, attempts = self.tally.sum(axis=1)
+        self.tally[:] = 0.0
+        share = f"{self.actions / 1e6:.1f} of {self.file.actions / 1e6:.1f} million actions"
+        if not trials:
+            return share
+        mean = f"{attempts / trials:.2f} attempts a trial"
+        return f"{share}: {mean}, {solved / trials:.1%} of trials solved"
+
+    def save(self, path: Path | str) -> None:
+        """Write the network, as :mod:`learners.networks.network_file` reads it."""
+        about = {"actions": self.actions, "training": self.file.model_dump()}
+        write_network(path, self.network, self.rooms.brief.positions, about)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything, so that the training goes on as if it had not been interrupted."""
+        return {
+            "file": self.file.model_dump_json(),
+            "trainer": self.trainer.state_dict(),
+            "rooms": self.rooms.state_dict(),
+            "perception": self.perception.state_dict(),
+            "memory": self._memory,
+            "fresh": self._fresh,
+            "generators": [g.bit_generator.state for g in (self._policy, self._order)],
+            "updates": self.updates,
+            "tally": self.tally,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.trainer.load_state_dict(state["trainer"])
+        self.rooms.load_state_dict(state["rooms"])
+        self.perception.load_state_dict(state["perception"])
+        self._memory, self._fresh = state["memory"].clone(), state["fresh"].copy()
+        for generator, kept in zip((self._policy, self._order), state["generators"], strict=True):
+            generator.bit_generator.state = kept
+        self.updates, self.tally = state["updates"], state["tally"].copy()
+
+
+def save_training(path: Path, training: MetaTraining) -> None:
+    """Write everything that an interrupted training needs to go on."""
+    with replacing(path) as file:
+        write_state(file, training.state_dict())
+
+
+def resume_training(path: Path, training: MetaTraining) -> None:
+    """Go on from what :func:`save_training` has written.
+
+    Raises:
+        ExperimentError: If another training was interrupted there, or the file is damaged.
+    """
+    try:
+        state = read_state(path)
+    except StateError as error:
+        raise ExperimentError(f"{error}; remove it to begin anew") from None
+    if state["file"] != training.file.model_dump_json():
+        raise ExperimentError(
+            f"{path} is left from a training by another file; remove it, or choose another --out"
+        )
+    training.load_state_dict(state)
+
+
+def train(training: MetaTraining, out: Path, log: Callable[[str], None]) -> None:
+    """Train to the end, and write the network.
+
+    Args:
+        training: What to train; it goes on if it was interrupted.
+        out: The checkpoint to write; ``OUT.training`` stands beside it until the end.
+        log: Takes lines of progress.
+    """
+    interrupted = out.with_name(f"{out.name}.training")
+    if interrupted.exists():
+        resume_training(interrupted, training)
+        log(f"goes on from {interrupted}")
+    began = told = time.monotonic()
+    before = training.actions
+    while not training.over:
+        said = training.update()
+        now = time.monotonic()
+        if now - told >= TOLD_EVERY or training.over:
+            told = now
+            speed = (training.actions - before) / (now - began)
+            log(f"{training.progress()}, entropy {said['entropy']:.2f}, {speed:,.0f} actions/s")
+            save_training(interrupted, training)
+    training.save(out)
+    interrupted.unlink(missing_ok=True)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """``python -m learners.meta.training FILE --out CHECKPOINT``."""
+    parser = argparse.ArgumentParser(
+        prog="python -m learners.meta.training",
+        description="Train the network of rl2; run it again to go on where it was interrupted.",
+    )
+    default = bundled("experiments") / "meta_training" / "rl2.yaml"
+    parser.add_argument(
+        "file", nargs="?", type=Path, default=default, help="by default %(default)s"
+    )
+    parser.add_argument("--out", type=Path, required=True, help="checkpoint to write")
+    parser.add_argument("--seed", type=int, help="in place of the file's")
+    parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
+    options = parser.parse_args(words)
+    torch.set_num_threads(options.threads)
+    try:
+        file = read_training(options.file)
+        if options.seed is not None:
+            file = file.model_copy(update={"seed": options.seed})
+        with denormals_flushed():
+            train(
+                MetaTraining(file, options.file.parent),
+                options.out,
+                lambda line: print(line, flush=True),
+            )
+    except OpenLockError as error:
+        print(error, file=sys.stderr)
+        return error.status
+    except KeyboardInterrupt:
+        print("interrupted; run the same command to go on", file=sys.stderr)
+        return Interrupted.status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Networks of many subjects trained side by side, and what they learn from."""

@@ -1,0 +1,151 @@
+"""Double Q-learning for N agents on a GPU, replayed as one CUDA graph.
+
+On a GPU an update of small networks is dozens of kernels of a few microseconds each, and starting
+them from Python takes longer than they do. A CUDA graph records them once and starts them all with
+one call. It can only hold what does not depend on the data: the same shapes at the same addresses
+every time, and nothing that waits for a result. So :class:`CapturedDoubleQ` does not look for the
+distinct observations of a minibatch, as :class:`~learners.networks.stacked.StackedDoubleQ` does,
+but evaluates the whole table for every agent, padded so that it seldom grows (or, where the table
+is larger than that, what each transition holds). The numbers are the same.
+
+The capture itself is not covered by the tests: they run the same steps of fixed shape on a CPU,
+where a step is called and not captured.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from learners.networks.replay import Batch
+from learners.networks.stacked import LARGE_TABLE, Lookup, StackedDoubleQ
+
+LEAST_TABLE = 64
+"""Rows of the padded table at first; it doubles whenever it is full."""
+WARM_UP = 3
+"""Calls before the capture, in which libraries choose their kernels and the optimiser its state."""
+
+Step = Callable[..., Tensor]
+
+
+class Captured:
+    """A step on tensors, replayed from a CUDA graph where there is one.
+
+    The first calls run the step as it is, on a stream of their own, and count like all others. Then
+    it is captured, which runs nothing, and replayed from there on. If it cannot be captured, a
+    warning says so once and the step goes on being called.
+
+    Args:
+        step: Takes tensors of the same shapes at every call and returns one; what else it reads and
+            writes must stay where it is.
+        device: Where it runs. Anything but a GPU calls the step and captures nothing.
+    """
+
+    def __init__(self, step: Step, device: torch.device) -> None:
+        self._step = step
+        self._captures = device.type == "cuda"
+        self._calls = 0
+        self._replay: Callable[[], None] | None = None
+
+    def __call__(self, *given: Tensor) -> Tensor:
+        """What the step returns; after the capture, a tensor that the next call overwrites."""
+        if not self._captures:
+            return self._step(*given)
+        self._calls += 1
+        if self._calls <= WARM_UP:
+            return self._aside(*given)
+        if self._replay is None:
+            try:
+                self._capture(given)
+            except RuntimeError as error:
+                self._captures = False
+                warnings.warn(
+                    f"training goes on without a CUDA graph, and slower: {error}",
+                    RuntimeWarning,
+                    stacklevel=2,
+                )
+                return self._step(*given)
+        for kept, new in zip(self._given, given, strict=True):
+            kept.copy_(new)
+        assert self._replay is not None
+        self._replay()
+        return self._returned
+
+    def _aside(self, *given: Tensor) -> Tensor:
+        stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+        present = torch.cuda.current_stream()
+        stream.wait_stream(present)
+        with torch.cuda.stream(stream):
+            returned = self._step(*given)
+        present.wait_stream(stream)
+        return returned
+
+    def _capture(self, given: tuple[Tensor, ...]) -> None:
+        self._given = [tensor.clone() for tensor in given]
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            self._returned = self._step(*self._given)
+        self._replay = graph.replay
+
+
+class CapturedDoubleQ(StackedDoubleQ):
+    """A :class:`~learners.networks.stacked.StackedDoubleQ` whose shapes do not depend on the data.
+
+    Its arguments are the same, and so are its numbers but for rounding.
+    """
+
+    _padded: Tensor | None = None
+
+    def observe(self, table: Tensor) -> None:
+        """Take over the table of observations, padded with zeros."""
+        rows = LEAST_TABLE
+        while rows < len(table):
+            rows *= 2
+        if self._padded is None or len(self._padded) != rows:
+            self._padded = self.online.parameters.new_zeros(rows, self.online.sizes[0])
+            # Captured steps hold the old table's address.
+            self._captured: dict[tuple[object, ...], Captured] = {}
+            self._values: Tensor | None = None
+        self._padded.zero_()
+        self._padded[: len(table)] = table.to(self._padded)
+        self._table = self._padded
+        self._forget_judged()
+
+    def _forget_judged(self) -> None:
+        """Judge the table anew, in the place where captured steps read it."""
+        if len(self._table) > LARGE_TABLE:
+            self._judged = None
+        elif self._values is None:
+            self._values = self._judged = self.target(self._table)
+        else:
+            self._judged = self._values.copy_(self.target(self._table))
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        super().load_state_dict(state)
+        self._captured = {}  # what the optimiser remembers has moved
+
+    def _look_up(self, batch: Batch) -> Lookup:
+        agents, many = batch.before.shape
+        device = batch.before.device
+        if len(self._table) <= 2 * many:
+            rows = torch.arange(len(self._table), device=device).expand(agents, -1)
+            return Lookup(rows, batch.before, batch.after)
+        column = torch.arange(2 * many, device=device).expand(agents, -1)
+        rows = torch.cat([batch.before, batch.after], dim=1)
+        return Lookup(rows, *(part.contiguous() for part in column.chunk(2, dim=1)))
+
+    def _train(self, batch: Batch, trains: Tensor | None) -> Tensor:
+        given = (*batch, *(() if trains is None else (trains,)))
+        shapes = tuple(tensor.shape for tensor in given)
+        if shapes not in self._captured:
+            self._captured[shapes] = Captured(self._step, self.online.parameters.device)
+        return self._captured[shapes](*given)
+
+    def _step(self, *given: Tensor) -> Tensor:
+        parts = len(Batch._fields)
+        return super()._train(Batch(*given[:parts]), *(given[parts:] or (None,)))

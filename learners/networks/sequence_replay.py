@@ -1,0 +1,154 @@
+"""Replay of sequences, for learners with memory, for B subjects at once.
+
+Each subject has a ring of its steps in the order in which they happened. With every step is kept
+the state that the subject's memory had before it, so that any step can begin a sequence. What lies
+between two resets of the memory is a segment (a trial, or a whole condition), and no sequence
+reaches out of its segment: what was forgotten there must not be remembered here.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """M sequences for each of N agents: K steps of burn-in, U steps to learn from, and one more.
+
+    Time is the second axis. The steps to learn from stand in the columns from K on. A sequence
+    that has fewer steps is filled up with copies of its first step to learn from, which
+    ``burns_in`` and ``counts`` leave out.
+
+    Attributes:
+        inputs: ``[N, K + U + 1, M, in]`` what was perceived; the last is what follows step U.
+        state: ``[N, M, S]`` the memory's state before the first step that is there.
+        burns_in: ``[N, K, M]`` whether the step is there.
+        action: ``[N, U, M]`` what was done.
+        reward: ``[N, U, M]`` what it earned.
+        goes_on: ``[N, U, M]`` 1 where there is a value after it, 0 where the target ends.
+        counts: ``[N, U, M]`` 1 where the step is there, 0 elsewhere.
+    """
+
+    inputs: Floats
+    state: Floats
+    burns_in: BoolArray
+    action: IntArray
+    reward: Floats
+    goes_on: Floats
+    counts: Floats
+
+
+class SequenceReplay:
+    """B rings of steps, one for each subject.
+
+    Args:
+        subjects: B.
+        capacity: Steps that each ring holds; a new one then overwrites the oldest.
+        burn_in: K, steps before those to learn from.
+        unroll: U, steps to learn from.
+        inputs: Numbers perceived at a time.
+        state: Numbers in a memory's state.
+
+    Attributes:
+        count: ``[B]`` steps of each subject so far, those overwritten included.
+    """
+
+    def __init__(
+        self, subjects: int, capacity: int, burn_in: int, unroll: int, inputs: int, state: int
+    ) -> None:
+        self.capacity, self.burn_in, self.unroll = capacity, burn_in, unroll
+        self.count: IntArray = np.zeros(subjects, dtype=np.int64)
+        self._segment: IntArray = np.zeros(subjects, dtype=np.int64)
+        self._begins = np.zeros((subjects, capacity), dtype=np.int64)
+        self._inputs = np.zeros((subjects, capacity, inputs), dtype=np.float32)
+        self._state = np.zeros((subjects, capacity, state), dtype=np.float32)
+        self._action = np.zeros((subjects, capacity), dtype=np.int64)
+        self._reward = np.zeros((subjects, capacity), dtype=np.float32)
+        self._goes_on = np.zeros((subjects, capacity), dtype=np.float32)
+
+    def add(
+        self,
+        who: IntArray,
+        inputs: Floats,
+        state: Floats,
+        action: IntArray,
+        reward: FloatArray,
+        goes_on: BoolArray,
+        resets: BoolArray,
+    ) -> None:
+        """Add one step for each of the subjects ``who``; all arguments are as long.
+
+        Args:
+            who: Indices of the subjects.
+            inputs: What was perceived.
+            state: The memory's state before that.
+            action: What was done.
+            reward: What it earned.
+            goes_on: Whether there is a value after it.
+            resets: Whether the memory was reset after it; such a step must not go on.
+        """
+        slot = self.count[who] % self.capacity
+        self._begins[who, slot] = self._segment[who]
+        self._inputs[who, slot] = inputs
+        self._state[who, slot] = state
+        self._action[who, slot] = action
+        self._reward[who, slot] = reward
+        self._goes_on[who, slot] = goes_on
+        self.count[who] += 1
+        self._segment[who] = np.where(resets, self.count[who], self._segment[who])
+
+    def sample(self, luck: FloatArray) -> Sequences:
+        """Sequences drawn with replacement, for each subject from its own ring.
+
+        A step is drawn, and then where in the sequence it stands. The newest step is never learned
+        from, since what follows it is not known yet.
+
+        Args:
+            luck: ``[B, 2 M]`` uniform numbers in [0, 1).
+        """
+        which, where = np.split(luck, 2, axis=1)
+        # Steps are numbered from a subject's first, and stand in the ring at their remainder.
+        newest = self.count[:, None] - 1
+        oldest = np.maximum(self.count[:, None] - self.capacity, 0)
+        drawn = oldest + (which * np.maximum(newest - oldest, 0)).astype(np.int64)
+        segment = np.take_along_axis(self._begins, drawn % self.capacity, axis=1)
+        first = np.maximum(segment, oldest)
+        start = np.maximum(drawn - (where * self.unroll).astype(np.int64), first)
+
+        subject = np.arange(len(self.count))[:, None, None]
+        column = np.arange(-self.burn_in, self.unroll + 1)[None, :, None]
+        step = start[:, None] + column
+        inside = (
+            (step >= first[:, None])
+            & (step <= newest[:, None])
+            & (self._begins[subject, step % self.capacity] == segment[:, None])
+        )
+        slot = np.where(inside, step, start[:, None]) % self.capacity
+        learned = slot[:, self.burn_in : -1]
+        begins = np.maximum(start - self.burn_in, first) % self.capacity
+        return Sequences(
+            inputs=self._inputs[subject, slot],
+            state=self._state[subject[:, 0], begins],
+            burns_in=inside[:, : self.burn_in],
+            action=self._action[subject, learned],
+            reward=self._reward[subject, learned],
+            goes_on=self._goes_on[subject, learned],
+            counts=(inside & (step < newest[:, None]))[:, self.burn_in : -1].astype(np.float32),
+        )
+
+    def state_dict(self) -> dict[str, Any]:
+        """The rings as they are now, for a checkpoint."""
+        return copy.deepcopy(vars(self))
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        vars(self).update(copy.deepcopy(state))

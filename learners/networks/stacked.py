@@ -1,0 +1,339 @@
+"""Many small networks as one: stacked parameters, one matrix product for all agents.
+
+N agents with networks of the same shape keep their weights as ``[N, in, out]`` tensors, so that a
+batched matrix product evaluates all of them and one optimiser step trains all of them. Nothing is
+shared: an agent's gradient comes from its own loss alone.
+
+At this size, recording what autograd needs and allocating gradients anew takes as long as the
+arithmetic. So the gradient of these plain layers is written out (:meth:`StackedMLP.backward`); the
+tests hold it against autograd's.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from itertools import pairwise, zip_longest
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from learners.networks.replay import Batch
+
+Device = Literal["auto", "cpu", "cuda"]
+Optimiser = Literal["adam", "rmsprop", "sgd"]
+Loss = Literal["huber", "squared"]
+
+LARGE_TABLE = 1000
+"""Observations from which on the target network no longer judges all of them ahead of time."""
+
+
+def find_device(name: Device) -> torch.device:
+    """The device of that name; ``auto`` is a GPU where there is one."""
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    return torch.device(name)
+
+
+class StackedMLP:
+    """N multi-layer perceptrons with ReLU between the layers and a linear output.
+
+    Args:
+        sizes: Width of the input, of each hidden layer and of the output.
+        generators: One source of initial weights for each agent.
+        device: Where the parameters are kept.
+
+    Attributes:
+        parameters: All parameters of all agents in one piece, which an optimiser and a copy go
+            through fastest.
+        weights: ``[N, in, out]`` of each layer: parts of ``parameters``.
+        biases: ``[N, 1, out]`` of each layer.
+    """
+
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        generators: Sequence[np.random.Generator],
+        device: torch.device | str | None = None,
+    ) -> None:
+        self.sizes = tuple(sizes)
+        self.agents = len(generators)
+        drawn = []
+        for width_in, width_out in pairwise(sizes):
+            # Uniform within 1/sqrt(fan in), as torch initialises a single linear layer.
+            bound = width_in**-0.5
+            for rows in (width_in, 1):
+                part = [rng.uniform(-bound, bound, (rows, width_out)) for rng in generators]
+                drawn.append(np.ravel(part))
+        flat = torch.from_numpy(np.concatenate(drawn)).to(device, torch.get_default_dtype())
+        self._keep(flat)
+
+    def _keep(self, flat: Tensor) -> None:
+        self.parameters = flat
+        self.weights, self.biases = self.layers_of(flat)
+        flat.grad = torch.zeros_like(flat)
+        self._gradients = self.layers_of(flat.grad)
+
+    def layers_of(self, flat: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+        """Weights and biases, by layer, in a piece that is laid out like ``parameters``."""
+        shapes = [
+            (self.agents, rows, width_out)
+            for width_in, width_out in pairwise(self.sizes)
+            for rows in (width_in, 1)
+        ]
+        parts = torch.split(flat, [math.prod(shape) for shape in shapes])
+        layers = [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
+        return layers[::2], layers[1::2]
+
+    def copy(self) -> StackedMLP:
+        """Networks with the same parameters, which then go ways of their own."""
+        twin = copy.copy(self)
+        twin._keep(self.parameters.clone())
+        return twin
+
+    def trace(self, inputs: Tensor) -> list[Tensor]:
+        """What each layer is given, and last the outputs.
+
+        Args:
+            inputs: ``[N, M, in]``, or ``[M, in]`` for the same inputs to every agent.
+        """
+        given = [inputs.expand(self.agents, -1, -1)]
+        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            if layer:
+                given[-1].relu_()
+            given.append(torch.baddbmm(bias, given[-1], weight))
+        return given
+
+    def __call__(self, inputs: Tensor) -> Tensor:
+        """``[N, M, out]`` outputs for ``[N, M, in]`` inputs; ``[M, in]`` goes to every agent."""
+        return self.trace(inputs)[-1]
+
+    def backward(self, given: list[Tensor], gradient: Tensor) -> None:
+        """Set ``parameters.grad``.
+
+        Args:
+            given: What :meth:`trace` told.
+            gradient: ``[N, M, out]`` of each agent's loss by its outputs.
+        """
+        weights, biases = self._gradients
+        for layer in reversed(range(len(weights))):
+            torch.bmm(given[layer].transpose(1, 2), gradient, out=weights[layer])
+            torch.sum(gradient, dim=1, keepdim=True, out=biases[layer])
+            if layer:
+                gradient = torch.bmm(gradient, self.weights[layer].transpose(1, 2))
+                # The slope of a ReLU is 1 where it let something through and 0 elsewhere.
+                gradient.mul_(given[layer].sign())
+
+
+class Lookup(NamedTuple):
+    """The distinct observations of a minibatch, and where those of its transitions are among them.
+
+    Attributes:
+        rows: ``[N, U]`` indices into the table, U being the most that an agent's minibatch has;
+            agents with fewer have others besides.
+        before: ``[N, M]`` column of ``rows`` that holds the observation before each transition.
+        after: ``[N, M]`` the same for the one after it; where the target ends there, and nothing
+            needs to be evaluated, the one before it again.
+    """
+
+    rows: Tensor
+    before: Tensor
+    after: Tensor
+
+
+def look_up(batch: Batch, size: int) -> Lookup:
+    """Which observations of a table of that size a minibatch needs."""
+    after = torch.where(batch.goes_on > 0, batch.after, batch.before)
+    which = torch.cat([batch.before, after], dim=1)
+    occurs = torch.zeros(len(which), size, dtype=torch.bool, device=which.device)
+    occurs.scatter_(1, which, True)
+    column = (occurs.cumsum(dim=1) - 1).gather(1, which)
+    rows = which.new_zeros(len(which), int(column.max()) + 1)
+    return Lookup(rows.scatter_(1, column, which), *column.chunk(2, dim=1))
+
+
+class StackedDoubleQ:
+    """Double Q-learning for N agents over a table of observations.
+
+    The room shows few distinct observations, and most of a minibatch repeats them. So transitions
+    hold indices into a table (see :meth:`observe`), each agent's network evaluates every
+    observation of its minibatch once, and the values of the transitions are read off; loss and
+    gradient are the same as if each transition had been evaluated by itself. The target network
+    changes seldom, so that its values of the whole table are kept until it does.
+
+    Args:
+        sizes: As for :class:`StackedMLP`.
+        generators: One source of initial weights for each agent.
+        learning_rate: Of the optimiser.
+        gamma: Discount factor.
+        target_period: Updates between copies of the network to the target network; ``None`` never
+            copies it again.
+        loss: Huber's loss, or half the squared error.
+        optimiser: Which of torch's to use, apart from the learning rate with its defaults.
+        device: Where everything is kept.
+    """
+
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        generators: Sequence[np.random.Generator],
+        learning_rate: float,
+        gamma: float,
+        target_period: int | None,
+        loss: Loss = "huber",
+        optimiser: Optimiser = "adam",
+        device: torch.device | str | None = None,
+    ) -> None:
+        self.online = StackedMLP(sizes, generators, device)
+        # A copy, and not a second network: making one would draw from the generators again.
+        self.target = self.online.copy()
+        self.gamma = gamma
+        self.target_period = target_period
+        self.loss = loss
+        self.updates = 0
+        parameters = [self.online.parameters]
+        # On a GPU it counts its steps there, so that nobody has to wait for the count.
+        self._capturable = parameters[0].device.type == "cuda"
+        self.optimiser: torch.optim.Optimizer
+        if optimiser == "adam":
+            self.optimiser = torch.optim.Adam(
+                parameters, lr=learning_rate, fused=True, capturable=self._capturable
+            )
+        elif optimiser == "rmsprop":
+            self.optimiser = torch.optim.RMSprop(
+                parameters, lr=learning_rate, capturable=self._capturable
+            )
+        else:
+            self.optimiser = torch.optim.SGD(parameters, lr=learning_rate)
+        self.observe(torch.zeros(0, self.online.sizes[0]))
+
+    def observe(self, table: Tensor) -> None:
+        """Take ``[D, in]`` distinct observations; all indices mean rows of this table."""
+        self._table = table.to(self.online.parameters)
+        self._judged: Tensor | None = None
+
+    def greedy(
+        self, observations: NDArray[Any], wanted: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.int64]:
+        """``[N]`` the best action for each agent's observation.
+
+        Args:
+            observations: ``[N, in]``.
+            wanted: ``[N]`` whose actions are wanted; the others' can be any. By default all are.
+        """
+        inputs = torch.from_numpy(observations).to(self.online.parameters)[:, None]
+        best: NDArray[np.int64] = self.online(inputs).squeeze(1).argmax(dim=1).cpu().numpy()
+        return best
+
+    def errors(self, batch: Batch) -> Tensor:
+        """``[N, M]`` TD errors: the value of each transition's action, less its double-Q target."""
+        return self._evaluate(batch)[0]
+
+    def _evaluate(self, batch: Batch) -> tuple[Tensor, list[Tensor], Tensor]:
+        """TD errors; the trace of the distinct observations; ``[N, M]`` which output was meant."""
+        lookup = self._look_up(batch)
+        given = self.online.trace(self._table[lookup.rows])
+        values, actions = given[-1], self.online.sizes[-1]
+        # Double Q: the online network chooses, the target network judges.
+        choice = values.argmax(dim=2).gather(1, lookup.after)
+        judged = self._judge(lookup, choice)
+        target = batch.reward + batch.goes_on * judged * self.gamma
+        meant = lookup.before * actions + batch.action
+        return values.flatten(1).gather(1, meant) - target, given, meant
+
+    def _look_up(self, batch: Batch) -> Lookup:
+        """Which observations to evaluate."""
+        return look_up(batch, len(self._table))
+
+    def _judge(self, lookup: Lookup, action: Tensor) -> Tensor:
+        """``[N, M]`` the target network's values of actions in what followed."""
+        if len(self._table) > LARGE_TABLE:
+            judged, which = self.target(self._table[lookup.rows]), lookup.after
+        else:
+            if self._judged is None:
+                self._judged = self.target(self._table)
+            judged, which = self._judged, lookup.rows.gather(1, lookup.after)
+        return judged.flatten(1).gather(1, which * self.online.sizes[-1] + action)
+
+    def update(self, batch: Batch, trains: Tensor | None = None) -> Tensor:
+        """One gradient step for every agent on its own minibatch.
+
+        Args:
+            batch: The minibatches. An agent's loss is the mean over its transitions, each times
+                its weight.
+            trains: ``[N]`` which agents take the step; the networks of the others, and what the
+                optimiser remembers of them, stay as they are, whatever their minibatches hold. By
+                default all do.
+
+        Returns:
+            ``[N, M]`` the TD errors before the step.
+        """
+        errors = self._train(batch, trains)
+        self._after_step()
+        return errors
+
+    def _train(self, batch: Batch, trains: Tensor | None) -> Tensor:
+        """The update on the device; counting and the target network are :meth:`_after_step`'s."""
+        errors, given, meant = self._evaluate(batch)
+        # The slope of half the square is the error; Huber's never exceeds 1.
+        slope = errors.clamp(-1.0, 1.0) if self.loss == "huber" else errors
+        slope = slope * batch.weight / errors.shape[1]
+        gradient = torch.zeros_like(given[-1])
+        gradient.flatten(1).scatter_add_(1, meant, slope)
+        self.online.backward(given, gradient)
+        kept = [] if trains is None else [part.clone() for part in self._of_agents()]
+        self.optimiser.step()
+        if trains is not None:
+            self._put_back(kept, trains)
+        return errors
+
+    def _of_agents(self) -> list[Tensor]:
+        """Networks and what the optimiser remembers of them, all laid out alike."""
+        parameters = self.online.parameters
+        held = self.optimiser.state.get(parameters, {}).values()
+        return [parameters, *(part for part in held if part.shape == parameters.shape)]
+
+    def _put_back(self, kept: list[Tensor], trains: Tensor) -> None:
+        """Undo the step of the agents that do not train."""
+        for now, before in zip_longest(self._of_agents(), kept):
+            # What the optimiser began to remember with this step was nothing before.
+            before = torch.zeros_like(now) if before is None else before
+            for parts in zip(*map(self.online.layers_of, (now, before)), strict=True):
+                for part, old in zip(*parts, strict=True):
+                    part.copy_(torch.where(trains[:, None, None], part, old))
+
+    def _after_step(self) -> None:
+        self.updates += 1
+        if self.target_period and self.updates % self.target_period == 0:
+            self.target.parameters.copy_(self.online.parameters)
+            self._forget_judged()
+
+    def _forget_judged(self) -> None:
+        """Called whenever the target network has changed."""
+        self._judged = None
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks, optimiser and counters as they are now."""
+        return {
+            "online": self.online.parameters.detach().clone(),
+            "target": self.target.parameters.detach().clone(),
+            "optimiser": copy.deepcopy(self.optimiser.state_dict()),
+            "updates": self.updates,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.online.parameters.copy_(state["online"])
+        self.target.parameters.copy_(state["target"])
+        # Unlike the networks, the optimiser would take over the checkpoint's own tensors.
+        optimiser = copy.deepcopy(state["optimiser"])
+        for group in optimiser["param_groups"]:
+            if "capturable" in group:  # depends on where it goes on, and not on where it was
+                group["capturable"] = self._capturable
+        self.optimiser.load_state_dict(optimiser)
+        self.updates = state["updates"]
+        self._forget_judged()

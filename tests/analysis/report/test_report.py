@@ -1,0 +1,289 @@
+"""The page of a report: what it shows, and that it stands alone."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.analysis.results.description import edges
+from causal_openlock.contract.registry import create
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.session import Session
+from causal_openlock.world import reference
+from support.fabricated_records import record_of_every_figure, table, trial_rows
+from support.html_page import Page
+
+EXPERIMENT: dict[str, Any] = {
+    "name": "paper",
+    "title": "Transfer <script>alert(1)</script> & more",
+    "seed": 17,
+    "protocols": {"human": {"attempts": 30}},
+    "learners": {"b": {"learning_rate": 0.001, "hidden": [128, 64]}, "a": None},
+    "conditions": ["CC4", "<b>own</b>"],
+    "versions": {"numpy": "2.0", "causal-openlock": ["0.1.0", "0.2.0"]},
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _only_what_is_on_the_page() -> Iterator[None]:
+    """Figures are drawn once instead of three times: the page shows nothing but SVG."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "KINDS", ())
+        yield
+
+
+@pytest.fixture(scope="module")
+def record() -> pa.Table:
+    return record_of_every_figure()
+
+
+@pytest.fixture(scope="module")
+def report(record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return write_report(record, tmp_path_factory.mktemp("report"), EXPERIMENT)
+
+
+@pytest.fixture(scope="module")
+def page(report: Path) -> Page:
+    return Page(report.read_text(encoding="utf-8"))
+
+
+def test_page_fetches_nothing(report: Path, page: Page) -> None:
+    assert {tag for tag, _ in page.tags}.isdisjoint({"script", "link", "img", "iframe", "object"})
+    assert page.open == []  # every tag is closed
+    for _, attributes in page.tags:
+        for name, value in attributes.items():
+            if name in ("href", "xlink:href", "src", "srcset", "data", "action"):
+                assert value is not None
+                assert value.startswith(("#", "data:image/png;base64,"))
+            assert not name.startswith("on")
+    text = report.read_text(encoding="utf-8")
+    assert all(address.startswith("#") for address in re.findall(r"url\(([^)]*)\)", text))
+    assert "@import" not in text
+    assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", text)
+
+
+def test_page_refers_to_what_it_has(page: Page) -> None:
+    names = [str(attributes["id"]) for _, attributes in page.tags if "id" in attributes]
+    assert len(names) == len(set(names))
+    for _, attributes in page.tags:
+        for name in ("href", "xlink:href"):
+            if str(attributes.get(name)).startswith("#"):
+                assert str(attributes[name])[1:] in names
+    figures = 6  # of the record; a learner has one on its page
+    assert sum(tag == "svg" for tag, _ in page.tags) >= figures + len({"a", "b", "c", "five"})
+
+
+def test_what_users_wrote_is_escaped(report: Path, page: Page) -> None:
+    assert "Transfer <script>alert(1)</script> & more" in page.text
+    assert {"script", "b", "u", "i"}.isdisjoint(tag for tag, _ in page.tags)
+    assert "<script" not in report.read_text(encoding="utf-8")
+    for text in ("<b>own</b>", "c <u> & d", "own <i>$x$", "learning_rate", "128, 64", "seed 17"):
+        assert text in page.text
+
+
+def test_headline_puts_people_first_and_the_published_model_next(page: Page) -> None:
+    human, loops = page.tables[0], page.tables[1]
+    assert human[0] == [
+        "Learner",
+        "CC4 | trial 3 or trial 5",
+        "CE4 | trial 3",
+        "CC3-CC4 | test",
+        "CE3-CE4 | test",
+        "own <i>$x$ | trial 3",
+    ]
+    assert human[1] == [
+        "People | published, n = 40",
+        "–",  # its learners ended with different trials
+        "12.18 | ± 1.31",
+        "5.53 | ± 0.49",
+        "7.72 | ± 0.77",
+        "–",
+    ]
+    assert human[2] == [
+        "Published model | theory-based, n = 40",
+        "–",
+        "11.38 | ± 0.61",
+        "7.06 | ± 0.33",
+        "9.16 | ± 0.48",
+        "–",
+    ]
+    # The experiment's order, then the alphabet.
+    names = ["b | n = 3", "a | n = 3", "c <u> & d | n = 3"]
+    assert [row[0] for row in human[3:]] == [*names, "five | n = 1"]
+    assert human[6][1] == "3.00"  # one subject has no interval
+    assert [row[0] for row in loops] == ["Learner", *names]
+    assert not re.search("people|model", str(loops).lower())
+
+
+def test_headline_shows_intervals_and_shares_where_there_is_something_to_show(
+    tmp_path: Path,
+) -> None:
+    rows = [
+        *trial_rows([1, 2, 3], learner="alike"),
+        *trial_rows([1, 2, 3], learner="alike", subject=1),
+        *trial_rows([0, 0, 0, 0], learner="never"),
+        *trial_rows([0, 0, 0, 0], learner="never", subject=1),
+        *trial_rows([1, 2, 3], learner="mixed"),
+        *trial_rows([0, 0, 0, 0], learner="mixed", subject=1),
+    ]
+    shown = Page(write_report(table(rows), tmp_path, {}).read_text("utf-8")).tables[0]
+    cells = {row[0].split(" | ")[0]: row[1] for row in shown[3:]}
+    assert cells == {
+        "alike": "3.00",
+        "never": "4.00 | none solved",
+        "mixed": "3.50 | 3.00–4.00 | 50.0% solved",
+    }
+
+
+def test_full_tables_have_the_published_numbers_in_place(page: Page) -> None:
+    heads = re.findall(r"(\S.*), protocol (\w+), n = \d", page.text)
+    tables = [rows for rows in page.tables if rows[0][0] == "Condition"]
+    assert len(heads) == len(tables) == 7
+    by_trial = {}
+    for (learner, protocol), (header, *rows) in zip(heads, tables, strict=True):
+        for row in rows:
+            cells = dict(zip(header, row, strict=True))  # of two columns SE the last
+            key = (learner, cells["Condition"], protocol, cells["Trial"], cells["Phase"])
+            assert key not in by_trial
+            by_trial[key] = cells
+    results = reference.results()
+    sources = {"People": results["cogsci2018"]["human"], "Model": results["aaai2020"]["model"]}
+    for column, source in sources.items():
+        shown = [by_trial["five", "CC4", "human", str(t), "train"][column] for t in range(1, 6)]
+        assert shown == [f"{mean:.2f}" for mean in source["baseline"]["CC4"]["mean"]]
+    first = by_trial["five", "CC4", "human", "1", "train"]
+    assert (first["People"], first["Model"], first["SE"]) == ("19.38", "11.44", "0.34")
+    assert by_trial["five", "CC4", "human", "1", "train"]["Difference"] == "−16.38"
+    for column, test in (("People", "5.53"), ("Model", "7.06")):
+        assert column not in by_trial["a", "CC4", "loops", "1", "train"]
+        assert by_trial["a", "CC3-CC4", "human", "1", "train"][column] == "–"
+        assert by_trial["a", "CC3-CC4", "human", "1", "test"][column] == test
+
+
+def test_full_tables_are_closed_on_the_screen_and_open_in_print(report: Path, page: Page) -> None:
+    details = [attributes for tag, attributes in page.tags if tag == "details"]
+    assert [attributes for attributes in details if "class" not in attributes] == [{}] * 7
+    text = report.read_text(encoding="utf-8")
+    assert "details-content { content-visibility: visible" in text[text.index("@media print") :]
+
+
+def test_warnings_say_what_to_doubt(page: Page, tmp_path: Path) -> None:
+    text = page.text[page.text.rindex("Warnings") :]
+    assert "Fewer than 20 subjects" in text
+    assert "five (human): 1" in text
+    assert "Some trials were not solved" in text
+    assert "different versions of causal-openlock (0.1.0, 0.2.0)" in text
+    assert "versions of numpy" not in text
+    good = table([row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)])
+    quiet = Page(write_report(good, tmp_path, {}).read_text(encoding="utf-8"))
+    assert quiet.text.rstrip().endswith("None.")
+
+
+def test_uneven_subjects_are_warned_about(tmp_path: Path) -> None:
+    rows = [row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)]
+    rows += trial_rows([1, 2, 3], trial=2)
+    text = Page(write_report(table(rows), tmp_path, {}).read_text(encoding="utf-8")).text
+    assert "Not every subject played every trial" in text
+
+
+def test_versions_are_warned_about_where_there_are_several(tmp_path: Path) -> None:
+    rows = [row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)]
+    versions = {"Python": "3.13.1", "numpy": ["2.1", "2.0"], "torch": ["2.13"]}
+    path = write_report(table(rows), tmp_path, {"versions": versions})
+    text = Page(path.read_text(encoding="utf-8")).text
+    assert text.count("different versions") == 1
+    assert "Cells were run with different versions of numpy (2.0, 2.1)." in text
+    assert "Python 3.13.1; numpy 2.1, 2.0; torch 2.13." in text
+
+
+def test_an_unfinished_comparison_opens_with_what_is_missing(tmp_path: Path) -> None:
+    record, whole = table(trial_rows([1, 2, 3])), {"title": "half", "missing_cells": []}
+    caution = "This comparison is unfinished"
+    assert caution not in write_report(record, tmp_path, whole).read_text(encoding="utf-8")
+    names = ["ddqn_CC4_0-39", "<b>_CE4_0-39"]
+    half = {"title": "half", "missing_cells": names}
+    text = Page(write_report(record, tmp_path, half).read_text(encoding="utf-8")).text
+    assert text.index("half") < text.index(caution) < text.index("Results", text.index(caution))
+    assert "unfinished: 2 of its cells are missing" in text
+    assert all(f"{name}: not played yet" in text for name in names)
+    assert "missing cells" not in text[text.index("What was run", 400) :]
+    many = {"missing_cells": [f"cell{i}" for i in range(30)]}
+    text = Page(write_report(record, tmp_path, many).read_text(encoding="utf-8")).text
+    assert "30 of its cells are missing" in text
+    assert "cell23: not played yet" in text
+    assert "and 6 more" in text
+
+
+def test_trials_are_told_as_they_were_played(tmp_path: Path) -> None:
+    declared = tmp_path / "own.yaml"
+    declared.write_text(
+        "name: own\nsubjects: 2\nconditions: [CC4-CC3, CE4]\n"
+        "learners: [{learner: random, name: a}]\n"
+    )
+    experiment = read_experiment(declared)
+    (entry,), found = experiment.entries, []
+    for condition in experiment.conditions:
+        session = Session(condition, entry.protocol, 2, learner="a")
+        found.append(session.play(create("random")))
+    page = Page(
+        write_report(pa.concat_tables(found), tmp_path, experiment.as_dict()).read_text("utf-8")
+    )
+    cells = [row for rows in page.tables for row in rows]
+    assert ["CC4-CC3", "CC4", "CC3", "5 training trials, then 1 test trial"] in cells
+    assert ["CE4", "CE4", "–", "5 trials"] in cells
+    assert "Fewer where fewer layouts are published; a condition may say otherwise." in page.text
+
+
+def test_what_was_run_is_told_in_words(tmp_path: Path) -> None:
+    declared = tmp_path / "own.yaml"
+    declared.write_text(
+        "name: own\ntitle: One learner\nseed: 3\nsubjects: 2\n"
+        "conditions: [CC4, CC3-CE4]\nlearners: [{learner: random, name: me, protocol: quick}]\n"
+        "protocols: {quick: {based_on: rl, attempt_limit: 7, train_loops: 4}}\n"
+    )
+    experiment = {
+        **read_experiment(declared).as_dict(),
+        "versions": {"causal-openlock": "0.1.0", "numpy": ["2.0", "2.1"]},
+    }
+    rows = trial_rows([0] * 7, learner="me", protocol="quick")
+    page = Page(write_report(table(rows), tmp_path, experiment).read_text("utf-8"))
+    text = page.text[page.text.index("What was run", 200) :]
+    assert "7 attempts in every trial, also after it is solved." in text
+    assert "6 training trials, gone through 4 times, then 5 test trials" in text
+    assert "L0 → L1, L2, L3; L1, L2, L3 → door" in text
+    assert "causal-openlock 0.1.0; numpy 2.0, 2.1." in text
+    assert f"causal-openlock compare {declared}" in text
+    assert "negative_immovable" in text
+    assert not re.search(r"[{}\[\]]|None|True|False", text)
+    cells = [row for rows in page.tables for row in rows]
+    assert ["CC3-CE4", "CC3", "CE4", "–"] in cells
+    assert ["CC4", "CC4", "–", "1 trial"] in cells
+
+
+def test_edges_in_a_line_tell_what_is_out_of_the_ordinary() -> None:
+    noisy = {
+        "name": "noisy",
+        "levers": ["L0", "L1", "L2", "L3"],
+        "edges": {"L0": {"L1": {"strength": 0.8}, "door": {}}, "L1": ["door"], "L2": ["door"]},
+        "gates": {"door": {"at_least": 2}, "L1": "all"},
+        "inert": ["L3"],
+    }
+    assert edges(noisy) == (
+        "L0 → L1 (0.8), door; L1, L2 → door; door needs at least 2 of its causes; "
+        "L1 needs all of its causes; without effect: L3"
+    )
+
+
+def test_empty_record_makes_a_report(tmp_path: Path) -> None:
+    page = Page(write_report(table([]), tmp_path, {"title": "nothing"}).read_text("utf-8"))
+    assert "The record holds no attempts." in page.text

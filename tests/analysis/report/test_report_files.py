@@ -1,0 +1,98 @@
+"""The files of a report: which there are, and what becomes of earlier ones."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.errors import OpenLockError
+from support.fabricated_records import random_cells, table, trial_rows
+
+EXPERIMENT = {"title": "twice", "seed": 17, "versions": {"numpy": "2.0"}}
+
+
+@pytest.fixture(scope="module")
+def record() -> pa.Table:
+    """As little as every figure needs: two learners, a baseline and a transfer."""
+    return pa.concat_tables(random_cells(2, conditions=("CC4", "CC3-CC4"), subjects=2))
+
+
+@pytest.fixture(scope="module")
+def report(record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_report(record, tmp_path_factory.mktemp("report"), EXPERIMENT)
+
+
+def test_files_beside_the_page(report: Path) -> None:
+    names = {path.name for path in (report.parent / "figures").iterdir()}
+    stems = {
+        "baseline_attempts",
+        "transfer_attempts",
+        "baseline_categories",
+        "transfer_categories",
+        "attempts_by_trial_human",
+        "attempts_by_trial_loops",
+        "learner_a",
+        "learner_b",
+    }
+    assert names >= {f"{stem}.{kind}" for stem in stems for kind in ("png", "svg", "pdf")}
+    tables = {path.name for path in (report.parent / "tables").iterdir()}
+    assert tables >= {f"learner_{name}.{kind}" for name in "ab" for kind in ("csv", "tex")}
+    assert (report.parent / "summary.csv").read_text().startswith("learner,condition,protocol,")
+
+
+def test_writing_again_writes_the_same(report: Path, record: pa.Table, tmp_path: Path) -> None:
+    rows = np.random.default_rng(0).permutation(record.num_rows)
+    write_report(record.take(rows), tmp_path, EXPERIMENT)
+    for path in report.parent.rglob("*.*"):
+        assert (tmp_path / path.relative_to(report.parent)).read_bytes() == path.read_bytes()
+
+
+def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Path) -> None:
+    rows = trial_rows([1, 2, 3])
+    both = [*rows, *trial_rows([1, 2, 3], protocol="rl"), *trial_rows([1, 2, 3], condition="x-y")]
+    write_report(table(both), tmp_path, {})
+    figures = tmp_path / "figures"
+    (figures / "mine.png").write_text("")
+    (figures / "baseline_attempts_mine.svg").write_text("")
+    (figures / "attempts_by_trial_rl.txt").write_text("")
+    assert (figures / "attempts_by_trial_rl.svg").exists()
+    write_report(table(rows), tmp_path, {})
+    assert {path.name for path in figures.iterdir()} == {
+        *(f"{stem}.{kind}"
+          for stem in ("baseline_attempts", "attempts_by_trial_human", "learner_a")
+          for kind in ("png", "svg", "pdf")),
+        "mine.png",
+        "baseline_attempts_mine.svg",
+        "attempts_by_trial_rl.txt",
+    }  # fmt: skip
+
+
+def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "figures").write_text("in the way")
+    with pytest.raises(OpenLockError, match=r"figures.*cannot be written"):
+        write_report(table(trial_rows([1, 2, 3])), tmp_path, {})
+    (tmp_path / "figures").unlink()
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(OpenLockError, match=r"report.html.*cannot be written"):
+        write_report(table(trial_rows([1, 2, 3])), tmp_path, {})
+
+
+def test_a_full_disk_leaves_the_earlier_report_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_report(table(trial_rows([1, 2, 3])), tmp_path, {"title": "earlier"})
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(OpenLockError, match="No space left on device"):
+        write_report(table(trial_rows([0, 1, 2, 3])), tmp_path, {"title": "later"})
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before

@@ -1,0 +1,200 @@
+"""Numbers of the page, recomputed from the record by other means: pandas by hand, and SciPy."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.analysis.results.counting import count
+from causal_openlock.analysis.results.differences import difference, resampled_means
+from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.runner import run
+from support.html_page import Page
+
+DECLARED = """
+name: numbers
+seed: 11
+subjects: 12
+cell_size: 5
+conditions: [CC4, CE4, CC3-CC4]
+learners:
+  - oracle
+  - {learner: random, name: chance, protocol: quick}
+  - {learner: random, name: lucky}
+protocols: {quick: {based_on: rl, attempt_limit: 40, baseline_loops: 2, train_loops: 1,
+  test_loops: 2}}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    folder = tmp_path_factory.mktemp("numbers")
+    (folder / "numbers.yaml").write_text(DECLARED)
+    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
+        patch.setattr(style, "KINDS", ())
+        store = run(read_experiment(folder / "numbers.yaml"), folder / "out", executor=pool)
+        record, description = read_results(store)
+        write_report(record, store.folder, description)
+        yield store.folder
+
+
+@pytest.fixture(scope="module")
+def attempts(folder: Path) -> pd.DataFrame:
+    """The record as pandas reads its files, with nothing of ours in between."""
+    cells = [pd.read_parquet(path) for path in sorted((folder / "cells").glob("*.parquet"))]
+    frame = pd.concat(cells, ignore_index=True)
+    for name in frame.select_dtypes("category"):
+        frame[name] = frame[name].astype(str)
+    return frame
+
+
+@pytest.fixture(scope="module")
+def solved(attempts: pd.DataFrame) -> pd.DataFrame:
+    """One row for each trial, by hand: attempts until the last solution, or to the end."""
+    rows = []
+    by = ["learner", "condition", "subject", "phase", "loop", "trial"]
+    for key, trial in attempts.groupby(by):
+        trial = trial.sort_values("attempt")
+        done = trial[trial["solutions_found"] == trial["solutions"]]
+        last = int(trial["attempt"].iloc[-1])
+        needed = int(done["attempt"].iloc[0]) if len(done) else last
+        rows.append((*key, needed, bool(len(done))))
+    return pd.DataFrame(rows, columns=[*by, "needed", "solved"])
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Page:
+    return Page((folder / "report.html").read_text("utf-8"))
+
+
+def judged(solved: pd.DataFrame, learner: str, condition: str) -> Any:
+    """``[n]`` of each subject: its test, or the last trial of its last loop."""
+    mine = solved[(solved["learner"] == learner) & (solved["condition"] == condition)]
+    if (mine["phase"] == "test").any():
+        mine = mine[mine["phase"] == "test"]
+    else:
+        mine = mine[mine["loop"] == mine["loop"].max()]
+        mine = mine[mine["trial"] == mine["trial"].max()]
+    return mine.groupby("subject")["needed"].mean().to_numpy()
+
+
+def test_headline_means_intervals_and_shares(page: Page, solved: pd.DataFrame) -> None:
+    human, quick = page.tables[:2]
+    rows = {row[0].split(" | ")[0]: row for row in [*human, *quick]}
+    conditions = [head.split(" | ")[0] for head in human[0][1:]]
+    assert conditions == ["CC4", "CE4", "CC3-CC4"]
+    for learner in ("oracle", "chance", "lucky"):
+        for condition, cell in zip(conditions, rows[learner][1:], strict=True):
+            values = judged(solved, learner, condition)
+            mean, *small = cell.split(" | ")
+            assert mean == f"{values.mean():.2f}"
+            interval = [text for text in small if "–" in text]
+            assert bool(interval) == (np.ptp(values) > 0)
+            if interval:
+                told = stats.bootstrap(
+                    (values,), np.mean, method="percentile", n_resamples=4000, rng=1
+                ).confidence_interval
+                low, high = map(float, interval[0].split("–"))
+                wide = max(told.high - told.low, 0.05)
+                assert (low, high) == pytest.approx((told.low, told.high), abs=0.15 * wide)
+
+
+def test_every_trial_in_the_summary(folder: Path, solved: pd.DataFrame) -> None:
+    with (folder / "summary.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 3 * (5 + 5) + 2 * (6 + 1) + (6 + 5)
+    for row in rows:
+        mine = solved[
+            (solved["learner"] == row["learner"])
+            & (solved["condition"] == row["condition"])
+            & (solved["phase"] == row["phase"])
+            & (solved["trial"] == int(row["trial"]))
+        ]
+        values = mine.groupby("subject")["needed"].mean()
+        assert float(row["attempts"]) == pytest.approx(values.mean(), rel=1e-5)
+        assert float(row["se"]) == pytest.approx(values.std(ddof=0) / math.sqrt(12), rel=1e-5)
+        shares = mine.groupby("subject")["solved"].mean().mean()
+        assert float(row["share_solved"]) == pytest.approx(shares, rel=1e-5)
+        assert int(row["loops"]) == mine["loop"].max()
+
+
+def test_pages_of_learners_have_the_headline_and_what_is_published(
+    folder: Path, page: Page, solved: pd.DataFrame
+) -> None:
+    with (folder / "tables" / "learner_oracle.csv").open(newline="") as file:
+        rows = {row["condition"]: row for row in csv.DictReader(file)}
+    for condition, people in (("CC4", 6.45), ("CE4", 9.425), ("CC3-CC4", 5.525)):
+        mean = judged(solved, "oracle", condition).mean()
+        assert float(rows[condition]["attempts"]) == pytest.approx(mean, rel=1e-5)
+        assert float(rows[condition]["people"]) == pytest.approx(people, abs=0.006)
+        away = float(rows[condition]["people"]) + float(rows[condition]["difference"])
+        assert away == pytest.approx(mean, abs=1e-4)
+    shown = [rows for rows in page.tables if rows[0][0] == "condition" and rows[0][1] == "measured"]
+    assert [row[3] for row in shown[0][1:]] == ["3.00"] * 3
+
+
+def test_counts_of_figure_6_add_up_to_the_attempts(folder: Path, attempts: pd.DataFrame) -> None:
+    record, _ = read_results(__import__("causal_openlock.experiment.store").store.Store(folder))
+    blocks = count(record).blocks
+    mine = blocks[(blocks["learner"] == "chance") & (blocks["condition"] == "CE4")]
+    own = attempts[(attempts["learner"] == "chance") & (attempts["condition"] == "CE4")]
+    assert mine.groupby("category", observed=True)["count"].sum().to_dict() == {
+        **dict.fromkeys(mine["category"].cat.categories, 0),
+        **own["category"].value_counts().to_dict(),
+    }
+    first = own.sort_values(["subject", "loop", "trial", "attempt"]).groupby("subject").head(80)
+    told = mine[mine["block"] == 1].set_index("category")["count"]
+    assert told["unlock"] == (first["category"] == "unlock").sum()
+
+
+def test_what_the_page_says_of_its_size(page: Page, attempts: pd.DataFrame) -> None:
+    trials = 12 * (2 * (5 + 5 + 7) + (10 + 10 + 6 + 10))
+    assert f"{len(attempts):,} attempts in {trials:,} trials." in page.text
+
+
+def test_differences_are_welchs_test_and_a_bootstrap() -> None:
+    rng = np.random.default_rng(5)
+    first, second = rng.integers(3, 12, 30).astype(float), rng.integers(4, 25, 18).astype(float)
+    told = difference(first, second, ("a", "b"))
+    assert told.value == first.mean() - second.mean()
+    assert told.p == stats.ttest_ind(first, second, equal_var=False).pvalue
+    booted = stats.bootstrap(
+        (first, second),
+        lambda a, b, axis: a.mean(axis=axis) - b.mean(axis=axis),
+        vectorized=True,
+        method="percentile",
+        n_resamples=9000,
+        rng=2,
+    ).confidence_interval
+    assert (told.low, told.high) == pytest.approx((booted.low, booted.high), abs=0.15)
+
+
+def test_differences_of_groups_that_do_not_vary_are_counted_exactly() -> None:
+    three, four = np.full(3, 30.0), np.full(4, 12.0)
+    told = difference(three, four, ("a", "b"))
+    # Of the 35 ways to choose 3 of 7, two part the groups as sharply: one either way.
+    assert told == (18.0, 18.0, 18.0, pytest.approx(2 / 35))
+    assert difference(three, np.full(5, 30.0), ("a", "b")).p == 1.0
+    alone = difference(np.array([3.0]), four, ("a", "b"))
+    assert alone.value == -9.0
+    assert all(math.isnan(value) for value in alone[1:])
+
+
+def test_resamples_depend_on_the_group_and_on_nothing_else() -> None:
+    values = np.array([1.0, 2.0, 2.0, 9.0])
+    again = resampled_means(values[::-1], "key")
+    assert (resampled_means(values, "key") == again).all()
+    assert not (resampled_means(values, "other") == again).all()
+    assert again.std() == pytest.approx(values.std() / 2, rel=0.05)

@@ -1,0 +1,200 @@
+"""Sections of the report: a provider of one's own on the page, and its tables as files."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from causal_openlock.analysis.measures import attempts_to_solve
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.report import sections, table_files
+from causal_openlock.analysis.report.section import Material, Table
+from causal_openlock.analysis.report.section_registry import PROVIDERS, columns_of, sections_of
+from causal_openlock.analysis.report.writing import write_report
+from support.fabricated_records import random_cells, table, trial_rows
+from support.html_page import Page
+
+OURS = "section_of_ours"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quick() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "KINDS", ("png",))
+        # A module outside the package is named in full: with a dot, which this one has not.
+        module = sections._module
+        patch.setattr(sections, "_module", lambda n: __import__(OURS) if n == OURS else module(n))
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    import pyarrow as pa
+
+    folder = tmp_path_factory.mktemp("report")
+    record = pa.concat_tables(random_cells(3, conditions=("CC4",), subjects=2))
+    write_report(record, folder, {"name": "paid"}, [OURS])
+    return folder
+
+
+def test_a_section_of_ones_own_is_on_the_page_and_in_the_contents(folder: Path) -> None:
+    text = (folder / "report.html").read_text("utf-8")
+    page = Page(text)
+    assert page.open == []
+    assert "2 learners & one < two." in page.text
+    assert '<section id="paid"' in text
+    assert '<a href="#paid">What was paid</a>' in text
+    shown = next(rows for rows in page.tables if "reward" in rows[0])
+    assert shown[0] == ["learner", "reward", "share", "better", "per 1000", "nothing"]
+    assert shown[1] == ["a", "+0.000", "12.5%", "yes", "1,234,567", "–"]
+
+
+def test_sections_stand_between_the_figures_and_the_learners(folder: Path) -> None:
+    text = (folder / "report.html").read_text("utf-8")
+    marks = [f'<section id="{name}"' for name in ("figures", "paid", "learners", "run")]
+    places = [text.index(mark) for mark in marks]
+    assert places == sorted(places)
+
+
+def test_tables_and_drawings_lie_beside_the_page(folder: Path) -> None:
+    with (folder / "tables" / "paid.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["learner"] for row in rows] == ["a", "b"]
+    assert (rows[0]["share"], rows[0]["per_1000"], rows[0]["nothing"]) == (
+        "0.125",
+        "1.23457e+06",
+        "",
+    )
+    assert {path.name for path in (folder / "figures").glob("paid.*")} == {"paid.png", "paid.svg"}
+
+
+def test_latex_of_a_table_has_rules_and_no_sign_that_latex_trips_over(folder: Path) -> None:
+    text = (folder / "tables" / "paid.tex").read_text("utf-8")
+    for rule in (r"\toprule", r"\midrule", r"\bottomrule", r"\label{tab:paid}"):
+        assert rule in text
+    assert r"\begin{tabular}{lrrlrr}" in text
+    assert (
+        r"Pay \& \textless{}reward\textgreater{}. Means over attempts $\pm$ nothing, 100\%" in text
+    )
+    assert r"a & +0.000 & 12.5\% & yes & 1,234,567 & -- \\" in text
+    assert not re.search(r"(?<!\\)[%#_]", text.replace(r"\label{tab:paid}", ""))
+
+
+def test_what_a_later_report_does_not_have_is_removed(tmp_path: Path) -> None:
+    record = table(trial_rows([1, 2, 3]))
+    write_report(record, tmp_path, {}, [OURS])
+    (tmp_path / "tables" / "mine.csv").write_text("kept")
+    write_report(record, tmp_path, {}, [])
+    assert not (tmp_path / "tables" / "paid.csv").exists()
+    assert not (tmp_path / "figures" / "paid.svg").exists()
+    assert (tmp_path / "tables" / "mine.csv").exists()
+    assert (tmp_path / "tables" / "learner_a.tex").exists()
+
+
+def test_a_page_of_strange_file_names_removes_nothing_outside(tmp_path: Path) -> None:
+    outside = tmp_path / "outside.csv"
+    outside.write_text("kept")
+    folder = tmp_path / "report"
+    folder.mkdir()
+    names = f"tables/../../outside.csv {outside} figures/../../outside.csv"
+    (folder / "report.html").write_text(f'<meta name="files" content="{names}">')
+    write_report(table(trial_rows([1, 2, 3])), folder, {}, [])
+    assert outside.exists()
+
+
+def test_two_sections_of_one_name_are_refused() -> None:
+    record = table(trial_rows([1, 2, 3]))
+    material = Material(record, {}, attempts_to_solve(record), ("a",), frozenset(), {})
+    with pytest.raises(ValueError, match="two sections of the report are called paid"):
+        sections_of(material, [OURS, OURS])
+
+
+def test_columns_that_sections_ask_for_are_told() -> None:
+    assert columns_of([OURS]) == ["reward"]
+
+
+def test_every_provider_is_there_and_says_nothing_of_an_empty_record() -> None:
+    record = table([])
+    material = Material(record, {}, attempts_to_solve(record), (), frozenset(), {})
+    assert sections_of(material, PROVIDERS) == []
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "printed"),
+    [
+        (-0.0004, "+.2f", "0.00"),
+        (-0.0, ".2f", "0.00"),
+        (-1.5, "+.1f", "−1.5"),
+        (0.5, "+.1f", "+0.5"),
+        (1e-9, ".2g", "1e−09"),
+        (float("nan"), ".2f", "–"),
+        (None, None, "–"),
+        (np.True_, None, "yes"),
+        (np.int64(3), None, "3"),
+        ("x-y", None, "x-y"),
+        (-0.001, ".0%", "0%"),
+    ],
+)
+def test_values_are_printed_as_a_reader_expects(
+    value: object, form: str | None, printed: str
+) -> None:
+    assert table_files.printed(value, form) == printed
+
+
+def test_long_tables_are_closed_on_the_page() -> None:
+    from causal_openlock.analysis.report.page import LONG, render
+
+    frame = pd.DataFrame({"name": [f"n{i}" for i in range(LONG + 1)], "value": 1.0})
+    told = [table_files.described(Table("t", "T", part)) for part in (frame, frame.head(LONG))]
+    pages = [
+        render(
+            "difference.html.j2",
+            title="t",
+            names=("a", "b"),
+            told=("", ""),
+            files=[],
+            sections=[{"name": "s", "title": "S", "text": (), "tables": [one], "figures": []}],
+        )
+        for one in told
+    ]
+    assert '<details class="long"><summary>25 rows' in pages[0]
+    assert "<details" not in pages[1]
+
+
+def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> None:
+    import pyarrow.compute as pc
+
+    from causal_openlock.analysis.report.sections.belief_traces import section
+    from causal_openlock.contract.registry import create
+    from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+    from causal_openlock.experiment.session import Session
+
+    experiment = read_experiment(
+        find_experiment("default"), Changes(["CC3"], ["bayes", "random"], None, 2, 6)
+    )
+    (entry, _), (condition,) = experiment.entries, experiment.conditions
+    session = Session(condition, entry.protocol, [3, 4], seed=6, learner="bayes")
+    record = session.play(create("bayes"))
+
+    def made(seed: int) -> object:
+        trials = attempts_to_solve(record).assign(seed=seed)
+        told = Material(record, experiment.as_dict(), trials, ("bayes",), frozenset(), {})
+        return section(told)
+
+    shown = made(6)
+    assert shown is not None
+    assert [drawing.name for drawing in shown.drawings] == ["belief_bayes"]
+    (told,) = shown.tables
+    played = record.filter(pc.and_(pc.equal(record["subject"], 3), pc.equal(record["trial"], 1)))
+    many = [len(actions) for actions in played.sort_by("attempt")["actions"].to_pylist()]
+    assert told.frame["actions"].tolist() == many
+    assert (told.frame["learner"] == "bayes").all()
+    assert (told.frame["obtained"] * told.frame["actions"]).sum() > 1
+    assert told.frame["obtained"].notna().all()
+    assert made(7) is None  # as if it were another learner: it does something else

@@ -1,0 +1,286 @@
+"""How like people somebody is: against numbers of the paper, scipy, and means made up by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from causal_openlock.analysis.report.section import Material
+from causal_openlock.analysis.report.sections.human_likeness import (
+    MOST_DRAWN,
+    draw_points,
+    section,
+    signs,
+)
+from causal_openlock.analysis.results.bounds import Bound
+from causal_openlock.analysis.results.people.human_likeness import (
+    EFFECTS,
+    PUBLISHED_MODEL,
+    contrast,
+    distance,
+    effects_of,
+    likeness_table,
+    points_of,
+    points_of_model,
+    points_of_people,
+    published_points,
+)
+from causal_openlock.analysis.results.people.hypotheses import contrast_test
+
+NOTHING: dict[tuple[str, str], Bound] = {}
+
+
+def made_up(name: str = "a", subjects: int = 12, off: float = 0.0, seed: int = 0) -> pd.DataFrame:
+    """Trials of a learner whose means are people's, but for ``off``, and a little luck."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for point in published_points().itertuples():
+        luck = rng.normal(0, 1, subjects)
+        attempts = point.people_mean + off + luck - luck.mean()
+        rows += [
+            (name, point.condition, "human", "made up", 1, subject, point.phase, 1, point.trial,
+             value, True)
+            for subject, value in enumerate(attempts)
+        ]  # fmt: skip
+    columns = ["learner", "condition", "protocol", "experiment", "seed", "subject", "phase", "loop",
+               "trial", "attempts", "solved"]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
+
+
+def material(*trials: pd.DataFrame) -> Material:
+    whole = pd.concat(trials, ignore_index=True)
+    pairs = frozenset(zip(whole["learner"], whole["condition"], strict=True))
+    names = tuple(dict.fromkeys(whole["learner"]))
+    return Material(None, {}, whole, names, pairs, NOTHING)
+
+
+def by_name(effects: pd.DataFrame, name: str) -> pd.Series:
+    return effects.set_index("effect").loc[name]
+
+
+# -- what is published ----------------------------------------------------------------------------
+
+
+def test_there_are_ten_points_of_baselines_and_four_of_tests():
+    points = published_points()
+    assert len(points) == 14
+    assert (points["phase"] == "train").sum() == 10
+    assert points["people_se"].gt(0).all()
+
+
+def test_the_published_model_is_three_attempts_from_people():
+    attempts, errors = distance(points_of_model())
+    assert attempts == pytest.approx(3.06, abs=0.005)
+    table = published_points()
+    off = (table["model_mean"] - table["people_mean"]) / table["people_se"]
+    assert errors == pytest.approx(np.sqrt((off**2).mean()))
+
+
+@pytest.mark.parametrize(
+    ("effect", "printed"),
+    [("CE harder, last trial", 2.00), ("congruency, CC4", 2.62), ("congruency, CE4", 4.27)],
+)
+def test_the_papers_t_values_follow_from_its_means_and_error_bars(effect, printed):
+    found = by_name(effects_of(points_of_people()), effect)
+    assert found["df"] == 78
+    assert found["t"] == pytest.approx(printed, abs=0.005)
+
+
+def test_the_papers_interaction_follows_from_its_means_and_error_bars():
+    tests = points_of_people().query("phase == 'test'").set_index("condition")
+    order = ["CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4"]
+    mean, se = (tests.loc[order, name].to_numpy(float) for name in ("mean", "se"))
+    _, t, freedom, p = contrast(mean, se, np.full(4, 40.0), np.array([-1.0, 1.0, 1.0, -1.0]))
+    assert (t**2, freedom) == (pytest.approx(24.94, abs=0.02), 156)
+    assert p < 0.001
+
+
+def test_people_show_every_effect_and_the_published_model_all_but_one():
+    assert effects_of(points_of_people())["like_people"].all()
+    missing = effects_of(points_of_model()).query("not like_people")
+    assert missing["effect"].tolist() == ["congruency, CC4"]
+
+
+# -- what is computed -----------------------------------------------------------------------------
+
+
+def test_a_learner_that_is_always_two_attempts_off_is_two_attempts_from_people():
+    points = points_of(made_up(off=2.0))
+    assert distance(points)[0] == pytest.approx(2.0)
+    error = published_points()["people_se"].to_numpy()
+    assert distance(points)[1] == pytest.approx(np.sqrt((4 / error**2).mean()))
+    assert distance(points_of(made_up()))[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_distances_up_and_down_do_not_cancel_and_large_ones_count_more():
+    points = points_of_people().iloc[:2].copy()
+    points["mean"] = points["people_mean"] + [3.0, -4.0]
+    assert distance(points)[0] == pytest.approx(np.sqrt(12.5))
+
+
+def test_points_come_in_the_order_of_publication_with_the_mean_over_subjects():
+    trials = made_up(seed=3)
+    points = points_of(trials.sample(frac=1, random_state=1))
+    assert points[["condition", "trial"]].to_numpy().tolist() == (
+        published_points()[["condition", "trial"]].to_numpy().tolist()
+    )
+    own = trials.query("condition == 'CE4' and trial == 2")["attempts"]
+    point = points.query("condition == 'CE4' and trial == 2").iloc[0]
+    assert point["mean"] == pytest.approx(own.mean())
+    assert point["se"] == pytest.approx(own.std(ddof=0) / np.sqrt(12))
+
+
+def test_training_trials_of_transfer_conditions_are_no_points():
+    extra = made_up().query("condition == 'CC3-CC4'").assign(phase="train")
+    assert len(points_of(pd.concat([made_up(), extra]))) == 14
+
+
+def test_a_difference_of_two_groups_is_students_t_test():
+    rng = np.random.default_rng(5)
+    one, other = rng.normal(5, 2, 30), rng.normal(6, 2, 30)
+    value, t, freedom, p = contrast(
+        np.array([one.mean(), other.mean()]),
+        np.array([one.std(), other.std()]) / np.sqrt(30),
+        np.array([30.0, 30.0]),
+        np.array([1.0, -1.0]),
+    )
+    expected = stats.ttest_ind(one, other)
+    assert value == pytest.approx(one.mean() - other.mean())
+    assert (t, p, freedom) == (
+        pytest.approx(expected.statistic),
+        pytest.approx(expected.pvalue),
+        58,
+    )
+
+
+def test_a_contrast_of_groups_of_any_size_is_that_of_the_papers_tests():
+    rng = np.random.default_rng(6)
+    groups = [rng.normal(5, spread, n) for spread, n in ((1, 5), (4, 40), (2, 12))]
+    for weights in ([1.0, -0.5, -0.5], [-1.0, 0.5, 0.5], [0.0, 1.0, -1.0]):
+        value, t, freedom, p = contrast(
+            np.array([one.mean() for one in groups]),
+            np.array([one.std() / np.sqrt(len(one)) for one in groups]),
+            np.array([float(len(one)) for one in groups]),
+            np.array(weights),
+        )
+        expected = contrast_test(groups, weights)
+        assert (value, t**2, p) == pytest.approx((expected.difference, expected.value, expected.p))
+        assert np.sign(t) == np.sign(value)
+        assert (1, freedom) == expected.df
+
+
+def test_a_single_subject_adds_no_variance():
+    two = (np.array([6.0, 4.0]), np.array([0.5, 0.0]), np.array([9.0, 1.0]))
+    _, t, freedom, _ = contrast(*two, np.array([1.0, -1.0]))
+    assert (t, freedom) == (pytest.approx(2 / np.sqrt(81 * 0.25 / 8 * (1 / 9 + 1))), 8)
+
+
+def test_a_gain_that_is_the_same_in_every_subject_has_no_t():
+    trials = made_up(seed=2)
+    last = trials["trial"] == 5
+    first = trials[trials["trial"] == 1].set_index(["condition", "subject"])["attempts"]
+    at = pd.MultiIndex.from_frame(trials.loc[last, ["condition", "subject"]])
+    trials.loc[last, "attempts"] = first.reindex(at).to_numpy() - 2
+    found = by_name(effects_of(points_of(trials), trials), "learning, CC4")
+    assert (found["difference"], found["df"]) == (pytest.approx(2), 11)
+    assert np.isnan(found["t"])
+
+
+def test_learning_of_a_learner_is_tested_within_its_subjects():
+    trials = made_up(seed=2)
+    own = trials.query("condition == 'CC4'").pivot(
+        index="subject", columns="trial", values="attempts"
+    )
+    expected = stats.ttest_rel(own[1], own[5])
+    found = by_name(effects_of(points_of(trials), trials), "learning, CC4")
+    assert found["t"] == pytest.approx(expected.statistic)
+    assert found["df"] == 11
+    # From means alone it is a comparison of two groups.
+    assert by_name(effects_of(points_of(trials)), "learning, CC4")["df"] == 22
+
+
+def test_an_effect_in_the_other_direction_is_none():
+    points = points_of_people()
+    swapped = {"CC3-CE4": "CE3-CE4", "CE3-CE4": "CC3-CE4"}
+    points["condition"] = points["condition"].replace(swapped)
+    effects = effects_of(points)
+    assert not by_name(effects, "congruency, CE4")["like_people"]
+    assert by_name(effects, "congruency, CC4")["like_people"]
+    assert by_name(effects, "congruency, CE4")["difference"] == pytest.approx(-6.025)
+
+
+def test_no_difference_at_all_is_no_effect_and_has_no_t():
+    points = points_of_people().assign(mean=5.0, se=0.0)
+    effects = effects_of(points)
+    assert not effects["like_people"].any()
+    assert effects["t"].isna().all()
+
+
+def test_who_has_not_played_everything_has_only_the_effects_it_can_have():
+    points = points_of_people().query("condition == 'CC4'")
+    assert effects_of(points)["effect"].tolist() == ["learning, CC4"]
+
+
+def test_the_nearest_stands_first_and_who_came_to_fewer_points_last():
+    near, far = points_of(made_up("near", off=0.5)), points_of(made_up("far", off=-3.0))
+    part = points_of(made_up("part")).iloc[:5]
+    everybody = [far, part, near]
+    table = likeness_table(everybody, [effects_of(points) for points in everybody])
+    assert table["learner"].tolist() == ["near", "far", "part"]
+    assert table["rmse"].tolist() == pytest.approx([0.5, 3.0, 0.0], abs=1e-9)
+    assert table["shown"].tolist() == [len(EFFECTS), len(EFFECTS), 1]
+
+
+# -- the section ----------------------------------------------------------------------------------
+
+
+def test_the_section_tells_who_is_nearest_and_compares_with_the_published_model():
+    found = section(material(made_up("far", off=4.0), made_up("near", off=1.0)))
+    assert found is not None
+    table = found.tables[0].frame
+    assert table["learner"].tolist() == ["near", PUBLISHED_MODEL, "far"]
+    assert table["RMSE"].tolist() == pytest.approx([1.0, 3.057, 4.0], abs=1e-3)
+    assert table["congruency, CC4"].str[0].tolist() == ["✓", "✗", "✓"]
+    assert "near" in found.text[0]
+    assert "nearer to people than the published model" in found.text[0]
+    tests = found.tables[1].frame
+    assert set(tests["learner"]) == {"people", "near", "far", PUBLISHED_MODEL}
+    assert len(tests) == 4 * len(EFFECTS)
+    published = table.set_index("learner").loc[PUBLISHED_MODEL]
+    assert (published["signs"], published["p < .05"]) == (5, 5)
+
+
+def test_a_sign_alone_is_not_clear_of_chance():
+    effects = effects_of(points_of_model())
+    assert signs(effects) == "5 of 6 signs, 5 at p < .05"
+    doubtful = effects.assign(p=effects["p"].where(effects["effect"] != "learning, CC4", 0.4))
+    assert signs(doubtful) == "5 of 6 signs, 4 at p < .05"
+    wrong = effects.assign(p=0.001)  # the wrong sign, clear of chance, counts for nothing
+    assert signs(wrong) == "5 of 6 signs, 5 at p < .05"
+
+
+def test_without_all_six_conditions_or_another_protocol_there_is_no_section():
+    whole = made_up()
+    assert section(material(whole.query("condition != 'CC3-CE4'"))) is None
+    assert section(material(whole.assign(protocol="rl"))) is None
+    assert section(material(whole)) is not None
+    other = material(whole)
+    assert section(Material(None, {}, other.trials, ("a",), frozenset(), NOTHING)) is None
+
+
+def test_a_panel_is_drawn_for_the_nearest_learners_and_the_published_model():
+    everybody = [points_of(made_up(f"learner {i}", off=i)) for i in range(MOST_DRAWN + 2)]
+    drawing = draw_points([points_of_model(), *everybody])
+    titles = [axes.get_title(loc="left") for axes in drawing.figure.axes]
+    assert titles == [*(f"learner {i}" for i in range(MOST_DRAWN)), PUBLISHED_MODEL]
+
+
+def test_what_is_drawn_are_the_means():
+    points = points_of(made_up(off=30.0))
+    axes = draw_points([points]).figure.axes[0]
+    drawn = sorted(y for line in axes.lines for y in line.get_ydata())
+    for value in (*points["mean"], *points["people_mean"]):
+        assert np.isclose(drawn, value).any()
+    assert axes.get_ylim()[1] > points["mean"].max()

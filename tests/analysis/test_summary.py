@@ -1,0 +1,138 @@
+"""The summary and the headline, against hand-worked examples and plain loops."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS, model, people
+from causal_openlock.analysis.results.summary import (
+    SUMMARY_COLUMNS,
+    headline_table,
+    summary_table,
+    write_summary,
+)
+from support.fabricated_records import random_cells, table, trial_rows
+
+
+@pytest.fixture(scope="module")
+def random_record() -> pa.Table:
+    return pa.concat_tables(random_cells(7))
+
+
+def test_people_and_the_model_are_the_published_means() -> None:
+    known = [table.set_index(["condition", "phase", "trial"]) for table in (people(), model())]
+    assert known[0].index.equals(known[1].index)
+    assert len(known[0]) == 14
+    for place, *expected in (
+        (("CC4", "train", 1), [40, 19.375, 1.509], [40, 11.44, 0.34]),
+        (("CE4", "train", 5), [40, 9.425, 1.074], [40, 9.82, 0.66]),
+        (("CC3-CE4", "test", 1), [40, 13.75, 1.162], [40, 11.44, 0.58]),
+    ):
+        assert [table.loc[place].tolist() for table in known] == expected
+
+
+def test_summary_beside_what_is_published_worked_by_hand() -> None:
+    rows = []
+    for subject, length in enumerate([4, 6]):
+        rows += trial_rows([0] * (length - 3) + [1, 2, 3], subject=subject)
+        rows += trial_rows([1] * 30, subject=subject, trial=2)
+        for phase in ("train", "test"):
+            rows += trial_rows([1, 2, 3], subject=subject, condition="CE3-CC4", phase=phase)
+        rows += trial_rows([1, 2, 3], subject=subject, protocol="rl")
+        rows += trial_rows([1, 2, 3], subject=subject, condition="mine")
+    summary = summary_table(table(rows)).set_index(["condition", "protocol", "phase", "trial"])
+    assert len(summary) == 6
+    first = summary.loc[("CC4", "human", "train", 1)]
+    assert (first["attempts"], first["se"]) == (5.0, pytest.approx(1 / math.sqrt(2)))
+    assert (first["ci_low"], first["ci_high"], first["share_solved"]) == (4.0, 6.0, 1.0)
+    assert (first["human_attempts"], first["human_se"]) == (19.375, 1.509)
+    assert first["difference"] == -14.375
+    assert (first["model_attempts"], first["model_se"]) == (11.44, 0.34)
+    second = summary.loc[("CC4", "human", "train", 2)]
+    assert (second["attempts"], second["share_solved"]) == (30.0, 0.0)
+    assert second[["human_attempts", "model_attempts"]].tolist() == [12.825, 7.72]
+    test = summary.loc[("CE3-CC4", "human", "test", 1)]
+    assert test[["human_attempts", "model_attempts"]].tolist() == [8.175, 6.7]
+    for incomparable in (
+        ("CE3-CC4", "human", "train", 1),
+        ("CC4", "rl", "train", 1),
+        ("mine", "human", "train", 1),
+    ):
+        assert summary.loc[[incomparable], list(PUBLISHED_COLUMNS)].isna().all(axis=None)
+
+
+def test_summary_agrees_with_plain_loops(random_record: pa.Table) -> None:
+    visits: dict[tuple[Any, ...], dict[int, dict[int, int]]] = defaultdict(
+        lambda: defaultdict(dict)
+    )
+    for row in random_record.to_pylist():
+        key = (row["learner"], row["condition"], row["protocol"], row["phase"], row["trial"])
+        loops = visits[key][row["subject"]]
+        if row["new_solution"] or row["solutions_found"] < row["solutions"]:
+            loops[row["loop"]] = max(loops.get(row["loop"], 0), row["attempt"])
+    summary = summary_table(random_record)
+    assert len(summary) == len(visits)
+    for row in summary.to_dict("records"):
+        key = tuple(row[name] for name in ("learner", "condition", "protocol", "phase", "trial"))
+        means = [sum(loops.values()) / len(loops) for loops in visits[key].values()]
+        assert row["attempts"] == pytest.approx(sum(means) / len(means))
+        assert row["subjects"] == len(means)
+        assert row["ci_low"] <= row["attempts"] <= row["ci_high"]
+
+
+def test_headline_takes_the_last_trial_or_the_test() -> None:
+    rows = []
+    for loop, trial in itertools.product([1, 2], [1, 2]):
+        found = [0] * (2 * loop + trial) + [1, 2, 3]
+        rows += trial_rows(found, loop=loop, trial=trial, protocol="rl", condition="CE4")
+        rows += trial_rows(found, loop=loop, trial=trial, protocol="rl", condition="CC3-CC4")
+    for loop, length in ((1, 3), (2, 4)):
+        found = [0] * (length - 3) + [1, 2, 3]
+        rows += trial_rows(
+            found, loop=loop, phase="test", trial=1, protocol="rl", condition="CC3-CC4"
+        )
+    rows += trial_rows([1, 2, 3], trial=1, condition="CE4")
+    rows += trial_rows([0, 1, 2, 3], trial=2, condition="CE4")
+    headline = headline_table(table(rows))
+    values = headline[["protocol", "condition", "measured", "attempts"]].to_numpy().tolist()
+    assert values == [
+        ["human", "CE4", "trial 2", 4.0],
+        ["rl", "CE4", "trial 2", 9.0],
+        ["rl", "CC3-CC4", "test", 3.5],
+    ]
+    assert headline[["human_attempts", "model_attempts"]].iloc[0].tolist() == [14.875, 12.64]
+    assert headline[list(PUBLISHED_COLUMNS)].iloc[1:].isna().all(axis=None)
+
+
+def test_summary_files_of_equal_data_are_equal(tmp_path: Any) -> None:
+    cells = random_cells(11)
+    record = pa.concat_tables(cells)
+    later = pa.array(np.random.default_rng(0).random(record.num_rows), pa.float32())
+    index = record.schema.get_field_index("wall_time")
+    rows = np.random.default_rng(1).permutation(record.num_rows)
+    variants = {
+        "record": record,
+        "reversed": pa.concat_tables(cells[::-1]),
+        "shuffled": record.take(rows),
+        "rechunked": record.unify_dictionaries().combine_chunks(),
+        "slower": record.set_column(index, record.schema.field(index), later),
+    }
+    for name, variant in variants.items():
+        write_summary(variant, tmp_path / name)
+    first = (tmp_path / "record").read_bytes()
+    assert all((tmp_path / name).read_bytes() == first for name in variants)
+    lines = first.decode().splitlines()
+    assert lines[0] == ",".join(SUMMARY_COLUMNS)
+    assert len(lines) == 1 + len(summary_table(record))
+    assert b"\r" not in first
+    assert b"nan" not in first
+    other = pa.concat_tables(random_cells(12))
+    write_summary(other, tmp_path / "other")
+    assert (tmp_path / "other").read_bytes() != first

@@ -1,0 +1,230 @@
+"""The grammar of schema classes: each class once, and what it generates."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from functools import cache
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from causal_openlock.belief.catalogue import catalogue, feasible, free_form_weight
+from causal_openlock.belief.grammar import (
+    GATES,
+    MAX_LENGTH,
+    MAX_ROLES,
+    Role,
+    SchemaClass,
+    assigned,
+    class_prior,
+    outlines,
+    schema_classes,
+)
+from causal_openlock.belief.structures import gate_dags
+from support.belief_by_hand import (
+    fits_console,
+    free_form,
+    generated,
+    partition,
+    plain_of,
+    plains_of,
+    transcript,
+)
+from support.session_play import SCHEMAS
+
+KINDS = schema_classes()
+COMMON_CAUSE, COMMON_EFFECT = "A; A -> B+; B+ -> door", "A+; A+ -> B; B -> door"
+
+
+def graph_of(kind: SchemaClass) -> nx.DiGraph:
+    graph = nx.DiGraph()
+    for name, role in enumerate((*kind.roles, kind.door)):
+        graph.add_node(name, kind=(role.many, role.gate, name == len(kind.roles)))
+        graph.add_edges_from((cause, name) for cause in range(name) if role.causes >> cause & 1)
+    return graph
+
+
+def same(one: nx.DiGraph, other: nx.DiGraph) -> bool:
+    return nx.is_isomorphic(one, other, node_match=lambda a, b: a["kind"] == b["kind"])
+
+
+@cache
+def by_shape() -> dict[str, list[nx.DiGraph]]:
+    """All classes as graphs, those together that could be the same."""
+    shapes = defaultdict(list)
+    for kind in KINDS:
+        shapes[shape(graph_of(kind))].append(graph_of(kind))
+    return shapes
+
+
+def shape(graph: nx.DiGraph) -> str:
+    return str(
+        sorted(
+            (graph.nodes[node]["kind"], graph.in_degree(node), graph.out_degree(node))
+            for node in graph
+        )
+    )
+
+
+def test_no_class_is_listed_under_two_names():
+    for graphs in by_shape().values():
+        for index, graph in enumerate(graphs):
+            assert not any(same(graph, other) for other in graphs[:index])
+    assert len({str(kind) for kind in KINDS}) == len(KINDS)
+
+
+@st.composite
+def any_class(draw: st.DrawFn) -> SchemaClass:
+    """Up to four roles, anyhow, in any order that puts causes first."""
+    count = draw(st.integers(1, MAX_ROLES))
+    roles: list[Role] = []
+    for index in range(count + 1):
+        is_door = index == count
+        causes = draw(st.integers(1 if is_door else 0, (1 << index) - 1))
+        many = not is_door and draw(st.booleans())
+        most = sum(3 if roles[i].many else 1 for i in range(index) if causes >> i & 1)
+        gates = GATES if most > 2 else GATES[:2] if most > 1 else GATES[:1]
+        roles.append(Role(many, causes, draw(st.sampled_from(gates))))
+    kind = SchemaClass(tuple(roles[:-1]), roles[-1])
+    assume(kind.length <= MAX_LENGTH)
+    return kind
+
+
+@settings(max_examples=150, deadline=None)
+@given(any_class())
+def test_every_class_that_can_be_written_is_listed(kind):
+    graph = graph_of(kind)
+    assert any(same(graph, other) for other in by_shape()[shape(graph)])
+
+
+def test_a_description_is_as_long_as_its_parts_and_the_prior_falls_with_it():
+    lengths = [
+        len(kind.roles)
+        + sum(role.causes.bit_count() + (role.gate != "any") for role in (*kind.roles, kind.door))
+        for kind in KINDS
+    ]
+    assert lengths == sorted(lengths)
+    prior = class_prior(0.7, 0.1)
+    assert prior[-1] == pytest.approx(0.1)
+    assert prior.sum() == pytest.approx(1.0)
+    expected = np.exp(-0.7 * np.array(lengths))
+    assert prior[:-1] == pytest.approx(0.9 * expected / expected.sum())
+    assert class_prior(0.0, 0.2)[:-1] == pytest.approx(0.8 / len(KINDS))
+
+
+@pytest.mark.parametrize("levers", [1, 2, 3, 4])
+def test_a_class_generates_what_dealing_out_its_roles_gives(levers):
+    ours: dict[tuple[int, object], float] = defaultdict(float)
+    whole = assigned(*outlines(levers))
+    for plain, kind, chance in zip(
+        plains_of(whole.structures), whole.kind.tolist(), whole.chance.tolist(), strict=True
+    ):
+        ours[kind, plain] += chance
+    # Dealing four levers out by hand takes long: every class of up to three, one in forty of four.
+    chosen = range(0, len(KINDS), 40 if levers == 4 else 1)
+    expected = {
+        (kind, plain): chance
+        for kind in chosen
+        for plain, chance in generated(KINDS[kind], levers).items()
+    }
+    ours = {pair: chance for pair, chance in ours.items() if pair[0] in chosen}
+    assert ours.keys() == expected.keys()
+    for pair, chance in expected.items():
+        assert ours[pair] == pytest.approx(chance, abs=1e-12)
+
+
+@pytest.mark.parametrize("levers", [1, 2, 3, 4, 5])
+def test_what_a_class_generates_adds_up_to_one_where_it_can_have_so_many_levers(levers):
+    whole = assigned(*outlines(levers))
+    total = np.bincount(whole.kind, whole.chance, minlength=len(KINDS))
+    can = feasible(levers)
+    # Of five levers the longest classes are not outlined.
+    listed = can[:-1] if levers < 5 else can[:-1] & (total > 0)
+    assert total == pytest.approx(listed.astype(float))
+    assert listed.sum() > 0.5 * can.sum()
+    assert can[-1]
+    assert can[:-1].tolist() == [
+        len(kind.roles) == levers
+        or (len(kind.roles) < levers and any(role.many for role in kind.roles))
+        for kind in KINDS
+    ]
+
+
+@pytest.mark.parametrize("levers", [2, 3])
+def test_the_free_form_lets_each_lever_choose_among_those_before_it(levers):
+    expected = free_form(levers, 0.7)
+    ours = dict(zip(plains_of(gate_dags(levers)), free_form_weight(levers, 0.7), strict=True))
+    assert ours.keys() == expected.keys()
+    for plain, weight in expected.items():
+        assert ours[plain] == pytest.approx(weight)
+
+
+@pytest.mark.parametrize("levers", [1, 2, 3, 4])
+def test_the_free_form_adds_up_to_one(levers):
+    assert free_form_weight(levers, 0.3).sum() == pytest.approx(1.0)
+    assert free_form_weight(levers, 0.3).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("schema", "name"),
+    [("CC3", COMMON_CAUSE), ("CC4", COMMON_CAUSE), ("CE3", COMMON_EFFECT), ("CE4", COMMON_EFFECT)],
+)
+def test_one_class_generates_a_schema_of_the_paper_at_both_sizes(schema, name):
+    (kind,) = [kind for kind in KINDS if str(kind) == name]
+    own = SCHEMAS[schema]
+    chances = generated(kind, len(own.levers))
+    assert plain_of(own) in chances
+    assert chances[plain_of(own)] == pytest.approx(1 / len(own.levers))
+
+
+# -- the catalogue of what n levers can do --------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("levers", "solutions", "action_limit", "uncertain"),
+    [(2, 1, 3, False), (2, 2, 2, False), (3, 2, 3, False), (3, 2, 3, True), (3, 1, 3, False)],
+)
+def test_a_catalogue_lists_each_behaviour_once_with_all_that_stands_behind_it(
+    levers, solutions, action_limit, uncertain
+):
+    simplicity, strength = math.log(2), 0.7 if uncertain else 1.0
+    own = catalogue(levers, solutions, action_limit, uncertain, simplicity, 20_000)
+    members = plains_of(own.members)
+    assert len(set(members)) == len(members)
+    seen = [transcript(plain, action_limit, strength) for plain in members]
+    assert own.behaviour.tolist() == sorted(own.behaviour.tolist())
+    assert partition(own.behaviour.tolist()) == partition(seen)
+
+    expected = {
+        plain: chance
+        for plain, chance in free_form(levers, simplicity).items()
+        if fits_console(plain, solutions, action_limit)
+    }
+    free = own.kind == len(KINDS)
+    assert {members[i] for i in own.member[free]} == expected.keys()
+    for member, chance in zip(own.member[free], own.chance[free], strict=True):
+        assert chance == pytest.approx(expected[members[member]])
+    assert {members[i] for i in own.member[~free]} <= expected.keys()
+
+    prior = class_prior(simplicity, 0.1) * feasible(levers)
+    prior /= prior.sum()
+    by_hand: dict[object, float] = defaultdict(float)
+    for kind, p in zip([*KINDS, None], prior, strict=True):
+        chances = free_form(levers, simplicity) if kind is None else generated(kind, levers)
+        for plain, chance in chances.items():
+            if fits_console(plain, solutions, action_limit):
+                by_hand[transcript(plain, action_limit, strength)] += p * chance
+    ours = own.prior(prior[None])[0]
+    first = [seen[index] for index in own.first]
+    assert set(first) == by_hand.keys()
+    assert ours == pytest.approx([by_hand[behaviour] for behaviour in first], abs=1e-12)
+
+    pairs = own.pairs_given_behaviour(prior)
+    of_each = np.bincount(own.behaviour[own.member], pairs)
+    assert of_each == pytest.approx(1.0)
+    together = pairs * ours[own.behaviour[own.member]]
+    assert together == pytest.approx(prior[own.kind] * own.chance)

@@ -1,0 +1,260 @@
+"""What one room teaches for the next: classes of schemas, marks of active levers, strengths."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from functools import cache
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from causal_openlock.belief.beliefs import STRENGTH_NODES
+from causal_openlock.belief.grammar import class_prior, schema_classes
+from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, rule_prior
+from causal_openlock.belief.prior import Prior
+from causal_openlock.belief.space import RoomSight, Space, enumerate_space
+from causal_openlock.belief.strength import strengths
+from causal_openlock.experiment.protocol import Protocol
+from causal_openlock.world.schema import Schema
+from support.belief_by_hand import (
+    Plain,
+    World,
+    arrays_of,
+    fits_console,
+    of_classes,
+    plain_of,
+    plains_of,
+    transcript,
+)
+from support.belief_play import Played
+from support.session_play import SCHEMAS, named
+
+CERTAIN = strengths(0.0, 1.0, 1.0, 1)
+KINDS = schema_classes()
+COMMON_CAUSE = [str(kind) for kind in KINDS].index("A; A -> B+; B+ -> door")
+SIMPLICITY, FREE_FORM = 0.7, 0.1
+CHAIN = Schema("chain2", ["L0", "L1"], {"L0": ["L1"], "L1": ["door"]})
+FORK = Schema("fork", ["L0", "L1", "L2"], {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]})
+
+
+def new(concentration: float = 1.0, by_colour: float = 0.5, subjects: int = 1) -> Knowledge:
+    return Knowledge(
+        subjects,
+        7,
+        concentration=concentration,
+        simplicity=SIMPLICITY,
+        free_form=FREE_FORM,
+        rules=rule_prior(by_colour, 0.1),
+        strengths=CERTAIN,
+    )
+
+
+@cache
+def space_of(levers: int, solutions: int) -> Space:
+    return enumerate_space(RoomSight(7, levers, solutions, 3), CERTAIN, SIMPLICITY, 3000)
+
+
+@cache
+def alike(schema: Schema) -> tuple[Space, dict[int, object]]:
+    """The space of rooms of this schema; hypotheses that act as it does, whichever lever is which.
+
+    With each comes what it does, by slot.
+    """
+    levers = len(schema.levers)
+    space = space_of(levers, len(schema.solutions))
+    own = arrays_of([plain_of(schema)])
+    wanted = {
+        transcript(plains_of(own.relabelled(np.array(order)))[0], 3)
+        for order in permutations(range(levers))
+    }
+    found = {}
+    for index in range(int(space.ends[0])):  # the grey levers come first
+        seen = transcript(plain_of(World.of(space.hypotheses, index).fsm.schema), 3)
+        if seen in wanted:
+            found[index] = seen
+    return space, found
+
+
+def learn(knowledge: Knowledge, schema: Schema, slots: np.ndarray | None = None) -> int:
+    """A room is left in which it has become certain what governs it: the schema."""
+    space, found = alike(schema)
+    (index,) = [i for i, seen in found.items() if seen == transcript(plain_of(schema), 3)]
+    slots = np.arange(7) if slots is None else slots
+    knowledge.absorb(0, space, np.array([index]), np.array([1.0]), slots)
+    return index
+
+
+def expected(knowledge: Knowledge, schema: Schema) -> float:
+    """How probable it is that the next room, of so many levers and solutions, acts like this."""
+    space, found = alike(schema)
+    who = np.array([0])
+    weight = space.prior(
+        knowledge.classes(who), knowledge.rules[who], knowledge.places(who), np.ones((1, 1))
+    )[0]
+    grey = slice(0, int(space.ends[0]))
+    return float(weight[list(found)].sum() / weight[grey].sum())
+
+
+# -- classes --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("before", "same", "other"), [("CC3", "CC4", "CE4"),
+                                                       ("CE3", "CE4", "CC4")])  # fmt: skip
+def test_three_levers_teach_what_four_do(before, same, other):
+    naive, taught = new(), new()
+    learn(taught, SCHEMAS[before])
+    assert expected(taught, SCHEMAS[same]) > 0.7
+    assert expected(taught, SCHEMAS[same]) > 3 * expected(naive, SCHEMAS[same])
+    assert expected(taught, SCHEMAS[other]) < 0.9 * expected(naive, SCHEMAS[other])
+
+
+def test_a_concentrated_prior_gives_way_less():
+    teaches = []
+    for concentration in (0.01, 0.1, 1.0, 10.0, 100.0, 1e6):
+        knowledge = new(concentration)
+        learn(knowledge, SCHEMAS["CC3"])
+        teaches.append(expected(knowledge, SCHEMAS["CC4"]))
+    assert teaches == sorted(teaches, reverse=True)
+    assert teaches[0] > teaches[-1] + 0.5
+    assert teaches[-1] == pytest.approx(expected(new(), SCHEMAS["CC4"]), abs=1e-3)
+
+
+def test_every_room_of_a_class_counts_for_it():
+    knowledge = new()
+    counts, hopes = [0.0], [expected(knowledge, SCHEMAS["CC4"])]
+    for visit in range(1, 5):
+        learn(knowledge, SCHEMAS["CC3"])
+        assert knowledge.rooms[0].sum() == pytest.approx(visit)
+        counts.append(float(knowledge.rooms[0, COMMON_CAUSE]))
+        hopes.append(expected(knowledge, SCHEMAS["CC4"]))
+    gained = np.diff(counts).tolist()
+    assert gained == sorted(gained)  # the more probable the class, the larger its share
+    assert knowledge.classes(np.array([0]))[0].argmax() == COMMON_CAUSE
+    assert hopes == sorted(hopes)
+    assert hopes[-1] > 0.9
+
+
+def behaving(schema: Schema) -> set[Plain]:
+    """The structures that act as a schema does, its levers where they are."""
+    seen, n, k = transcript(plain_of(schema), 3), len(schema.levers), len(schema.solutions)
+    classes = class_prior(SIMPLICITY, FREE_FORM)
+    every = {plain for _, plain, _ in of_classes(KINDS, classes, n, SIMPLICITY)}
+    return {p for p in every if fits_console(p, k, 3) and transcript(p, 3) == seen}
+
+
+@pytest.mark.parametrize("concentration", [0.3, 2.0])
+def test_transfer_from_two_levers_to_three_is_that_of_enumeration(concentration):
+    knowledge = new(concentration)
+    learn(knowledge, CHAIN)
+
+    prior = class_prior(SIMPLICITY, FREE_FORM)
+    chain = behaving(CHAIN)
+    counts = np.zeros(len(prior))
+    for kind, plain, chance in of_classes(KINDS, prior, 2, SIMPLICITY):
+        counts[kind] += chance * (plain in chain)
+    counts /= counts.sum()
+    assert knowledge.rooms[0] == pytest.approx(counts, abs=1e-12)
+
+    classes = (counts + concentration * prior) / (1 + concentration)
+    assert knowledge.classes(np.array([0]))[0] == pytest.approx(classes, abs=1e-12)
+    behaviours: dict[object, float] = defaultdict(float)
+    for _, plain, chance in of_classes(KINDS, classes, 3, SIMPLICITY):
+        if fits_console(plain, 2, 3):
+            behaviours[transcript(plain, 3)] += chance
+    _, found = alike(FORK)
+    assert len(found) == 3
+    by_hand = sum(behaviours[seen] for seen in found.values()) / sum(behaviours.values())
+    assert expected(knowledge, FORK) == pytest.approx(by_hand, abs=1e-12)
+    assert by_hand > expected(new(concentration), FORK)
+
+
+def test_one_lever_tells_only_how_many_roles_there_can_be():
+    knowledge = new()
+    learn(knowledge, Schema("one", ["L0"], {"L0": ["door"]}))
+    prior = class_prior(SIMPLICITY, FREE_FORM)
+    can = np.array([*(len(kind.roles) == 1 for kind in KINDS), True])
+    assert knowledge.rooms[0] == pytest.approx(prior * can / (prior * can).sum())
+
+
+def test_a_room_that_is_left_in_doubt_is_shared_out():
+    doubt, cause, effect = new(), new(), new()
+    space, _ = alike(SCHEMAS["CC3"])
+    which = [learn(cause, SCHEMAS["CC3"]), learn(effect, SCHEMAS["CE3"])]
+    doubt.absorb(0, space, np.sort(which), np.array([0.25, 0.75])[np.argsort(which)], np.arange(7))
+    assert doubt.rooms[0] == pytest.approx(0.25 * cause.rooms[0] + 0.75 * effect.rooms[0])
+
+
+# -- rules, places, strengths ---------------------------------------------------------------------
+
+
+def test_grey_levers_that_are_active_make_the_rule_near_certain():
+    knowledge = new()
+    prior = rule_prior(0.5, 0.1)
+    assert prior == pytest.approx([0.45, 0.05, 0.5])
+    learn(knowledge, SCHEMAS["CC3"])
+    by_hand = prior * [1.0, 0.0, 0.5**7]
+    by_hand /= by_hand.sum()
+    # Places learn from a room as far as it was by position that its levers were marked.
+    assert knowledge.active[0] == pytest.approx(by_hand[2] * np.array([1, 1, 1, 0, 0, 0, 0]))
+    assert knowledge.visits[0] == pytest.approx(by_hand[2])
+    by_hand = (1 - RULE_CHANGES) * by_hand + RULE_CHANGES * prior
+    assert knowledge.rules[0] == pytest.approx(by_hand)
+    for _ in range(3):
+        learn(knowledge, SCHEMAS["CE3"], np.roll(np.arange(7), 2))
+    assert knowledge.rules[0, 0] > 0.998
+    assert knowledge.rules[0].sum() == pytest.approx(1.0)
+    assert (knowledge.rules[0] > 0).all()
+
+
+def test_levers_of_both_colours_that_are_active_speak_for_places():
+    knowledge = new(by_colour=0.9)
+    space = space_of(3, 2)
+    mixed = int(np.flatnonzero(space.active == 0b0001001)[0])  # a grey one and a white one
+    one = np.array([space.ends[mixed] - 1])
+    slots = np.array([3, 0, 1, 2, 4, 5, 6])
+    for visit in range(1, 4):
+        knowledge.absorb(0, space, one, np.array([1.0]), slots)
+        assert knowledge.rules[0, 2] == pytest.approx(1 - RULE_CHANGES * 0.9)
+        assert knowledge.active[0].tolist() == [visit, visit, 0, 0, 0, 0, 0]
+        often, never = (visit + 1) / (visit + 2), 1 / (visit + 2)
+        assert knowledge.places(np.array([0]))[0] == pytest.approx([often] * 2 + [never] * 5)
+
+
+def test_in_a_session_every_finished_room_counts_once():
+    protocol = Protocol("brief", 6, stop_when_solved=True, training_trials=3)
+    played = Played(named("CC3-CE4"), Prior(), protocol, range(4))
+    known = played.beliefs.knowledge
+    visits = np.zeros(4)
+    for _, step in played.moments(300):
+        visits += step.trial_over
+        assert (known.visits <= visits).all()
+        assert known.rooms.sum(axis=1) == pytest.approx(visits)
+        assert known.rules.sum(axis=1) == pytest.approx(1.0)
+        assert known.strengths.sum(axis=1) == pytest.approx(1.0)
+    assert visits.tolist() == [4] * 4
+
+
+def test_a_room_believed_to_be_without_noise_says_nothing_of_strengths():
+    protocol = Protocol("brief", 3, stop_when_solved=True, baseline_trials=2)
+    played = Played(named("CC3"), Prior(), protocol)
+    before = played.beliefs.knowledge.strengths.copy()
+    for _ in played.moments(300):
+        pass
+    assert played.beliefs.knowledge.rooms.sum() == pytest.approx(2)
+    assert played.beliefs.knowledge.strengths == pytest.approx(before)
+
+
+def test_strengths_are_learned_across_rooms():
+    protocol = Protocol("brief", 20, stop_when_solved=False, baseline_trials=4)
+    played = Played(named("noisy_CC3"), Prior(noise=0.3), protocol, range(3))
+    known = played.beliefs.knowledge
+    value = strengths(0.3, 4.0, 1.0, STRENGTH_NODES).value
+    assert known.strengths.shape == (3, len(value))
+    errors = []
+    for _, step in played.moments(4 * 20 * 3):
+        if step.trial_over.any():
+            errors.append(float(np.abs(known.strengths @ value - 0.8).mean()))
+    assert known.rooms.sum(axis=1) == pytest.approx(4)
+    assert known.strengths[:, 0].max() < 1e-6  # levers do fail
+    assert errors[-1] < 0.06

@@ -1,0 +1,401 @@
+"""Sampled structures: as probable as enumeration has them, and what rests on them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import chisquare
+
+from causal_openlock.belief import beliefs as beliefs_module
+from causal_openlock.belief import catalogue as catalogue_module
+from causal_openlock.belief import space as space_module
+from causal_openlock.belief.beliefs import Belief, Beliefs
+from causal_openlock.belief.catalogue import fits, free_form_weight
+from causal_openlock.belief.evidence import DOOR
+from causal_openlock.belief.insight import edge_probabilities
+from causal_openlock.belief.prior import Prior
+from causal_openlock.belief.sampling import Happened, Sampler, sampled, with_sampled
+from causal_openlock.belief.space import RoomSight, enumerate_space
+from causal_openlock.belief.strength import at_least, strengths
+from causal_openlock.belief.structures import Structures, gate_dags
+from causal_openlock.experiment.protocol import Condition, Trials
+from causal_openlock.experiment.session import Session
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.schema import Gate, Schema
+from support.belief_by_hand import (
+    DOOR_SLOT,
+    Plain,
+    World,
+    arrays_of,
+    fits_console,
+    free_form,
+    machine,
+    plains_of,
+    probability,
+    room_of,
+)
+from support.belief_play import LONG, Played
+from support.session_play import HUMAN, SCHEMAS
+
+SIMPLICITY = math.log(2.0)
+DRAWS = 40_000
+
+Events = list[tuple[Happened, int]]
+
+
+def happened_in(plain: Plain, strength: float, moments: int, seed: int) -> Events:
+    """What came of some actions in a room, white levers among them; the door is pushed at times."""
+    rng = np.random.default_rng(seed)
+    n = len(plain.causes) - 1
+    world = World(machine(plain, strength), range(n))
+    counts: Counter[Happened] = Counter()
+    pushed = 0
+    for _ in range(moments):
+        unlocked = bool(world.fsm.unlocked[world.state(pushed)])
+        slot = DOOR if unlocked and rng.random() < 0.5 else int(rng.integers(n + 2))
+        outcomes = world.outcomes(pushed, slot, ())
+        many, chances = list(outcomes), list(outcomes.values())
+        outcome = many[rng.choice(len(many), p=chances)]
+        counts[slot, pushed, outcome.took_effect, outcome.unlocked] += 1
+        # Opened doors close again, and now and then everything is put back.
+        pushed = 0 if rng.random() < 0.2 else outcome.pushed
+    return list(counts.items())
+
+
+def by_hand(plain: Plain, strength: float, events: Events) -> float:
+    """Probability of events, asked of the structure's machine; solutions aside."""
+    n = len(plain.causes) - 1
+    world = World(machine(plain, strength), range(n))
+    total = 1.0
+    for (slot, pushed, took_effect, unlocked), times in events:
+        if slot == DOOR_SLOT and not world.fsm.unlocked[world.state(pushed)]:
+            return 0.0  # the door had not been unlocked
+        total *= (
+            sum(
+                chance
+                for outcome, chance in world.outcomes(pushed, slot, ()).items()
+                if (outcome.took_effect, outcome.unlocked) == (took_effect, unlocked)
+            )
+            ** times
+        )
+    return total
+
+
+def likelihoods(structures: Structures, strength: float, events: Events) -> FloatArray:
+    """The same for many structures, in their terms: how many causes are pushed, and the gate."""
+    n, chance = structures.levers, at_least(strength)
+    total = np.ones(len(structures))
+    for (slot, pushed, took_effect, unlocked), times in events:
+        node = n if slot == DOOR else slot
+        after = pushed ^ (1 << slot) if took_effect and slot != DOOR else pushed
+        if node < n or slot == DOOR:
+            live = np.bitwise_count(structures.causes[:, node] & np.uint16(pushed))
+            works = chance[live, structures.threshold[:, node]]
+            total *= (works if took_effect else 1.0 - works) ** times
+        total *= structures.holds(after)[:, n] == unlocked
+    return total
+
+
+def labels(structures: Structures) -> list[bytes]:
+    rows = np.concatenate([structures.causes.view(np.uint8), structures.threshold], axis=1)
+    return [row.tobytes() for row in rows]
+
+
+def features(structures: Structures) -> FloatArray:
+    """``[M, F]`` what may be asked of structures: arrows, free levers, `all`, what solves."""
+    n = structures.levers
+    arrows = (structures.causes[:, :, None] >> np.arange(n) & 1).reshape(len(structures), -1)
+    everything = structures.threshold == np.bitwise_count(structures.causes)
+    return np.concatenate([arrows, everything, structures.solutions()], axis=1).astype(float)
+
+
+def agree(drawn: FloatArray, exact: FloatArray, number: int, sigmas: float = 4.5) -> None:
+    """Whether shares of so many independent draws are as near to the truth as chance allows."""
+    error = np.sqrt(np.maximum(exact * (1.0 - exact), 0.0) / number)
+    assert (np.abs(drawn - exact) <= sigmas * error + 1e-12).all()
+
+
+CHAIN = Plain((frozenset(), frozenset({0}), frozenset({1}), frozenset({2})), (0, 1, 1, 1))
+BOTH = Plain((frozenset(), frozenset(), frozenset({0, 1}), frozenset({0, 2})), (0, 0, 2, 1))
+FOUR = Plain(
+    (frozenset(), frozenset({0}), frozenset({0, 1}), frozenset({1}), frozenset({2, 3})),
+    (0, 1, 1, 1, 1),
+)
+
+
+# -- independent draws from the posterior --------------------------------------------------------
+
+
+@cache
+def posterior(plain: Plain, strength: float, moments: int, seed: int) -> tuple[Events, FloatArray]:
+    """Events in a room of three levers; prior times likelihood of each gate-DAG, by hand."""
+    events = happened_in(plain, strength, moments, seed)
+    weights = free_form(3, SIMPLICITY)
+    return events, np.array([w * by_hand(one, strength, events) for one, w in weights.items()])
+
+
+@pytest.mark.parametrize(
+    ("plain", "strength", "moments"),
+    [(CHAIN, 1.0, 0), (CHAIN, 1.0, 3), (BOTH, 1.0, 9), (CHAIN, 0.7, 6), (BOTH, 0.7, 25)],
+)
+def test_three_levers_are_drawn_as_probable_as_they_are(plain, strength, moments):
+    events, weight = posterior(plain, strength, moments, 4)
+    sampler = Sampler(3, SIMPLICITY, strength, events)
+    assert sampler.evidence == pytest.approx(weight.sum(), rel=1e-9)
+    drawn = Counter(labels(sampler.draw(DRAWS, np.random.default_rng(1))))
+    names = labels(arrays_of(list(free_form(3, SIMPLICITY))))
+    assert not set(drawn) - {name for name, w in zip(names, weight, strict=True) if w > 0}
+    expected = DRAWS * weight / weight.sum()
+    observed = np.array([drawn[name] for name in names])
+    rare = expected < 10
+    pooled = [np.append(x[~rare], x[rare].sum()) for x in (observed, expected)]
+    pooled = [x[pooled[1] > 0] for x in pooled]
+    if len(pooled[0]) > 1:
+        assert chisquare(*pooled).pvalue > 1e-3
+    else:
+        assert (observed > 0).sum() == 1
+
+
+@pytest.mark.parametrize(("strength", "moments"), [(1.0, 0), (1.0, 4), (0.8, 30)])
+def test_four_levers_are_drawn_as_probable_as_they_are(strength, moments):
+    events = happened_in(FOUR, strength, moments, 5)
+    everything = gate_dags(4)
+    weight = free_form_weight(4, SIMPLICITY) * likelihoods(everything, strength, events)
+    sampler = Sampler(4, SIMPLICITY, strength, events)
+    assert sampler.evidence == pytest.approx(weight.sum(), rel=1e-9)
+    drawn = sampler.draw(DRAWS, np.random.default_rng(2))
+    assert (likelihoods(drawn, strength, events) > 0).all()
+    agree(
+        features(drawn).mean(axis=0),
+        weight @ features(everything) / weight.sum(),
+        DRAWS,
+    )
+
+
+def test_the_likelihood_of_draws_is_that_by_hand():
+    events = happened_in(BOTH, 0.7, 25, 4)
+    sampler = Sampler(3, SIMPLICITY, 0.7, events)
+    drawn = sampler.draw(50, np.random.default_rng(0))
+    exact = [by_hand(plain, 0.7, events) for plain in plains_of(drawn)]
+    assert sampler.likelihood(drawn) == pytest.approx(exact, rel=1e-9)
+
+
+def test_a_white_lever_that_does_not_move_tells_nothing():
+    told: Events = [((0, 0b00, True, False), 1), ((1, 0b01, True, True), 1)]
+    plain = Sampler(3, SIMPLICITY, 1.0, told)
+    for white in (3, 4):  # also while the door is unlocked
+        more = [*told, ((white, 0b11, False, True), 2)]
+        assert Sampler(3, SIMPLICITY, 1.0, more).evidence == pytest.approx(plain.evidence)
+
+
+def test_a_white_lever_that_moves_is_beyond_the_grey_ones():
+    for white in (3, 5):
+        sampler = Sampler(3, SIMPLICITY, 1.0, [((white, 0, True, False), 1)])
+        assert sampler.evidence == 0
+        assert len(sampler.draw(10, np.random.default_rng(0))) == 0
+
+
+def test_of_what_cannot_be_nothing_is_drawn():
+    both: Events = [((0, 0, True, False), 1), ((0, 0, False, False), 1)]
+    sampler = Sampler(5, SIMPLICITY, 1.0, both)
+    assert sampler.evidence == 0
+    assert len(sampler.draw(100, np.random.default_rng(0))) == 0
+    sight = RoomSight(7, 5, 4, 3)
+    own = sampled(sampler, sight, 100, np.random.default_rng(0))
+    assert len(own) == 0
+    known = enumerate_space(sight, strengths(0.0, 1.0, 1.0, 1), SIMPLICITY, 1000)
+    assert len(with_sampled(known, own)) == len(known)
+    # With noise, an enabled lever can both move and fail to.
+    both = [((1, 1, True, False), 1), ((1, 1, False, False), 1)]
+    assert Sampler(5, SIMPLICITY, 0.8, both).evidence > 0
+
+
+# -- what the console promises -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("plain", "strength", "moments", "solutions"),
+    [(FOUR, 1.0, 0, 3), (FOUR, 1.0, 0, 1), (FOUR, 1.0, 3, 3), (FOUR, 0.8, 8, 3), (BOTH, 1.0, 2, 1)],
+)
+def test_how_many_draws_fit_the_console_is_how_probable_that_is(
+    plain, strength, moments, solutions
+):
+    n = len(plain.causes) - 1
+    events = happened_in(plain, strength, moments, 6)
+    everything = gate_dags(n)
+    promised = fits(everything, solutions, 3)
+    if n == 3:
+        exact = [fits_console(one, solutions, 3) for one in plains_of(everything)]
+        assert promised.tolist() == exact
+    weight = free_form_weight(n, SIMPLICITY) * likelihoods(everything, strength, events)
+    sampler = Sampler(n, SIMPLICITY, strength, events)
+    estimates = []
+    for seed in range(20):
+        own = sampled(sampler, RoomSight(7, n, solutions, 3), 400, np.random.default_rng(seed))
+        assert fits(own.members, solutions, 3).all()
+        assert len(set(labels(own.members))) == len(own)
+        estimates.append(own.chance @ likelihoods(own.members, strength, events))
+    share = weight[promised].sum()
+    # 400 accepted draws, or all that 48,000 bring: at worst a standard error of 1 in 20 each.
+    assert np.mean(estimates) == pytest.approx(share, rel=0.05)
+    assert np.std(estimates) < 0.1 * share
+
+
+# -- beliefs that rest on draws ------------------------------------------------------------------
+
+KNOWN = Prior(by_colour=1.0, by_white=0.0)
+
+
+@pytest.fixture
+def three_are_many(monkeypatch):
+    """Structures of four levers are sampled, as those of five are."""
+
+    def forget() -> None:
+        catalogue_module.catalogue.cache_clear()
+        beliefs_module.enumerated.cache_clear()
+
+    forget()
+    for module in (catalogue_module, space_module, beliefs_module):
+        monkeypatch.setattr(module, "FREE_FORM_LEVERS", 3)
+    yield
+    forget()
+
+
+def solving(belief: Belief) -> dict[frozenset[int], float]:
+    """How probable each set of positions is a solution."""
+    probable: Counter[frozenset[int]] = Counter()
+    solutions = belief.space.hypotheses.solutions[belief.which]
+    for row, weight in zip(solutions.tolist(), belief.weight.tolist(), strict=True):
+        for mask in row:
+            slots = [slot for slot in range(len(belief.slots)) if mask >> slot & 1]
+            probable[frozenset(belief.positions[slots].tolist())] += weight
+    return probable
+
+
+def course(
+    schema: str | Schema, prior: Prior, seed: int, actions: int, luck: int = 0
+) -> list[dict[object, float]]:
+    """Arrows and solutions before each of some actions, which depend on the seed alone."""
+    schema = SCHEMAS[schema] if isinstance(schema, str) else schema
+    played = Played(Condition("room", (Trials(schema),)), prior, LONG, [seed])
+    played.beliefs._generators = (np.random.default_rng(luck),)
+    seen = []
+    for _ in played.moments(actions):
+        classes = played.beliefs.knowledge.classes(np.array([0]))[0]
+        edges = edge_probabilities(played.belief(), classes)
+        seen.append({**dict(np.ndenumerate(edges)), **solving(played.belief())})
+    assert played.beliefs.unsure[0] == (prior.noise > 0)
+    return seen
+
+
+NOISY = Schema(
+    "noisy",
+    ["L0", "L1", "L2", "L3"],
+    {"L0": {"L1": 0.7, "L2": 0.7}, "L1": {"door": 0.7}, "L2": {"door": 0.7}, "L3": {"L2": 0.7}},
+)
+JOINT = Schema(
+    "joint",
+    ["L0", "L1", "L2", "L3"],
+    {"L0": ["L2", "L3"], "L1": ["L3"], "L2": ["door"], "L3": ["door"]},
+)
+
+
+@pytest.mark.parametrize(
+    ("schema", "prior"),
+    [
+        ("CC4", KNOWN),
+        (JOINT, KNOWN),
+        # Nearly all that is believed rests on draws.
+        (JOINT, replace(KNOWN, free_form=0.97)),
+        (NOISY, replace(KNOWN, noise=0.5)),
+    ],
+    ids=["a class", "free form", "draws alone", "noisy"],
+)
+def test_a_sampled_belief_agrees_with_the_enumerated_one(schema, prior, request):
+    exact = course(schema, prior, 2, 14)
+    request.getfixturevalue("three_are_many")
+    runs = [course(schema, replace(prior, particles=4000), 2, 14, luck) for luck in range(4)]
+    for moment, truth in enumerate(exact):
+        asked = set(truth).union(*(run[moment] for run in runs))
+        errors = [[run[moment].get(a, 0.0) - truth.get(a, 0.0) for a in asked] for run in runs]
+        # One run has a standard error of some hundredths at worst, and the mean of four half.
+        assert 0 < np.abs(errors).max() < 0.13
+        assert np.abs(np.mean(errors, axis=0)).max() < 0.045
+
+
+FIVE = Schema(
+    "five",
+    [f"L{lever}" for lever in range(5)],
+    {"L0": ["L1", "L2"], "L3": ["L2", "L4"], "L1": ["door"], "L2": ["door"], "L4": ["door"]},
+    gates={"L2": Gate("all")},
+)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_still_possible_of_five_levers_explains_all_that_happened(seed):
+    condition = Condition("five", (Trials(FIVE),))
+    played = Played(condition, replace(KNOWN, particles=150), LONG, [seed])
+    again = 0
+    for view, _ in played.moments(60):
+        belief, limit = played.belief(), 4
+        again += belief.drawn != len(belief.space.blocks[-1].catalogue)
+        places = [p for p in range(7) if view.observation[0, 7 + p]]
+        possible = belief.which[belief.weight > 0]
+        assert belief.possible
+        assert belief.weight.sum() == pytest.approx(1)
+        for index in possible[:: 1 + len(possible) // 3].tolist():
+            world = World.of(belief.space.hypotheses, index)
+            plain = plain_in(world)
+            at = belief.positions[world.slots].tolist()
+            assert sorted(at) == places
+            assert fits_console(plain, len(FIVE.solutions), limit)
+            assert probability(room_of(plain, at), played.happened[0]) == 1
+    assert not again
+
+
+def plain_in(world: World) -> Plain:
+    schema = world.fsm.schema
+    nodes = [*schema.levers, "door"]
+    return Plain(
+        tuple(frozenset(map(schema.levers.index, schema.causes(node))) for node in nodes),
+        tuple(map(schema.threshold, nodes)),
+    )
+
+
+def test_white_levers_pushed_while_the_door_is_unlocked_rule_nothing_out():
+    """The first white lever comes right after the grey ones, where the door's gate is kept."""
+    played = Played(Condition("five", (Trials(FIVE),)), replace(KNOWN, particles=100), HUMAN, [0])
+    room = played.session.truth.rooms[int(played.session.truth.room[0])]
+    grey = room.layout.places
+    whites = [position for position in range(7) if position not in grey]
+    generator = np.random.default_rng(0)
+    for white in whites:
+        for action in (grey[0], grey[1], white, 14):
+            view = played.session.view
+            played.beliefs.enter(view)
+            played.beliefs.update(played.session.step(np.array([action])))
+            if action == white:
+                assert view.observation[0, -2] == 0
+                belief = played.belief()
+                events = [((*one[:4],), times) for one, times in belief.events.items()]
+                redrawn = Sampler(5, SIMPLICITY, 1.0, events).draw(200, generator)
+                assert likelihoods(redrawn, 1.0, events).all()
+                assert len(redrawn) == 200
+
+
+def test_a_promise_that_no_draw_keeps_leaves_an_empty_belief():
+    session = Session(Condition("five", (Trials(FIVE),)), HUMAN, 1)
+    view = session.view
+    unheard_of = replace(view, console=replace(view.console, solutions_left=np.array([40])))
+    beliefs = Beliefs(session.brief, Prior(particles=50), session.brief.generators)
+    beliefs.enter(unheard_of)
+    belief = beliefs.of[0]
+    assert belief is not None
+    assert len(belief.which) == len(belief.weight) == belief.drawn == 0
+    assert belief.entropy == 0
+    beliefs.update(session.step(np.array([0])))

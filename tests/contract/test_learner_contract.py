@@ -1,0 +1,434 @@
+"""Every learner of this package keeps the contract of a learner."""
+
+from __future__ import annotations
+
+import random
+import sys
+import tomllib
+import unittest
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import pytest
+from pydantic import Field
+
+from causal_openlock.contract.learner import Learner
+from causal_openlock.errors import LearnerError
+from causal_openlock.testing import LearnerContract
+from causal_openlock.world.randomness import Streams
+from support.places import ROOT
+
+
+class TestRandom(LearnerContract):
+    learner = "random"
+
+
+class TestOracle(LearnerContract):
+    learner = "oracle"
+
+
+class TestIdeal(LearnerContract):
+    learner = "ideal"
+
+
+class TestDDQN(LearnerContract):
+    learner = "ddqn"
+    # It trains from the eighth action on, and copies its target network several times.
+    parameters = {  # noqa: RUF012
+        "batch_size": 8,
+        "replay_size": 16,
+        "hidden_units": 8,
+        "hidden_layers": 2,
+        "target_period": 5,
+    }
+    attempts = 40
+
+
+class TestDDQNOfFullSize(LearnerContract):
+    """Sums of 128 terms, whose rounding shows where it depends on what else is evaluated."""
+
+    learner = "ddqn"
+    parameters = {"target_period": 20}  # noqa: RUF012
+    schemas = ("CC3", "CE4")
+    attempts = 60
+
+
+class TestBayes(LearnerContract):
+    learner = "bayes"
+    parameters = {"particles": 60, "planned": 60}  # noqa: RUF012
+    schemas = ("CC3", "CE4", "chain3")
+
+
+class TestBayesOfBoundedRationality(LearnerContract):
+    learner = "bayes"
+    parameters = {  # noqa: RUF012
+        "temperature": 0.5,
+        "lapse": 0.1,
+        "forgetting": 0.2,
+        "noise": 0.3,
+        "hypothesis_limit": 600,
+        "particles": 20,
+        "planned": 20,
+    }
+    schemas = ("CC3", "noisy_CC3")
+    subjects = 2
+
+
+class TestBayesOfManyLevers(LearnerContract):
+    """Beyond four levers structures are sampled, which takes luck of its own."""
+
+    learner = "bayes"
+    parameters = {"policy": "thompson", "particles": 40, "lapse": 0.1}  # noqa: RUF012
+    schemas = ("seven",)
+    subjects = 2
+
+
+class TestBayesNetDDQN(LearnerContract):
+    learner = "bayes_net_ddqn"
+    parameters = TestDDQN.parameters
+    schemas = ("CC3", "CE4", "noisy_CC3")
+    attempts = 20
+
+
+class TestRecurrent(LearnerContract):
+    learner = "recurrent"
+    # It trains with every second action from the fifth on.
+    parameters = {  # noqa: RUF012
+        "hidden_units": 8,
+        "burn_in": 2,
+        "unroll": 4,
+        "batch_size": 2,
+        "train_period": 2,
+        "replay_size": 16,
+        "target_period": 3,
+    }
+    attempts = 40
+
+
+class TestRecurrentOfOddSizes(LearnerContract):
+    """Pieces that end and begin within a vector of the processor's."""
+
+    learner = "recurrent"
+    parameters = TestRecurrent.parameters | {
+        "cell": "lstm",
+        "hidden_units": 13,
+        "batch_size": 3,
+    }
+    schemas = ("CC3", "CE4")
+    attempts = 20
+
+
+class TestRecurrentOfFullSize(LearnerContract):
+    learner = "recurrent"
+    parameters = {"replay_size": 200}  # noqa: RUF012
+    schemas = ("CC3", "CE4")
+    attempts = 25
+
+
+class TestSemiMarkovDDQN(LearnerContract):
+    learner = "semi_markov_ddqn"
+    parameters = TestDDQN.parameters | {"prioritised": True}
+    attempts = 40
+
+
+class TestRL2(LearnerContract):
+    learner = "rl2"
+
+
+class TestRL2Learning(LearnerContract):
+    learner = "rl2"
+    parameters = {"learns": True, "unroll": 5, "reset": "trial"}  # noqa: RUF012
+    attempts = 10
+
+
+class TestStableBaselines(LearnerContract):
+    learner = "sb3"
+    # It learns after every fifth action.
+    parameters = {"algorithm": "A2C", "settings": {"n_steps": 5}}  # noqa: RUF012
+    schemas = ("CC3", "CE4")
+    subjects = 3
+
+    @pytest.fixture(autouse=True)
+    def _installed(self) -> None:
+        pytest.importorskip("stable_baselines3")
+
+
+class TestStableBaselinesOffPolicy(TestStableBaselines):
+    # It trains from the eleventh action on.
+    parameters = {  # noqa: RUF012
+        "algorithm": "DQN",
+        "settings": {"learning_starts": 10, "batch_size": 8, "buffer_size": 100, "train_freq": 1},
+        "episode": "trial",
+    }
+
+
+def test_every_learner_of_this_package_is_tested() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    ours = set(project["project"]["entry-points"]["causal_openlock.learners"])
+    here = {
+        value.learner
+        for value in globals().values()
+        if isinstance(value, type) and issubclass(value, LearnerContract) and value.learner
+    }
+    assert ours <= here, f"write a contract test above for {', '.join(sorted(ours - here))}"
+
+
+# -- the contract tells good learners from bad ----------------------------------------------------
+
+
+class Dice(Learner):
+    """A learner that keeps the contract; those below break it in one way each."""
+
+    def begin(self, brief):
+        self.brief = brief
+        self.streams = Streams(brief.generators)
+
+    def act(self, view):
+        return self.streams.integers(self.brief.actions)
+
+    def state_dict(self):
+        return self.streams.state_dict()
+
+    def load_state_dict(self, state):
+        self.streams.load_state_dict(state)
+
+
+class KnowsOnlyTheSmallRoom(Dice):
+    """Takes every room for one of seven positions, counting actions from 1."""
+
+    def act(self, view):
+        return self.streams.integers(15) + 1
+
+
+class AnswersFloats(Dice):
+    def act(self, view):
+        return super().act(view).astype(float)
+
+
+class AnswersForOne(Dice):
+    def act(self, view):
+        return 3
+
+
+class DrawsItsOwnSeed(Dice):
+    def begin(self, brief):
+        super().begin(brief)
+        self.streams = Streams([np.random.default_rng() for _ in brief.generators])
+
+
+class SharesOneGenerator(Dice):
+    def act(self, view):
+        return self.brief.generators[0].integers(self.brief.actions, size=self.brief.subjects)
+
+
+class RemembersInItsClass(Dice):
+    played = 0
+
+    def act(self, view):
+        type(self).played += 1
+        return super().act(view) * 0 + self.played % 14
+
+
+class LearnsFromTheFinished(Dice):
+    paid = 0.0
+
+    def learn(self, step):
+        self.paid += step.reward.sum()
+
+    def act(self, view):
+        return (super().act(view) + int(2 * self.paid)) % self.brief.actions
+
+
+class DrawsGlobally(Dice):
+    def act(self, view):
+        return np.random.randint(0, 15, self.brief.subjects)  # noqa: NPY002
+
+
+class SeedsGlobally(Dice):
+    def begin(self, brief):
+        super().begin(brief)
+        random.seed(0)
+
+
+class DrawsFromTorch(Dice):
+    def act(self, view):
+        import torch
+
+        return torch.randint(15, (self.brief.subjects,)).numpy()
+
+
+class LooksBehindTheScenes(Dice):
+    def act(self, view):
+        session = sys._getframe(2).f_locals["session"]
+        schema = session.truth.rooms[0].schema
+        return np.full(
+            self.brief.subjects, len(schema.causes("L1") if schema.name == "known" else ())
+        )
+
+
+class TurnsBits(Dice):
+    def act(self, view):
+        view.observation[0, 0] ^= 1
+        return super().act(view)
+
+
+class ClearsRewards(Dice):
+    def learn(self, step):
+        step.reward[:] = 0
+
+
+class TurnsBitsThroughTorch(Dice):
+    def act(self, view):
+        import torch
+
+        torch.from_numpy(view.observation).fill_(1)
+        return super().act(view)
+
+
+class Forgets(Dice):
+    def state_dict(self):
+        return {}
+
+    def load_state_dict(self, state):
+        pass
+
+
+class Counts(Learner):
+    def begin(self, brief):
+        self.counts = np.zeros(brief.actions, dtype=int)
+
+    def act(self, view):
+        return np.full(len(view.playing), self.counts.argmin())
+
+    def learn(self, step):
+        self.counts[step.action[0]] += 1
+
+
+class HandsOutItsOwnState(Counts):
+    def state_dict(self):
+        return {"counts": self.counts}
+
+    def load_state_dict(self, state):
+        self.counts = state["counts"].copy()
+
+
+class TakesOverTheCheckpoint(Counts):
+    def state_dict(self):
+        return {"counts": self.counts.copy()}
+
+    def load_state_dict(self, state):
+        self.counts = state["counts"]
+
+
+@dataclass
+class Thawed:
+    rate: Annotated[float, "how fast"] = 0.5
+
+
+@dataclass(frozen=True)
+class Silent:
+    rate: float = 0.5
+
+
+@dataclass(frozen=True)
+class Demanding:
+    rate: Annotated[float, "how fast"]
+
+
+@dataclass(frozen=True)
+class Inconsistent:
+    rate: Annotated[float, Field(lt=0.1), "how fast"] = 0.5
+
+
+class WithThawed(Dice):
+    """Its parameters can be changed."""
+
+    Parameters = Thawed
+
+
+class WithSilent(Dice):
+    """Its parameters have no meaning."""
+
+    Parameters = Silent
+
+
+class WithDemanding(Dice):
+    """Its parameters have no defaults."""
+
+    Parameters = Demanding
+
+
+class WithInconsistent(Dice):
+    """Its default is none of its values."""
+
+    Parameters = Inconsistent
+
+
+ANSWERS = "test_it_answers_with_one_action_for_each_subject"
+BATCH = "test_a_subject_does_not_depend_on_its_batch"
+SEED = "test_the_same_seed_gives_the_same_record"
+FINISHED = "test_it_ignores_subjects_that_have_finished"
+GLOBAL = "test_it_keeps_no_global_randomness"
+LATENT = "test_it_sees_nothing_latent"
+GIVEN = "test_it_never_changes_what_it_is_given"
+RESUMES = "test_it_goes_on_from_a_checkpoint"
+PARAMETERS = "test_its_parameters_are_a_frozen_dataclass_that_explains_itself"
+
+
+def contract_of(kind: type) -> LearnerContract:
+    name = f"{__name__}:{kind.__name__}"
+    return type("Contract", (LearnerContract,), {"learner": name})()
+
+
+class TestDice(LearnerContract):
+    learner = f"{__name__}:Dice"
+
+
+@pytest.mark.parametrize(
+    ("kind", "test", "says"),
+    [
+        (KnowsOnlyTheSmallRoom, ANSWERS, "7 positions, act answered .* integers from 0 to 14"),
+        (AnswersFloats, ANSWERS, "act answered float64"),
+        (AnswersForOne, ANSWERS, r"of shape \(\), 3, where 4 integers"),
+        (DrawsItsOwnSeed, SEED, r"twice with the same seed .* row 0: actions .* or "),
+        (SharesOneGenerator, BATCH, "subject 0, who played as one of 4 and then as one of 1"),
+        (RemembersInItsClass, BATCH, "row 0: actions .* or "),
+        (LearnsFromTheFinished, FINISHED, "1 steps after .* step.view.playing"),
+        (DrawsGlobally, GLOBAL, r"used or seeded numpy.random; draw from brief.generators"),
+        (SeedsGlobally, GLOBAL, "used or seeded random;"),
+        (DrawsFromTorch, GLOBAL, "used or seeded torch;"),
+        (DrawsItsOwnSeed, GLOBAL, "depends on the global generators"),
+        (LooksBehindTheScenes, LATENT, "names of their levers alone"),
+        (TurnsBits, GIVEN, "act changes an array .* copy"),
+        (ClearsRewards, GIVEN, "learn changes an array .* copy"),
+        (TurnsBitsThroughTorch, GIVEN, "act changes an array .* copy"),
+        (Forgets, RESUMES, "as it would have uninterrupted: .* agree for"),
+        (HandsOutItsOwnState, RESUMES, "changed with the learner it came from"),
+        (TakesOverTheCheckpoint, RESUMES, "changed with the learner it went to"),
+        (WithThawed, PARAMETERS, r"dataclass\(frozen=True\)"),
+        (WithSilent, PARAMETERS, "no meaning: rate"),
+        (WithDemanding, PARAMETERS, "no default: rate"),
+        (WithInconsistent, PARAMETERS, "should be less than 0.1"),
+        (AnswersFloats, PARAMETERS, "no docstring"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:The given NumPy array is not writable")
+def test_a_broken_promise_is_found(kind: type, test: str, says: str) -> None:
+    contract = contract_of(kind)
+    with pytest.raises((AssertionError, LearnerError), match=f"(?s){kind.__name__}.*{says}"):
+        getattr(contract, test)()
+
+
+def test_a_contract_without_a_learner_says_so() -> None:
+    with pytest.raises(AssertionError, match=r'learner = "my_package:MyLearner"'):
+        LearnerContract().test_it_plays_a_session_to_its_end()
+
+
+def test_the_contract_runs_under_unittest() -> None:
+    case = type("Case", (LearnerContract, unittest.TestCase), {"learner": "oracle"})
+    result = unittest.TestResult()
+    unittest.defaultTestLoader.loadTestsFromTestCase(case).run(result)
+    assert result.testsRun == 10
+    assert result.wasSuccessful()
+    assert len(result.skipped) == 1

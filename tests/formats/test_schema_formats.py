@@ -1,0 +1,367 @@
+"""Schemas in other programs' formats, and the Bayesian network of one push per lever."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from itertools import product
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from causal_openlock.errors import OpenLockError, SchemaError
+from causal_openlock.formats.graphs import (
+    FORMATS,
+    export_schema,
+    import_schema,
+    read_schema_as,
+    to_bayesian_network,
+    write_schema_as,
+)
+from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.world.schema import DOOR, Gate, Schema
+from support.strategies import schemas
+
+BUNDLED = bundled_schemas()
+READABLE = [name for name, format in FORMATS.items() if format.readable]
+GRAPHS = [name for name in READABLE if name != "yaml"]
+TITLES = st.text(st.characters(exclude_categories=["C", "Zl", "Zp"]), max_size=20)
+
+# A schema in which everything is said that a schema can say.
+FULL = Schema(
+    "full",
+    ["edge", "L2", "L10", "node", "subgraph", "L3"],
+    {
+        "L2": {"edge": 0.5, "node": 1.0, "L10": 1.0, "L3": 1.0},
+        "edge": {"subgraph": 1 / 3},
+        "subgraph": {DOOR: 1.0},
+        "L10": {"edge": 1e-7, DOOR: 0.25},
+    },
+    gates={"edge": Gate("all"), DOOR: Gate("at_least", 2)},
+    inert=["L3", "node"],
+    title='A "quoted" & \\odd\\ title; 100% [x] {y} -> #1 // ü 因果 \\',
+)
+
+
+def ids(schema: Schema) -> str:
+    return schema.name
+
+
+# -- there and back -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("format", READABLE)
+@pytest.mark.parametrize("schema", [*BUNDLED.values(), FULL], ids=ids)
+def test_a_schema_survives_every_readable_format(schema: Schema, format: str) -> None:
+    back = import_schema(export_schema(schema, format), format)
+    assert back == schema
+    assert back.as_dict() == schema.as_dict()
+
+
+@pytest.mark.parametrize("format", READABLE)
+@settings(max_examples=40, deadline=None)
+@given(schema=schemas(max_levers=8, stochastic=True, titles=TITLES))
+def test_any_schema_survives(schema: Schema, format: str) -> None:
+    assert import_schema(export_schema(schema, format), format) == schema
+
+
+@pytest.mark.parametrize("title", ["()", "[]", "two\nlines", "1", "true", " ", "\\", '"', "&amp;"])
+@pytest.mark.parametrize("format", GRAPHS)
+def test_a_title_that_means_something_to_a_format_survives(title: str, format: str) -> None:
+    schema = Schema("a", ["L0"], {"L0": [DOOR]}, title=title)
+    assert import_schema(export_schema(schema, format), format).title == title
+
+
+def test_networkx_itself_reads_what_is_written() -> None:
+    schema = BUNDLED["seven"]
+    data = json.loads(export_schema(schema, "node-link"))
+    for graph in (
+        nx.node_link_graph(data, edges="edges"),
+        nx.parse_gml(export_schema(schema, "gml")),
+    ):
+        assert set(graph.edges) == set(schema.graph.edges)
+        assert graph.nodes["L2"]["gate"] == "all"
+        assert graph.edges["L0", "L2"]["strength"] == 1.0
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_files_are_known_by_their_suffix(tmp_path, format: str) -> None:
+    schema = BUNDLED["two_keys"]
+    for suffix in FORMATS[format].suffixes:
+        path = tmp_path / f"lock{suffix}"
+        write_schema_as(schema, path)
+        assert path.read_text(encoding="utf-8") == export_schema(schema, format)
+        if FORMATS[format].readable:
+            assert read_schema_as(path) == schema
+            other = path.rename(path.with_suffix(".txt"))
+            assert read_schema_as(other, format) == schema
+
+
+# -- files from elsewhere -------------------------------------------------------------------------
+
+
+def test_a_graph_from_elsewhere_gets_the_defaults(tmp_path) -> None:
+    graph = nx.DiGraph([("A", "B"), ("B", DOOR)])
+    expected = Schema("my_lock", ["A", "B"], {"A": ["B"], "B": [DOOR]})
+    texts = {
+        ".json": json.dumps(nx.node_link_data(graph)),
+        ".gml": "\n".join(nx.generate_gml(graph)),
+        ".dot": "digraph { A -> B -> door }",
+        ".dagitty": "dag{A->B door<-B}",
+    }
+    for suffix, text in texts.items():
+        path = tmp_path / f"my-lock{suffix}"
+        path.write_text(text)
+        assert read_schema_as(path) == expected, suffix
+    links = nx.node_link_data(graph, edges="links")
+    assert import_schema(json.dumps(links), "node-link", "my_lock") == expected
+
+
+def test_dot_as_people_write_it() -> None:
+    schema = import_schema(
+        """# a comment
+        strict digraph lock { // another
+            rankdir=LR; graph [title="Two &amp; \\"two\\""] /* and
+            another */ edge [strength=0.5]
+            node [color=red]; L1; L0 [shape=box, color="blue"; width=.5]
+            subgraph cluster_a { node [gate=all]; L2; }
+            {L0 L1} -> L2:n -> door [strength=.25]
+            L0 -> door
+        }""",
+        "dot",
+    )
+    assert schema == Schema(
+        "lock",
+        ["L1", "L0", "L2"],
+        {"L0": {"L2": 0.25, DOOR: 0.5}, "L1": {"L2": 0.25}, "L2": {DOOR: 0.25}},
+        gates={"L2": Gate("all")},
+        title='Two & "two"',
+    )
+
+
+def test_dagitty_as_its_web_page_writes_it() -> None:
+    schema = import_schema(
+        """dag {
+        bb="-2.4,-2,2.2,2"
+        Open [outcome,pos="1.4,1.621"]
+        Key [exposure,pos="-2.200,1.597"]
+        Lever [pos="-0.300,-0.082"]
+        Key -> Lever [pos="-0.791,-1.045",beta="0.3"]
+        Open <- Lever
+        }""",
+        "dagitty",
+    )
+    assert schema == Schema("imported", ["Key", "Lever"], {"Key": {"Lever": 0.3}, "Lever": [DOOR]})
+
+
+def test_dagitty_says_what_its_own_grammar_has_a_word_for() -> None:
+    text = export_schema(BUNDLED["noisy_CC3"], "dagitty")
+    assert '"L0" [exposure]' in text
+    assert '"door" [outcome' in text
+    assert '"L0" -> "L1" [beta="0.8"]' in text
+
+
+# -- what cannot be read --------------------------------------------------------------------------
+
+EMPTY = {"directed": True, "multigraph": False, "graph": {}, "nodes": [], "edges": []}
+
+
+def link(nodes, edges, **more) -> str:
+    data = {"nodes": [{"id": node} for node in nodes]}
+    data["edges"] = [{"source": cause, "target": effect} for cause, effect in edges]
+    return json.dumps(EMPTY | data | more)
+
+
+@pytest.mark.parametrize(
+    ("format", "text", "says"),
+    [
+        ("node-link", "garbage", "node-link .*json.dumps"),
+        ("node-link", "[1, 2]", "node-link .*json.dumps"),
+        ("node-link", "3", "node-link .*json.dumps"),
+        ("node-link", "[" * 100_000, "node-link .*json.dumps"),
+        ("node-link", "{}", "key 'nodes' is missing"),
+        ("node-link", '{"nodes": [{}], "edges": [{"source": 1}]}', "node-link"),
+        ("node-link", json.dumps(EMPTY), "no node named door"),
+        ("node-link", link(["A", "Door"], [("A", "Door")]), "did you mean Door"),
+        ("node-link", link(["A", DOOR], [("A", DOOR)], directed=False), "directed"),
+        ("node-link", link(["A", DOOR], [("A", DOOR)], multigraph=True), "each edge once"),
+        ("node-link", link(["A", DOOR], []), "nothing unlocks the door"),
+        ("node-link", link([1, DOOR], [(1, DOOR)]), "node-link .*string"),
+        ("node-link", link(["A", "B", DOOR], [("A", DOOR)]), "on no path to the door"),
+        ("node-link", link(["A", "B", DOOR], [("A", "B"), ("B", "A"), ("A", DOOR)]), "cycle"),
+        ("node-link", link(["A", DOOR], [("A", DOOR)], graph={"levers": ["B"]}), "lacks the node"),
+        ("node-link", link(["A", DOOR], [("A", DOOR)], graph={"levers": 3}), "node-link"),
+        ("node-link", link(["A", DOOR], [("A", DOOR)], graph={"name": "a b"}), "name"),
+        ("gml", "garbage", "gml .*write_gml"),
+        ("gml", "graph [ directed 1 node [ id 0 ] ]", "gml .*label"),
+        ("gml", 'graph [ node [ id 0 label "door" ] ]', "gml .*directed"),
+        ("gml", 'graph [ directed 1 node [ id 0 label "A" ] ]', "gml .*no node named door"),
+        ("dot", "garbage", "line 1 of this dot text.*digraph"),
+        ("dot", "", "line 1 of this dot text.*digraph"),
+        ("dot", "graph { A -- door }", "digraph"),
+        ("dot", "digraph {\n A -- door }", "line 2 of this dot text.*cause -> effect"),
+        ("dot", "digraph {\n A -> door", "end of the text"),
+        ("dot", "digraph { A -> }", "name is needed"),
+        ("dot", "digraph { A -> door } B", "comes after the graph"),
+        ("dot", "digraph { A -> door [strength] }", "dot .*strength"),
+        ("dot", "digraph { A -> door [strength=lots] }", "dot .*strength"),
+        ("dot", "digraph { A -> door [strength=2] }", "dot .*strength"),
+        ("dot", "digraph { A -> door [strength=NaN] }", "dot .*strength"),
+        ("dot", "digraph { A -> door A -> door }", "listed twice"),
+        ("dot", "digraph { A -> B -> A -> door }", "cycle"),
+        ("dot", "digraph { A -> door; door [gate=some] }", "dot .*gate"),
+        ("dot", 'digraph { A -> door; door [gate="at_least 2"] }', "dot .*gate of door"),
+        ("dot", "digraph { A [label=<b>] -> door }", "cannot make sense"),
+        ("dot", "digraph " + "{" * 2000, "nested deeper"),
+        ("dagitty", "mag { A -> door }", "dagitty .*dag {"),
+        ("dagitty", "dag { A <-> door }", "dagitty .*cause -> effect"),
+        ("dagitty", "dag { A -> B }", "dagitty .*no node named door"),
+        ("dagitty", "dag { A -> door [beta=-0.4] }", "dagitty .*strength"),
+        ("dagitty", "dag { A -> B B -> A A -> door }", "cycle"),
+        ("yaml", "garbage", "must hold keys"),
+        ("yaml", "name: a", "missing"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_sentence(format: str, text: str, says: str) -> None:
+    with pytest.raises(OpenLockError, match=rf"(?s){says}") as raised:
+        import_schema(text, format)
+    if format != "yaml":
+        assert isinstance(raised.value, SchemaError)
+        assert "\n" not in str(raised.value)
+        assert format in str(raised.value)
+        assert raised.value.__cause__ is None
+        assert len(str(raised.value)) < 400
+
+
+@pytest.mark.parametrize("format", GRAPHS)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_damaged_text_never_gives_a_traceback(format: str, data: st.DataObject) -> None:
+    text = export_schema(FULL, format)
+    start = data.draw(st.integers(0, len(text)))
+    end = data.draw(st.integers(start, min(len(text), start + 30)))
+    damaged = (
+        text[:start] + data.draw(st.text(max_size=5) | st.sampled_from("{}[]\"'=0")) + text[end:]
+    )
+    with contextlib.suppress(OpenLockError):
+        import_schema(damaged, format)
+
+
+def test_unknown_formats_name_the_nearest(tmp_path) -> None:
+    schema = BUNDLED["CC3"]
+    with pytest.raises(OpenLockError, match="did you mean dagitty"):
+        export_schema(schema, "dagity")
+    with pytest.raises(OpenLockError, match="did you mean node-link"):
+        import_schema("", "nodelink")
+    with pytest.raises(OpenLockError, match=r"suffix '\.gmll'.*did you mean \.gml"):
+        write_schema_as(schema, tmp_path / "a.gmll")
+    with pytest.raises(OpenLockError, match=r"bif can only be written.*node-link"):
+        import_schema(export_schema(schema, "bif"), "bif")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path) -> None:
+    with pytest.raises(OpenLockError, match=r"none\.gml: cannot be read"):
+        read_schema_as(tmp_path / "none.gml")
+    (tmp_path / "bad.dot").write_text("digraph {")
+    with pytest.raises(SchemaError, match=r"bad\.dot: line 1"):
+        read_schema_as(tmp_path / "bad.dot")
+    (tmp_path / "bytes.dot").write_bytes(b"\xff\xfe")
+    with pytest.raises(OpenLockError, match="UTF-8"):
+        read_schema_as(tmp_path / "bytes.dot")
+    with pytest.raises(SchemaError, match="more than the"):
+        import_schema(" " * 300_000, "dot")
+
+
+# -- the Bayesian network -------------------------------------------------------------------------
+
+
+def chance_by_hand(schema: Schema, do: dict[str, int], push: float) -> float:
+    """P(door opens), summed over every outcome of every push and of every edge on its own."""
+    order = [node for node in nx.topological_sort(schema.graph) if node not in do]
+    edges = [edge for edge in schema.graph.edges if edge[1] in order]
+    free = [edge for edge in edges if schema.graph.edges[edge]["strength"] < 1.0]
+    pushes = [node for node in order if node != DOOR] if push < 1.0 else []
+    total = 0.0
+    for luck in product((0, 1), repeat=len(free) + len(pushes)):
+        happens = dict(zip([*free, *pushes], luck, strict=True))
+        weight = 1.0
+        for what, yes in happens.items():
+            p = push if isinstance(what, str) else schema.graph.edges[what]["strength"]
+            weight *= p if yes else 1 - p
+        moved = dict(do)
+        for node in order:
+            causes = list(schema.graph.predecessors(node))
+            through = [cause for cause in causes if moved[cause] and happens.get((cause, node), 1)]
+            kind = schema.graph.nodes[node]["gate"].kind
+            if not causes:
+                enabled = True
+            elif kind == "any":
+                enabled = bool(through)
+            elif kind == "all":
+                enabled = through == causes
+            else:
+                enabled = len(through) >= schema.graph.nodes[node]["gate"].k
+            moved[node] = int(enabled and happens.get(node, 1))
+        total += weight * moved[DOOR]
+    return total
+
+
+def chance_by_network(schema: Schema, do: dict[str, int], push: float) -> float:
+    from pgmpy.inference import VariableElimination
+
+    network = to_bayesian_network(schema, push)
+    assert network.check_model()
+    cut = network.do(list(do)) if do else network
+    answer = VariableElimination(cut).query([DOOR], evidence=do, show_progress=False)
+    return float(answer.get_value(**{DOOR: 1}))
+
+
+@pytest.mark.parametrize("push", [1.0, 0.5])
+@pytest.mark.parametrize("schema", BUNDLED.values(), ids=ids)
+def test_interventions_on_bundled_schemas(schema: Schema, push: float) -> None:
+    levers = schema.levers
+    single = [{lever: state} for lever in levers for state in (0, 1)]
+    joint = [{levers[0]: 1, levers[1]: 0}, {levers[0]: 1, levers[-1]: 1}]
+    for do in [{}, *single, *joint]:
+        by_hand = chance_by_hand(schema, do, push)
+        assert chance_by_network(schema, do, push) == pytest.approx(by_hand, abs=1e-12), do
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data(), push=st.sampled_from([1.0, 0.7]))
+def test_interventions_on_any_schema(data: st.DataObject, push: float) -> None:
+    schema = data.draw(schemas(max_levers=4, stochastic=True))
+    do = data.draw(st.dictionaries(st.sampled_from(schema.levers), st.integers(0, 1)))
+    by_hand = chance_by_hand(schema, do, push)
+    assert chance_by_network(schema, do, push) == pytest.approx(by_hand, abs=1e-9)
+
+
+def test_a_known_noisy_or() -> None:
+    # noisy_CC3: L1 and L2 move with 0.8 each; the door opens through each with 0.8.
+    assert chance_by_network(BUNDLED["noisy_CC3"], {}, 1.0) == pytest.approx(1 - (1 - 0.64) ** 2)
+    assert chance_by_network(BUNDLED["noisy_CC3"], {"L0": 0}, 1.0) == 0.0
+
+
+@pytest.mark.parametrize("schema", [FULL, BUNDLED["two_of_four"], BUNDLED["noisy_CC3"]], ids=ids)
+def test_bif_gives_the_same_tables(schema: Schema) -> None:
+    from pgmpy.readwrite import BIFReader
+
+    network = to_bayesian_network(schema)
+    back = BIFReader(string=export_schema(schema, "bif")).get_model()
+    assert set(back.nodes) == {*schema.levers, DOOR}
+    assert set(back.edges) == set(schema.graph.edges)
+    for node in network.nodes:
+        ours, theirs = network.get_cpds(node), back.get_cpds(node)
+        assert ours.variables == theirs.variables
+        assert ours.state_names[node] == [0, 1]
+        assert theirs.state_names[node] == ["0", "1"]
+        np.testing.assert_allclose(theirs.values, ours.values, rtol=0, atol=1e-12)
+
+
+def test_a_push_probability_is_a_probability() -> None:
+    with pytest.raises(OpenLockError, match="from 0 to 1"):
+        to_bayesian_network(BUNDLED["CC3"], 1.5)

@@ -1,0 +1,142 @@
+"""A DDQN that explores by expected information, beside one that explores by chance."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import chisquare
+
+from causal_openlock.contract.registry import create
+from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.session import Session
+from learners.bayes_net_ddqn import BayesNetDDQN, BayesNetDDQNParameters
+from learners.ddqn import DDQN, DDQNParameters
+from support.checkpoints import same
+from support.session_play import HUMAN, Scripted, named, one_room
+
+SMALL: dict[str, Any] = {
+    "hidden_layers": 1,
+    "hidden_units": 8,
+    "batch_size": 8,
+    "replay_size": 40,
+    "target_period": 10,
+}
+ON = Protocol("on", 60, stop_when_solved=False, baseline_trials=2)
+
+
+def guided(**parameters: Any) -> BayesNetDDQN:
+    return BayesNetDDQN(BayesNetDDQNParameters(**SMALL, **parameters))
+
+
+def plain(**parameters: Any) -> DDQN:
+    return DDQN(DDQNParameters(**SMALL, **parameters))
+
+
+def begun(learner: DDQN, condition: str | Condition, protocol: Protocol, subjects: int) -> Session:
+    condition = named(condition) if isinstance(condition, str) else condition
+    session = Session(condition, protocol, subjects, seed=1)
+    learner.begin(session.brief)
+    return session
+
+
+def test_without_exploration_the_two_play_and_train_alike():
+    never = {"epsilon_start": 0.0, "epsilon_min": 0.0, "epsilon_after_trial": None}
+    courses = []
+    for learner in (guided(**never), plain(**never)):
+        session = begun(learner, "CC3-CE4", replace(HUMAN, attempt_limit=5), 3)
+        actions = []
+        while not session.over:
+            actions.append(learner.act(session.view).tolist())
+            learner.learn(session.step(np.array(actions[-1])))
+        state = learner.state_dict()
+        state.pop("beliefs", None)
+        courses.append((actions, state))
+    assert courses[0][0] == courses[1][0]
+    assert same(courses[0][1], courses[1][1])
+
+
+def test_only_what_it_explores_is_different_and_only_while_there_is_something_to_learn():
+    """A DDQN that is told everything that the other does would have done the same, but for that."""
+    learner, shadow = guided(epsilon_decay=0.997), plain(epsilon_decay=0.997)
+    room = one_room("CC3", "trial1", 2)
+    session = begun(learner, room, ON, 3)
+    begun(shadow, room, ON, 3)
+    explores: list[np.ndarray] = []
+
+    def watched(view, who, draw):
+        explores.append(who)
+        return BayesNetDDQN._explore(learner, view, who, draw)
+
+    learner._explore = watched
+    told = Counter[str]()
+    while not session.over:
+        view = session.view
+        actions, others = learner.act(view), shadow.act(view)
+        for row in range(3):
+            same_action = actions[row] == others[row]
+            if not explores[-1][row]:
+                told["greedy"] += 1
+                assert same_action
+            elif learner.gains(row, view).sum() < 1e-9:
+                told["knows"] += 1
+                told["is certain"] += learner.belief(row).entropy < 1e-9
+                assert same_action
+            else:
+                told["asks"] += 1
+                told["asks else"] += not same_action
+        step = session.step(actions)
+        learner.learn(step)
+        shadow.learn(step)
+    assert min(told.values()) > 20
+    assert told["asks else"] > told["asks"] / 2
+    kept = learner.state_dict()
+    del kept["beliefs"]
+    assert same(kept, shadow.state_dict())
+
+
+@pytest.mark.parametrize("before", [(), (0,), (0, 1)], ids=["nothing", "one", "two"])
+def test_while_there_is_something_to_learn_it_explores_in_proportion_to_the_gains(before):
+    """In the first room, after the same actions for all."""
+    many = 800
+    learner = guided(epsilon_min=1.0, epsilon_after_trial=None)
+    learner.parameters = replace(learner.parameters, hidden_units=1)
+    session = begun(learner, one_room("CC3", "trial1"), HUMAN, many)
+    places = session.truth.rooms[0].layout.places
+    for lever in before:
+        learner.act(session.view)
+        learner.beliefs.update(session.step(np.full(many, places[lever])))
+    counts = np.bincount(learner.act(session.view), minlength=15)
+    gains = learner.gains(0, session.view)
+    for subject in (1, many - 1):
+        assert learner.gains(subject, session.view) == pytest.approx(gains)
+    assert not counts[gains == 0].any()
+    assert not gains[7:14].any()
+    assert (gains > 0).sum() >= 3
+    expected = many * gains / gains.sum()
+    alive = expected > 0
+    assert chisquare(counts[alive], expected[alive]).pvalue > 1e-3
+    assert chisquare(counts[alive]).pvalue < 1e-3  # which all alike would not be
+
+
+def test_finished_subjects_are_not_asked_for_their_beliefs():
+    learner = guided(epsilon_min=1.0)
+    session = begun(learner, one_room("CC3", "trial1"), replace(HUMAN, attempt_limit=3), 2)
+    places = session.truth.rooms[0].layout.places
+    script = Scripted([places[0], places[1], 14, places[0], places[2], 14], [0] * 9)
+    script.begin(session.brief)
+    while not session.over:
+        learner.act(session.view)
+        learner.learn(session.step(script.act(session.view)))
+    assert learner.beliefs.of == [None, None]
+
+
+def test_what_the_structure_learner_believes_at_first_is_a_parameter():
+    learner = create("bayes_net_ddqn", {**SMALL, "noise": 0.5, "concentration": 4.0})
+    assert isinstance(learner, BayesNetDDQN)
+    learner.begin(Session(named("CC3"), HUMAN, 1).brief)
+    assert learner.beliefs.unsure.all()
+    assert learner.beliefs.knowledge.concentration == 4.0

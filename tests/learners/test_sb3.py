@@ -1,0 +1,205 @@
+"""Stable-Baselines3 as a learner: it does what it does alone, and leaves everything else alone."""
+
+from __future__ import annotations
+
+import builtins
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from causal_openlock.contract.probes import GlobalRandomness
+from causal_openlock.contract.registry import create
+from causal_openlock.envs import OpenLockEnv
+from causal_openlock.errors import LearnerError
+from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.session import Session
+from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.world.room import Layout
+from learners.sb3 import StableBaselines
+from support.places import ROOT
+from support.waiting import HANGS
+
+sb3 = pytest.importorskip("stable_baselines3")
+sb3_contrib = pytest.importorskip("sb3_contrib")
+
+CC3 = find_schema("CC3")
+ONE_ROOM = Condition("room", (Trials(CC3, (Layout.of(CC3, "trial1"),)),))
+PROTOCOL = Protocol("t", attempt_limit=30, stop_when_solved=False, baseline_trials=1)
+QUICK: dict[str, dict[str, Any]] = {
+    "PPO": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
+    "A2C": {},
+    "DQN": {"learning_starts": 10, "batch_size": 8, "buffer_size": 100, "train_freq": 1},
+    "RecurrentPPO": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
+}
+
+
+def session_of(protocol: Protocol = PROTOCOL, subjects: Any = 1) -> Session:
+    return Session(ONE_ROOM, protocol, subjects, reward="basic", learner="t")
+
+
+def play(learner: Any, session: Session) -> None:
+    while not session.over:
+        learner.learn(session.step(learner.act(session.view)))
+
+
+class Watched(OpenLockEnv):
+    """Notes what is done in it."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.done: list[int] = []
+
+    def step(self, action: int) -> Any:
+        self.done.append(int(action))
+        return super().step(action)
+
+
+def alone(algorithm: str, seed: int, steps: int, total: int, episode: Any) -> list[int]:
+    """What the library does by itself, in our environment."""
+    room = Watched(schema="CC3", layout="trial1", reward="basic", episode=episode)
+    recurrent = algorithm.startswith("Recurrent")
+    library, policy = (sb3_contrib, "MlpLstmPolicy") if recurrent else (sb3, "MlpPolicy")
+    model = getattr(library, algorithm)(policy, room, seed=seed, device="cpu", **QUICK[algorithm])
+    before = GlobalRandomness.now()
+    model.learn(total)
+    before.restore()
+    return room.done[:steps]
+
+
+@pytest.mark.parametrize("episode", ["attempt", "trial"])
+@pytest.mark.parametrize("algorithm", list(QUICK))
+def test_it_does_what_the_library_does_by_itself(algorithm: str, episode: Any) -> None:
+    session = session_of()
+    learner = create(
+        "sb3", {"algorithm": algorithm, "settings": QUICK[algorithm], "episode": episode}
+    )
+    learner.begin(session.brief)
+    done = []
+    while not session.over:
+        done.append(int(learner.act(session.view)[0]))
+        learner.learn(session.step([done[-1]]))
+    most = session.brief.trials * 30 * 3
+    assert isinstance(learner, StableBaselines)
+    expected = alone(algorithm, learner._seeds[0], len(done), most, episode)
+    assert done == expected
+    assert len(done) > 80
+    # It has learned on the way, or there would be little to compare.
+    assert learner._players[0].model._n_updates > 4
+
+
+def test_subjects_do_not_share_the_global_generators() -> None:
+    protocol = Protocol("t", attempt_limit=8, stop_when_solved=False, baseline_trials=1)
+    done = {}
+    for subjects in ([0, 1, 2], [1]):
+        session = session_of(protocol, subjects)
+        learner = create("sb3", {"algorithm": "A2C"})
+        learner.begin(session.brief)
+        played = []
+        before = GlobalRandomness.now()
+        while not session.over:
+            played.append(learner.act(session.view).tolist())
+            learner.learn(session.step(np.array(played[-1])))
+            np.random.random(3)  # noqa: NPY002 - somebody else draws in between
+        assert before.differs_from(GlobalRandomness.now()) == ["numpy.random"]
+        done[len(subjects)] = np.array(played)
+    assert np.array_equal(done[3][:, 1], done[1][:, 0])
+    assert not np.array_equal(done[3][:, 0], done[3][:, 1])
+
+
+def test_its_threads_end_with_it() -> None:
+    session = session_of(subjects=3)
+    learner = create("sb3", {"settings": QUICK["PPO"]})
+    learner.begin(session.brief)
+    learner.learn(session.step(learner.act(session.view)))
+    assert isinstance(learner, StableBaselines)
+    threads: list[Any] = [player._thread for player in learner._players]
+    assert all(thread.is_alive() for thread in threads)
+    del learner
+    assert not any(thread.is_alive() for thread in threads)
+
+
+ENDS_EARLY = """
+from causal_openlock.contract.registry import create
+from test_sb3 import session_of
+session = session_of(subjects=3)
+learner = create("sb3", {"algorithm": "A2C"})
+learner.begin(session.brief)
+for _ in range(20):
+    learner.learn(session.step(learner.act(session.view)))
+"""
+
+
+def test_a_program_can_end_while_its_models_wait() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", ENDS_EARLY],
+        cwd=ROOT / "tests",
+        capture_output=True,
+        text=True,
+        timeout=HANGS,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_after_all_its_actions_it_plays_on_without_learning() -> None:
+    session = session_of()
+    learner = create("sb3", {"algorithm": "A2C", "total_actions": 20})
+    learner.begin(session.brief)
+    assert isinstance(learner, StableBaselines)
+    model = learner._players[0].model
+    course = []
+    while not session.over:
+        learner.learn(session.step(learner.act(session.view)))
+        course.append(model._n_updates)
+    assert course[-1] == 4  # one update after every five actions
+    assert len(course) > 80
+
+
+# -- what is said where something is wrong --------------------------------------------------------
+
+
+def refused(**parameters: Any) -> str:
+    with pytest.raises(LearnerError) as error:
+        create("sb3", parameters).begin(session_of().brief)
+    return str(error.value)
+
+
+def test_a_missing_library_is_one_clear_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    assert "install it with pip install 'causal-openlock[sb3]'" in refused()
+
+
+def test_an_algorithm_of_the_other_library_is_told_where_it_is_not_installed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "sb3_contrib", None)
+    said = refused(algorithm="RecurrentPPO")
+    assert "there is no algorithm 'RecurrentPPO'" in said
+    assert "pip install 'causal-openlock[sb3]'" in said
+
+
+def test_wrong_settings_are_told() -> None:
+    assert "did you mean PPO?" in refused(algorithm="PPPO")
+    assert "PPO of Stable-Baselines3 refuses its settings: TypeError" in refused(
+        settings={"n_step": 4}
+    )
+    assert "SAC of Stable-Baselines3 refuses its settings" in refused(algorithm="SAC")
+    assert "settings cannot hold 'seed'" in refused(settings={"seed": 3})
+    assert "must be plain data" in refused(settings={"policy_kwargs": builtins.print})
+
+
+def test_a_failure_while_it_learns_is_told_and_does_not_hang() -> None:
+    session = session_of()
+    learner = create("sb3", {"algorithm": "DQN", "settings": QUICK["DQN"]})
+    learner.begin(session.brief)
+    assert isinstance(learner, StableBaselines)
+
+    def fails(*_: Any, **__: Any) -> None:
+        raise RuntimeError("no such luck")
+
+    learner._players[0].model.train = fails
+    with pytest.raises(LearnerError, match=r"failed while it learned \(RuntimeError: no such luck"):
+        play(learner, session)

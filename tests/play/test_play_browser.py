@@ -1,0 +1,284 @@
+"""A real browser plays: what is clicked is what is recorded.
+
+Chromium, without a display. Where there is none these tests are skipped, except where
+``OPENLOCK_BROWSER=required`` says that there must be one, as ``.ci/run`` does.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from causal_openlock.experiment.store import Store
+from causal_openlock.play import read_reactions
+from support import browsers
+from support.play_clients import serving
+
+REQUIRED = os.environ.get("OPENLOCK_BROWSER") == "required"
+if not REQUIRED and not browsers.installed():
+    pytest.skip(browsers.MISSING, allow_module_level=True)
+
+DOOR = 14
+CC3 = ("--condition", "CC3", "--no-practice")
+READY = "#room:not(.busy)"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        launched = browsers.launch(playwright)
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def page(browser: Browser) -> Iterator[Page]:
+    """A page at which nothing may go wrong, and which asks nobody but its own server."""
+    context = browser.new_context(reduced_motion="reduce", viewport={"width": 1200, "height": 850})
+    opened = context.new_page()
+    faults: list[str] = []
+    asked: set[str] = set()
+
+    def heard(message: Any) -> None:
+        # A server that is away or says no is told of here too, and is meant to be.
+        if message.type == "error" and "Failed to load resource" not in message.text:
+            faults.append(message.text)
+
+    opened.on("console", heard)
+    opened.on("pageerror", lambda error: faults.append(str(error)))
+    opened.on("request", lambda request: asked.add(request.url.split("/")[2].split(":")[0]))
+    yield opened
+    context.close()
+    assert not faults
+    assert asked == {"127.0.0.1"}
+
+
+def click(page: Page, action: int) -> None:
+    """Click a part of the room with the mouse, and wait until the arm has come to rest."""
+    page.click(f'{READY} [data-action="{action}"]')
+    page.wait_for_selector(f"{READY}, #pause:not([hidden])", state="attached")
+
+
+def begin(page: Page, url: str) -> None:
+    page.goto(url)
+    page.click("#begin")
+    page.click("#pause-go")
+
+
+def grey(page: Page) -> list[int]:
+    """The positions of the grey levers, as somebody sees them who cannot see."""
+    labels = [
+        page.get_attribute(f'[data-action="{place}"]', "aria-label") or "" for place in range(7)
+    ]
+    return [place for place, label in enumerate(labels) if "grey" in label]
+
+
+def left(page: Page) -> tuple[int, int, int]:
+    """Combinations, attempts and actions left, as the console says."""
+    return tuple(int(page.inner_text(f"#{name}")) for name in ("solutions", "attempts", "actions"))
+
+
+def test_a_whole_trial_is_played_by_clicking_and_recorded_as_clicked(
+    page: Page, tmp_path: Path
+) -> None:
+    page.emulate_media(
+        reduced_motion="no-preference"
+    )  # the first attempt with the arm really moving
+    with serving(tmp_path, *CC3) as server:
+        begin(page, server.url)
+        assert left(page) == (2, 30, 3)
+        clicked: list[list[int]] = []
+        found = []
+        for first, second in permutations(grey(page), 2):
+            solutions, attempts, _ = left(page)
+            assert attempts == 30 - len(clicked)
+            clicked.append([first, second, DOOR])
+            for action in clicked[-1]:
+                click(page, action)
+            page.emulate_media(reduced_motion="reduce")
+            if page.is_visible("#pause"):
+                found.append(len(clicked))
+                break
+            page.wait_for_function("document.querySelector('#actions').textContent === '3'")
+            if left(page)[0] < solutions:
+                found.append(len(clicked))
+        assert len(found) == 2
+        expect(page.locator("#pause-title")).to_have_text("You found every combination!")
+        page.click("#pause-go")
+        expect(page.locator("#pause-title")).to_have_text("Room 2 of 5")
+        server.stop()
+    record = Store(tmp_path).record()[0].to_pandas()
+    assert record["actions"].map(list).tolist() == clicked
+    assert record.loc[record["new_solution"], "attempt"].tolist() == found
+    assert record["solutions_found"].max() == 2
+    assert record["learner"].unique().tolist() == ["person"]
+    reactions = read_reactions(tmp_path).to_pandas()
+    assert reactions["action"].tolist() == [action for attempt in clicked for action in attempt]
+    assert reactions["reaction"].between(0.0, 5.0).all()
+
+
+def test_pulling_pushing_and_the_door_are_where_the_paper_has_them(
+    page: Page, tmp_path: Path
+) -> None:
+    with serving(tmp_path, *CC3) as server:
+        begin(page, server.url)
+        room = page.locator("#room").bounding_box()
+        view = [float(x) for x in (page.get_attribute("#room", "viewBox") or "").split()]
+        assert room is not None
+        scale = min(room["width"] / view[2], room["height"] / view[3])
+        x0 = room["x"] + (room["width"] - scale * view[2]) / 2
+        y0 = room["y"] + (room["height"] - scale * view[3]) / 2
+
+        def at(x: float, y: float) -> None:
+            page.wait_for_selector(READY)
+            page.mouse.click(x0 + scale * (x - view[0]), y0 + scale * (-y - view[1]))
+
+        # The upper lever's outer track, its inner track, the green button: Figure 2a's places.
+        for point in ((0.0, 3.45), (0.0, 2.95), (4.2, 1.6)):
+            at(*point)
+            page.wait_for_timeout(50)
+        page.wait_for_selector(READY)
+        # Beside them nothing happens.
+        at(-0.8, 3.0)
+        at(0.0, 0.0)
+        assert left(page) == (2, 29, 3)
+        server.stop()
+    assert read_reactions(tmp_path)["action"].to_pylist() == [1, 8, 14]
+
+
+def test_the_keyboard_is_enough(page: Page, tmp_path: Path) -> None:
+    with serving(tmp_path, "--condition", "CC3") as server:
+        page.goto(server.url)
+        page.locator("#begin").focus()
+        page.keyboard.press("Enter")
+        page.wait_for_selector(READY)
+        for key, actions in (("3", "2"), ("Shift+Digit3", "1"), ("1", "0")):
+            page.wait_for_selector(READY)
+            page.keyboard.press(key)
+            expect(page.locator("#actions")).to_have_text(actions)
+        expect(page.locator("#said")).to_contain_text("Nothing moved.")
+        expect(page.locator("#attempts")).to_have_text("29")
+        page.wait_for_selector(READY)
+        # From one target to the next, with a focus that can be seen, each with a name.
+        names = []
+        page.locator("#help").focus()
+        for _ in range(15):
+            page.keyboard.press("Tab")
+            names.append(page.evaluate("document.activeElement.getAttribute('aria-label')"))
+            marked = "getComputedStyle(document.activeElement.querySelector('.hit')).strokeWidth"
+            assert page.evaluate(marked) != "0px"
+        assert names[4] == "Push lever 3, upper left, grey, pulled"
+        assert names[5] == "Pull lever 3, upper left, grey, pulled"
+        assert names[14] == "Push the door, locked"
+        page.locator('[data-action="2"]').focus()
+        page.keyboard.press("Enter")
+        expect(page.locator("#said")).to_have_text("The door is unlocked.")
+        page.wait_for_selector(READY)
+        page.keyboard.press("D")  # as with Caps Lock
+        expect(page.locator("#said")).to_have_text("That is all there is to practice.")
+        expect(page.locator("#solutions")).to_have_text("–")  # none of it is still to be found
+        page.keyboard.press("Enter")  # the way on has the focus
+        expect(page.locator("#pause-title")).to_have_text("Room 1 of 5")
+        page.keyboard.press("Enter")
+        page.wait_for_selector(READY)
+        assert left(page) == (2, 30, 3)
+        page.uncheck("#keys")
+        page.keyboard.press("1")
+        assert left(page) == (2, 30, 3)
+
+
+def test_a_closed_tab_and_a_second_one_go_on_where_the_person_is(
+    page: Page, tmp_path: Path
+) -> None:
+    with serving(tmp_path, *CC3) as server:
+        begin(page, server.url)
+        first = grey(page)[0]
+        click(page, first)
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/#[\w-]{32}", page.url)
+        label = page.get_attribute(f'[data-action="{first}"]', "aria-label")
+        second = page.context.new_page()
+        second.goto(server.url)  # the browser remembers; the address is not needed
+        second.wait_for_selector(READY)
+        assert left(second) == left(page) == (2, 30, 2)
+        assert second.get_attribute(f'[data-action="{first}"]', "aria-label") == label
+        click(second, DOOR)
+        page.click('[data-action="3"]')  # out of turn: the other tab has gone on
+        expect(page.locator("#said")).to_contain_text("went on elsewhere")
+        assert left(page) == left(second) == (2, 30, 1)
+        second.close()
+        page.goto(f"{server.url}#{'A' * 32}")
+        expect(page.locator("#trouble-title")).to_have_text("This session is not known here")
+        page.click("#trouble-go")  # the session of this browser is not lost by a wrong address
+        page.wait_for_selector(READY)
+        assert left(page) == (2, 30, 1)
+        server.stop()
+    assert read_reactions(tmp_path)["action"].to_pylist() == [first, DOOR]
+
+
+def test_a_click_at_a_server_that_is_away_counts_once_when_it_is_back(
+    page: Page, tmp_path: Path
+) -> None:
+    with serving(tmp_path, *CC3) as server:
+        begin(page, server.url)
+        click(page, 5)
+        server.kill()
+        page.click('[data-action="6"]')
+        page.wait_for_selector("#offline:not([hidden])")
+    with serving(tmp_path, *CC3, port=server.port) as again:
+        page.wait_for_selector("#offline", state="hidden")
+        page.wait_for_selector(READY)
+        assert left(page) == (2, 30, 1)
+        click(page, 4)
+        again.stop()
+    assert read_reactions(tmp_path)["action"].to_pylist() == [5, 6, 4]
+
+
+CONTRAST = """
+() => {
+  const linear = (v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  const channel = (v) => linear(v / 255);
+  const light = ([r, g, b]) => 0.2126 * channel(r) + 0.7152 * channel(g) + 0.0722 * channel(b);
+  const colour = (text) => text.match(/[\\d.]+/g).map(Number);
+  const behind = (node) => {
+    for (; node; node = node.parentElement) {
+      const found = colour(getComputedStyle(node).backgroundColor);
+      if (found.length === 3 || found[3] === 1) return found;
+    }
+    return [255, 255, 255];
+  };
+  const read = "h1, h2, p, li, dt, dd, button, label, kbd, summary, th, td";
+  return [...document.querySelectorAll(read)]
+    .filter((node) => node.offsetParent && node.textContent.trim() && !node.disabled)
+    .map((node) => {
+      const pair = [light(colour(getComputedStyle(node).color)), light(behind(node))];
+      const ratio = (Math.max(...pair) + 0.05) / (Math.min(...pair) + 0.05);
+      return [ratio, node.textContent.trim().slice(0, 30)];
+    });
+}
+"""
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_every_screen_is_readable_in_both_themes(page: Page, tmp_path: Path, theme: Any) -> None:
+    page.emulate_media(color_scheme=theme)
+    with serving(tmp_path, "--condition", "CC3") as server:
+        page.goto(server.url)
+        page.wait_for_selector("#begin")
+        shades = []
+        for go_on in ("#begin", "#proceed", "#pause-go", None):
+            told = page.evaluate(CONTRAST)
+            assert len(told) > 5
+            assert min(told)[0] >= 4.5, min(told)
+            shades.append(page.evaluate("getComputedStyle(document.body).backgroundColor"))
+            if go_on:
+                page.click(go_on)
+                page.wait_for_selector(f"{READY}, #pause-go")
+        dark = all(int(re.findall(r"\d+", shade)[0]) < 60 for shade in shades)
+        assert dark == (theme == "dark")

@@ -1,0 +1,1 @@
+"""What several tests share: records made up by hand, independent implementations, clients."""

@@ -1,0 +1,301 @@
+"""Pages of documentation as tests: what they show is done, and what they say came out is compared.
+
+A page is gone through from top to bottom in a folder of its own. Console blocks are typed, Python
+blocks are executed one after the other with the same names, and whatever a comment names a file
+for is written to it. Such comments stand before a block and are seen neither on a forge nor on the
+site::
+
+    <!-- test: file vault.yaml -->      the block is the content of this file
+    <!-- test: printed -->              the block is what the last Python block printed
+    <!-- test: add --subjects 2 -->     so many more words for every compare of the block
+    <!-- test: refused -->              the commands of the block end with an error
+    <!-- test: skip, a server -->       the block is not run, and why
+
+Lines of a console block that do not begin with ``$`` are what the command printed, in order; a line
+of three dots stands for any others.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.report import writing as report
+from causal_openlock.cli import app, main
+from causal_openlock.contract.registry import learner_class
+from causal_openlock.experiment import runner
+from causal_openlock.experiment.workers import Given
+from support.places import ROOT
+
+DOCS = ROOT / "docs"
+FENCE = re.compile(
+    r"(?:^<!-- test: (?P<note>[^\n]*?) -->\n\n?)?^```(?P<language>[^\n`]*)\n(?P<text>.*?)^```$",
+    flags=re.DOTALL | re.MULTILINE,
+)
+LINK = re.compile(r"(?<!`)\]\((?P<target>[^)\s]+)\)")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of code on a page, and what a comment says of it."""
+
+    language: str
+    text: str
+    note: str = ""
+
+
+def blocks(text: str, language: str | None = None) -> list[Block]:
+    """The blocks of a page, or those in one language."""
+    found = (
+        Block(match["language"], match["text"], match["note"] or "")
+        for match in FENCE.finditer(text)
+    )
+    return [block for block in found if language in (None, block.language)]
+
+
+def code(text: str, language: str) -> list[str]:
+    """The texts of the blocks in one language."""
+    return [block.text for block in blocks(text, language)]
+
+
+def in_a_process(folder: Path, *words: str, status: int = 0) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-m", "causal_openlock", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=400,
+    )
+    assert done.returncode == status, done.stdout + done.stderr
+    return done
+
+
+# -- where links lead ------------------------------------------------------------------------------
+
+
+def anchors(text: str) -> list[str]:
+    """What headings are called in links."""
+    prose = FENCE.sub("", text)
+    return [
+        re.sub(r"[^\w\- ]", "", line.lstrip("#").strip().lower()).replace(" ", "-")
+        for line in prose.splitlines()
+        if line.startswith("#")
+    ]
+
+
+def broken_links(path: Path) -> list[str]:
+    """Links of a page to files or headings that are not there."""
+    text = path.read_text(encoding="utf-8")
+    broken = []
+    for match in LINK.finditer(FENCE.sub("", text)):
+        place, _, heading = match["target"].partition("#")
+        if "//" in place:
+            continue
+        target = path.parent / place if place else path
+        if not target.exists() or (
+            heading and heading not in anchors(target.read_text(encoding="utf-8"))
+        ):
+            broken.append(match["target"])
+    return broken
+
+
+# -- which commands there are ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Typed:
+    """A command of a console block, and what the block says that it printed."""
+
+    words: list[str]
+    shown: list[str] = field(default_factory=list)
+
+
+def typed(text: str) -> list[Typed]:
+    """The commands of a console block."""
+    found: list[Typed] = []
+    for line in text.replace("\\\n", " ").splitlines():
+        if line.startswith("$ "):
+            found.append(Typed(shlex.split(line[2:], comments=True)))
+        elif found:
+            found[-1].shown.append(line.rstrip())
+    return found
+
+
+def unknown_options(words: list[str]) -> list[str]:
+    """The options of a command that it does not have, or the command if there is none.
+
+    Args:
+        words: What follows ``causal-openlock``.
+    """
+    import typer
+
+    command: Any = typer.main.get_command(app)
+    rest = list(words)
+    while rest and rest[0] in getattr(command, "commands", {}):
+        command = command.commands[rest.pop(0)]
+    if getattr(command, "commands", {}) and rest and not rest[0].startswith("-"):
+        return rest[:1]
+    known = {name for option in command.params for name in (*option.opts, *option.secondary_opts)}
+    known |= {"--help", "-h"}
+    options = [word.partition("=")[0] for word in rest if re.match(r"--?[a-z]", word)]
+    return [option for option in options if option not in known]
+
+
+# -- going through a page --------------------------------------------------------------------------
+
+
+class AtOnce(Executor):
+    """Plays cells where it is asked to, which is faster than to start processes for a few."""
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Do it now."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+@contextlib.contextmanager
+def _at_once(executor: Executor | None, workers: int) -> Iterator[Given]:
+    yield Given(executor or AtOnce())
+
+
+class Reader:
+    """Somebody who does in a folder what a page tells them to do.
+
+    Args:
+        folder: Where; what is done there can only be seen there.
+        patches: Undoes what it changes of this process.
+        reports: Whether reports have all their sections, which takes seconds for each.
+    """
+
+    def __init__(self, folder: Path, patches: pytest.MonkeyPatch, *, reports: bool = False) -> None:
+        self.folder = folder
+        self.names: dict[str, Any] = {"__name__": "__page__"}
+        self.printed = ""
+        self.done: list[str] = []
+        patches.chdir(folder)
+        patches.syspath_prepend(folder)
+        patches.setenv("COLUMNS", "100")
+        patches.setattr(runner, "crew", _at_once)
+        patches.setattr(style, "KINDS", ())  # the figures as SVG are enough
+        if not reports:
+            patches.setattr(report, "sections_of", lambda *_: [])
+
+    def go_through(self, text: str) -> None:
+        """Do all that a page says.
+
+        Raises:
+            AssertionError: If something does not come out as the page says.
+        """
+        before = {*sys.modules}
+        learner_class.cache_clear()  # another page may have a learner of the same name
+        try:
+            for block in blocks(text):
+                self._do(block)
+        finally:
+            for name in {*sys.modules} - before:
+                where = getattr(sys.modules[name], "__file__", None)
+                if where and Path(where).is_relative_to(self.folder):
+                    del sys.modules[name]
+            learner_class.cache_clear()
+
+    def _do(self, block: Block) -> None:
+        what, _, how = block.note.partition(" ")
+        if what == "skip,":
+            assert how, "say why a block is not run"
+        elif what == "file":
+            path = self.folder / how
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(block.text, encoding="utf-8")
+        elif what == "printed":
+            same(block.text.splitlines(), self.printed, "the Python block")
+        elif block.language == "console":
+            more = shlex.split(how) if what == "add" else []
+            for command in typed(block.text):
+                self._type(command, more, refused=what == "refused")
+        elif block.language == "python":
+            output = io.StringIO()
+            with contextlib.redirect_stdout(output):
+                exec(compile(block.text, "<page>", "exec"), self.names)
+            self.printed = output.getvalue()
+        else:
+            # What has no language is to be looked at; {toctree} and the like are the site's.
+            known = not block.language or block.language.startswith("{")
+            assert known, f"say what to do with this block:\n{block.text}"
+
+    def _type(self, command: Typed, more: list[str], refused: bool) -> None:
+        program, *words = command.words
+        if program == "causal-openlock":
+            words += more if words[0] == "compare" else []
+            status, said = at_once(*words)
+        elif program in ("python", "pytest"):
+            words = (
+                words if program == "python" else ["-m", "pytest", "-p", "no:cacheprovider", *words]
+            )
+            done = subprocess.run(
+                [sys.executable, *words], capture_output=True, text=True, check=False, timeout=400
+            )
+            status, said = done.returncode, done.stdout + done.stderr
+        else:
+            raise AssertionError(f"{program} cannot be run here; mark the block as skipped")
+        assert (status != 0) == refused, said
+        self.done.append(shlex.join(command.words))
+        same(command.shown, said, shlex.join(command.words))
+
+
+def at_once(*words: str) -> tuple[int, str]:
+    """Run the command line in this process; returns its status and what it printed."""
+    output = io.StringIO()
+    argv, sys.argv = sys.argv, ["causal-openlock", *words]
+    try:
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
+            main()
+        status = 0
+    except SystemExit as end:
+        status = int(end.code or 0)
+    finally:
+        sys.argv = argv
+    return status, output.getvalue()
+
+
+def same(shown: list[str], said: str, who: str) -> None:
+    """Hold what a page shows against what was said.
+
+    Raises:
+        AssertionError: If a line that is shown was not said, or not in this order.
+    """
+    lines = iter([line.rstrip() for line in said.splitlines()])
+    for line in shown:
+        if line.strip() and line.strip() != "...":
+            assert line in lines, f"{who} did not print {line!r} there; it printed\n{said}"
+
+
+def words_of(text: str) -> list[list[str]]:
+    """What follows ``causal-openlock`` in every command of a page."""
+    return [
+        command.words[1:]
+        for block in blocks(text, "console")
+        for command in typed(block.text)
+        if command.words[0] == "causal-openlock"
+    ]
+
+
+os.environ.setdefault("MPLBACKEND", "Agg")

@@ -1,0 +1,85 @@
+"""Learners made up for tests that play the paper's six conditions under the human protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from causal_openlock.analysis.measures import attempts_to_solve
+from causal_openlock.analysis.report.section import Material
+from causal_openlock.analysis.results.bounds import Bound
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from support.fabricated_records import Row, table, trial_rows
+
+Attempts = Callable[[str, str, int, int], int]
+"""From condition, phase, trial and subject to how many attempts a trial takes."""
+
+LIMIT = 30
+
+
+def visits(condition: str) -> list[tuple[str, int]]:
+    """Phase and number of the trials of a condition of the paper."""
+    if "-" not in condition:
+        return [("train", trial) for trial in range(1, 6)]
+    return [*(("train", trial) for trial in range(1, 7)), ("test", 1)]
+
+
+def play(
+    learner: str,
+    attempts: Attempts,
+    subjects: int = 12,
+    conditions: tuple[str, ...] = PAPER_CONDITIONS,
+    **values: Any,
+) -> list[Row]:
+    """The rows of a learner that takes as many attempts as it is told, or does not solve it."""
+    rows: list[Row] = []
+    for condition in conditions:
+        for subject in range(subjects):
+            for phase, trial in visits(condition):
+                many = attempts(condition, phase, trial, subject)
+                tail = [1, 2, 3] if many < LIMIT else [0, 0, 0]
+                rows += trial_rows(
+                    [0] * (min(many, LIMIT) - 3) + tail,
+                    learner=learner, condition=condition, phase=phase, trial=trial,
+                    subject=subject, **values,
+                )  # fmt: skip
+    return rows
+
+
+def scattered(seed: int, level: float = 4.0) -> Attempts:
+    """A learner that gets better, is helped by congruent training and finds CE harder."""
+    rng = np.random.default_rng(seed)
+
+    def attempts(condition: str, phase: str, trial: int, subject: int) -> int:
+        mean = level + 6 / trial if phase == "train" else level
+        mean += 3 * (phase == "test" and condition in ("CE3-CC4", "CC3-CE4"))
+        mean += 2 * condition.endswith("CE4")
+        return 3 + min(20, int(rng.poisson(mean)))
+
+    return attempts
+
+
+def same(number: int) -> Attempts:
+    """A learner that always takes so many attempts; at 30 it never solves a trial."""
+    return lambda *_: number
+
+
+def material(rows: list[Row], learners: tuple[str, ...], **values: Any) -> Material:
+    """What sections are made of, with the ideal observer at 3 attempts everywhere."""
+    record: pa.Table = table(rows)
+    bounds = {
+        (name, "human", phase): Bound("CC4", 3.0)
+        for name in PAPER_CONDITIONS
+        for phase in ("train", "test")
+    }
+    return Material(
+        record=record,
+        experiment=values.get("experiment", {}),
+        trials=attempts_to_solve(record),
+        learners=learners,
+        pairs=values.get("pairs"),
+        bounds=bounds,
+    )

@@ -1,0 +1,72 @@
+"""Playing physical rooms, with an eye on every step of the simulation."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise, product
+
+import numpy as np
+
+from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.physics import PhysicalRoom, Pose
+from causal_openlock.world.room import Layout, Room
+
+FASTEST, FASTEST_TURN = 25.0, 15.0
+"""Links, and radians, per unit of time; without an accident nothing comes near them."""
+
+
+def room_of(name: str, layout: str = "", positions: int | None = None) -> Room:
+    """A bundled schema in a published layout, or in the first positions."""
+    schema = find_schema(name)
+    if layout:
+        return Room.of(schema, layout, positions)
+    places = tuple(range(len(schema.levers)))
+    return Room.of(schema, Layout(places, positions or 7), positions)
+
+
+class Guard:
+    """Looks at a physical room after every step: nothing leaves it, nothing explodes."""
+
+    def __init__(self, physical: PhysicalRoom) -> None:
+        self.physical = physical
+        self.steps = 0
+        physical.watch = self
+
+    def __call__(self, pose: Pose) -> None:
+        geometry, world = self.physical.geometry, self.physical.world
+        self.steps += 1
+        size = geometry.size
+        assert all(math.hypot(*joint) < size for joint in pose.joints)
+        assert math.dist(pose.joints[0], (0.0, 0.0)) < 0.02
+        for start, end in pairwise(pose.joints):
+            assert abs(math.dist(start, end) - geometry.link) < 0.04
+        assert all(-0.1 < displacement < 1.1 for displacement in pose.levers)
+        assert -0.05 < pose.door < math.radians(65)
+        for body in world.space.bodies:
+            assert body.velocity.length < FASTEST * geometry.stretch
+            assert abs(body.angular_velocity) < FASTEST_TURN
+
+
+def effects(room: Room, each: int) -> list[tuple[int, ...]]:
+    """Sequences of three actions that have every sequence of effects that three actions can have.
+
+    Two sequences have the same effects if the same levers move at the same moments; they differ in
+    where the arm goes to no effect.
+
+    Args:
+        room: The room.
+        each: At most how many sequences there are for the same effects, drawn by a fixed seed.
+    """
+    generator = np.random.default_rng(0)
+    chosen: dict[tuple[int, ...], list[tuple[int, ...]]] = {}
+    sequences = list(product(range(2 * room.positions + 1), repeat=3))
+    for index in generator.permutation(len(sequences)).tolist():
+        state, told = 0, []
+        for action in sequences[index]:
+            after = int(room.next_state[state, action])
+            told.append(action if after != state else -1)
+            state = after
+        same = chosen.setdefault(tuple(told), [])
+        if len(same) < each:
+            same.append(sequences[index])
+    return sorted(sequence for same in chosen.values() for sequence in same)

@@ -1,0 +1,124 @@
+"""Playing as the page does: servers in processes of their own, calls, and what solves a room."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.play.people import People
+from support.waiting import HANGS
+
+
+def people(folder: Path, *conditions: str, **options: Any) -> People:
+    """People in a folder, under the protocol of people."""
+    chosen = [Condition.named(name, find_schema) for name in conditions or ("CC3",)]
+    return People(folder, chosen, PROTOCOLS["human"], **options)
+
+
+def solving(home: People, name: str) -> list[list[int]]:
+    """The actions of each solution of the room that a person is in."""
+    truth = home._find(name).game.session.truth
+    room = truth.rooms[int(truth.room[0])]
+    return [room.action_of(levers) for levers in room.schema.solutions]
+
+
+def walk_through(home: People, name: str, trials: int | None = None) -> list[int]:
+    """Find every solution of every room at once; returns what was done."""
+    done = []
+    while (state := home.view(name))["stage"] == "room" and trials != 0:
+        for actions in solving(home, name):
+            for action in actions:
+                state = home.act(name, state["turn"], action, 700)["next"]
+                done.append(action)
+        trials = None if trials is None else trials - 1
+    return done
+
+
+class Server:
+    """A server in a process of its own."""
+
+    def __init__(self, folder: Path, *words: str, port: int = 0) -> None:
+        command = [sys.executable, "-m", "causal_openlock", "play", "--out", str(folder)]
+        self.process = subprocess.Popen(
+            [*command, "--port", str(port), "--no-browser", *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        assert self.process.stdout is not None
+        said = self.process.stdout.readline()
+        found = re.search(r"http://([\d.]+):(\d+)/", said)
+        if found is None:
+            self.process.kill()
+            raise AssertionError(said + self.process.communicate()[1])
+        self.url, self.host, self.port = found[0], found[1], int(found[2])
+
+    def kill(self) -> None:
+        """End it as a power cut would."""
+        self.process.send_signal(signal.SIGKILL)
+        self.process.communicate()
+
+    def stop(self) -> str:
+        """End it as Ctrl-C does; returns what it said on standard error."""
+        self.process.send_signal(signal.SIGINT)
+        said = self.process.communicate(timeout=HANGS)[1]
+        assert self.process.returncode == 0, said
+        return said
+
+
+@contextmanager
+def serving(folder: Path, *words: str, port: int = 0) -> Iterator[Server]:
+    """A server that is gone after the block."""
+    server = Server(folder, *words, port=port)
+    try:
+        yield server
+    finally:
+        if server.process.poll() is None:
+            server.kill()
+
+
+class Caller:
+    """Calls a server; keeps everything that it answers."""
+
+    def __init__(self, port: int, host: str = "127.0.0.1") -> None:
+        self.connection = http.client.HTTPConnection(host, port, timeout=HANGS)
+        self.port = port
+        self.answers: list[str] = []
+
+    def call(
+        self,
+        path: str,
+        body: Any = None,
+        name: str | None = None,
+        headers: dict[str, str] | None = None,
+    ) -> tuple[int, Any]:
+        """Status and answer; a body makes it a POST."""
+        head = dict(headers or {})
+        if name is not None:
+            head["Authorization"] = f"Bearer {name}"
+        sent = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
+        self.connection.request("GET" if body is None else "POST", path, sent, head)
+        answer = self.connection.getresponse()
+        text = answer.read().decode()
+        self.answers.append(f"{answer.headers}{text}")
+        self.headers = answer.headers
+        is_json = answer.headers["Content-Type"] == "application/json"
+        return answer.status, json.loads(text) if is_json else text
+
+    def join(self) -> str:
+        """A new session."""
+        status, said = self.call("/join", {})
+        assert status == 200
+        return str(said["id"])

@@ -1,0 +1,33 @@
+"""A section of the report as somebody might add it: see test_sections.py."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from causal_openlock.analysis.plots.style import Drawing
+from causal_openlock.analysis.report.section import Material, Section, Table
+
+COLUMNS = ("reward",)
+
+
+def section(material: Material) -> Section | None:
+    """How much each learner was paid, on average; None for an empty record."""
+    if not material.record.num_rows:
+        return None
+    frame = material.record.select(["learner", "reward"]).to_pandas()
+    paid = frame.groupby("learner", observed=True)["reward"].mean().reset_index()
+    paid["learner"] = paid["learner"].astype(str)
+    paid = paid.sort_values("learner", ignore_index=True)
+    paid = paid.assign(share=0.125, better=True, per_1000=1234567.0, nothing=float("nan"))
+    figure = Figure(figsize=(3, 2))
+    figure.subplots().plot([0, 1], [0, 1])
+    table = Table(
+        "paid",
+        "Pay & <reward>",
+        paid,
+        {"reward": "+.3f", "share": ".1%", "per_1000": ",.0f", "nothing": ".2f"},
+        "Means over attempts ± nothing, 100% of them.",
+    )
+    text = (f"{len(paid)} learners & one < two.",)
+    drawing = Drawing("paid", "Pay", "A line.", figure)
+    return Section("paid", "What was paid", text, (table,), (drawing,))

@@ -1,0 +1,65 @@
+"""Hypothesis strategies shared by the tests."""
+
+from __future__ import annotations
+
+import networkx as nx
+from hypothesis import strategies as st
+
+from causal_openlock.world.schema import DOOR, Gate, Schema
+
+
+def gates(causes: int) -> st.SearchStrategy[Gate]:
+    """A gate that can hold with so many causes."""
+    counts = st.integers(1, causes).map(lambda k: Gate("at_least", k))
+    return st.sampled_from([Gate(), Gate("all")]) | counts
+
+
+@st.composite
+def schemas(
+    draw: st.DrawFn,
+    max_levers: int = 7,
+    stochastic: bool = False,
+    titles: st.SearchStrategy[str] | None = None,
+) -> Schema:
+    """Any valid schema: a random DAG with gates and, where it has to be, inert levers.
+
+    Args:
+        draw: Given by Hypothesis.
+        max_levers: The most levers it may have, at most 12.
+        stochastic: Whether edges may have strengths below 1.
+        titles: What to draw its title from; by default it has none.
+    """
+    count = draw(st.integers(1, max_levers), label="levers")
+    levers = [f"L{index}" for index in range(count)]
+    # Causes come first in this order, which is not the order of the levers.
+    order = draw(st.permutations(levers), label="causal order")
+    pairs = [(cause, effect) for i, cause in enumerate(order) for effect in order[i + 1 :]]
+    pairs += [(lever, DOOR) for lever in order]
+    # As often sparse as dense, which a coin for each pair would not be.
+    some = draw(st.permutations(pairs), label="pairs")[: draw(st.integers(0, len(pairs)))]
+    graph = nx.DiGraph(some)
+    graph.add_nodes_from([*levers, DOOR])
+    if not graph.in_degree(DOOR):
+        graph.add_edge(draw(st.sampled_from(levers), label="cause of the door"), DOOR)
+    if draw(st.booleans(), label="no inert levers"):
+        ends = [lever for lever in levers if graph.out_degree(lever) == 0]
+        graph.add_edges_from((lever, DOOR) for lever in ends)
+    useful = nx.ancestors(graph, DOOR)
+    strengths = (
+        st.just(1.0) | st.floats(0.05, 1.0, allow_subnormal=False) if stochastic else st.just(1.0)
+    )
+    return Schema(
+        "drawn",
+        levers,
+        {
+            cause: {effect: draw(strengths) for effect in graph.successors(cause)}
+            for cause in levers
+        },
+        gates={
+            node: draw(gates(causes), label=f"gate of {node}")
+            for node, causes in graph.in_degree()
+            if causes
+        },
+        inert=draw(st.permutations([lever for lever in levers if lever not in useful])),
+        title=draw(titles) if titles is not None else "",
+    )

@@ -1,0 +1,52 @@
+"""One attempt, two attempts: what is counted is told in English."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from causal_openlock.analysis.report.difference_page import said_of_changes
+from causal_openlock.analysis.report.sections.paper_findings import _on_power
+from causal_openlock.analysis.report.writing import make_report
+from causal_openlock.analysis.results.description import budgets
+from causal_openlock.contract.registry import create
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.experiment.session import Session
+from causal_openlock.wording import counted
+from causal_openlock.world.schema import Schema
+from support.html_page import Page
+
+
+def test_one_is_one() -> None:
+    assert [counted(number, "attempt") for number in (0, 1, 2, 2000)] == [
+        *("0 attempts", "1 attempt", "2 attempts", "2,000 attempts")
+    ]
+    assert counted(1, "person", "people") == "1 person"
+    assert counted(3, "person has", "people have") == "3 people have"
+
+
+def test_sentences_with_numbers_are_right_for_one(tmp_path: Path) -> None:
+    once = replace(PROTOCOLS["human"], attempt_limit=1, action_limit=1)
+    assert budgets(once.as_dict()).startswith("At most 1 attempt in a trial")
+    assert "An attempt has at most 1 action." in budgets(once.as_dict())
+    going_on = replace(once, stop_when_solved=False)
+    assert budgets(going_on.as_dict()).startswith("1 attempt in every trial")
+    assert "With 1 subject in each" in _on_power(1)
+    assert said_of_changes(pd.DataFrame({"what": ["seed"]})).startswith("1 thing differs in")
+    assert repr(Schema("x", ["A"], {"A": ["door"]})) == "<Schema x: 1 lever, 1 solution>"
+    path = tmp_path / "e.yaml"
+    path.write_text(
+        "name: e\nprotocol: one\nprotocols: {one: {attempt_limit: 1, baseline_trials: 1}}\n"
+        "conditions: [CC3]\nlearners: [random]\nsubjects: 1\n",
+        encoding="utf-8",
+    )
+    experiment = read_experiment(path)
+    (caution,) = experiment.cautions()
+    assert "gives 1 attempt, so" in caution
+    (cell,) = experiment.cells()
+    record = Session(cell.condition, cell.entry.protocol, 1).play(create("random"))
+    made = make_report(record, tmp_path, {**experiment.as_dict(), "title": "One"})
+    assert "1 attempt in 1 trial." in Page(made.path.read_text(encoding="utf-8")).text
