@@ -208,13 +208,3 @@ def _inline(svg: str) -> str:
     if styled:
         svg = svg.replace("<svg ", '<svg style="stroke-linejoin: round; stroke-linecap: butt" ', 1)
     return f"<div>{svg}</div>"
-
-
-__all__ = [
-    "experiment_html",
-    "learner_html",
-    "record_html",
-    "register_formatters",
-    "room_html",
-    "schema_html",
-]

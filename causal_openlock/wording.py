@@ -56,6 +56,3 @@ def nearest(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=0.5)
     meant = f"did you mean {lowered[close[0]]}? " if close else ""
     return f"{meant}known: {', '.join(names) or 'none'}"
-
-
-__all__ = ["counted", "file_names", "joined", "nearest"]

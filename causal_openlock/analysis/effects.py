@@ -253,21 +253,3 @@ def contrast_subjects_needed(
         key=lambda size: power_of_contrast(noncentrality, size, groups, alpha=alpha),
     )
     return sizes[place] if place < len(sizes) else None
-
-
-__all__ = [
-    "ALPHA",
-    "MOST_SUBJECTS",
-    "POWER",
-    "contrast_subjects_needed",
-    "hedges_g",
-    "holm",
-    "improvement_interval",
-    "interquartile_interval",
-    "interquartile_mean",
-    "partial_eta_squared",
-    "power_of_contrast",
-    "power_of_t",
-    "probability_of_improvement",
-    "subjects_needed",
-]

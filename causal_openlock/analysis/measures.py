@@ -368,20 +368,3 @@ def _group_index(table: pd.DataFrame, by: Sequence[str]) -> IntArray:
     index = np.zeros(len(table), np.int64)
     index[_starts(columns)] = 1
     return np.cumsum(index) - 1
-
-
-__all__ = [
-    "BASELINES",
-    "CELL",
-    "SUBJECT",
-    "TRANSFERS",
-    "VISIT",
-    "attempts_to_find",
-    "attempts_to_solve",
-    "by_subject",
-    "category_counts",
-    "mean_by_trial",
-    "number_visits",
-    "ordered",
-    "solutions_per_attempt",
-]

@@ -145,14 +145,3 @@ def percentile_interval(drawn: FloatArray, level: float = LEVEL) -> tuple[float,
     """Between which values the middle of ``[R]`` resampled values lies."""
     low, high = np.quantile(drawn, [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
-
-
-__all__ = [
-    "LEVEL",
-    "RESAMPLES",
-    "SEED",
-    "mean_interval",
-    "mean_intervals",
-    "percentile_interval",
-    "stratified_interval",
-]

@@ -45,6 +45,3 @@ def write_anything() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="causal_openlock.plainer")
-
-
-__all__ = ["write_anything"]

@@ -136,6 +136,3 @@ def duration(seconds: float) -> str:
     if minutes < 90:
         return f"{minutes} min"
     return f"{minutes // 60} h {minutes % 60} min"
-
-
-__all__ = ["Hanging", "Lines", "duration", "shown"]

@@ -35,6 +35,3 @@ def goes_on() -> Iterator[None]:
 
 def _terminated(number: int, frame: FrameType | None) -> None:
     raise Terminated
-
-
-__all__ = ["goes_on"]

@@ -50,6 +50,3 @@ def complain(message: str) -> None:
     """Say on standard error what is wrong, line by line."""
     for line in printable(message).split("\n"):
         say(f"error: {line}", error=True)
-
-
-__all__ = ["Console", "complain", "say"]

@@ -76,6 +76,3 @@ class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
         if self._room is None:
             raise ResetNeeded("call reset() before render()")
         return self._room.render()
-
-
-__all__ = ["MixedRoomsEnv"]

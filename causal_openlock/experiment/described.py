@@ -65,6 +65,3 @@ def description_fault(held: Any) -> str | None:
         except Exception:
             return f"conditions.{number}"
     return None
-
-
-__all__ = ["description_fault"]

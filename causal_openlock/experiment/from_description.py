@@ -195,6 +195,3 @@ def _layout_in_words(schema: Schema, places: list[int]) -> Any:
         return layout.name
     names = position_names(layout.positions)
     return {lever: names[place] for lever, place in zip(schema.levers, places, strict=True)}
-
-
-__all__ = ["condition_from_dict", "experiment_file", "protocol_from_dict", "reward_from_dict"]

@@ -47,6 +47,3 @@ def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
                     )
             elif not (path.is_file() or path.is_dir()):
                 raise StoreError(f"{path} is neither a file nor a folder; remove it")
-
-
-__all__ = ["check_inside"]

@@ -238,14 +238,3 @@ def _cast(column: Any, kind: pa.DataType) -> Any:
     import pyarrow as pa
 
     return column if isinstance(column, pa.Array) else pa.array(column, kind)
-
-
-__all__ = [
-    "CATEGORIES",
-    "PHASES",
-    "AttemptLog",
-    "assemble",
-    "categorise",
-    "compact",
-    "record_schema",
-]

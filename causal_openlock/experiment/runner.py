@@ -214,6 +214,3 @@ class _Run:
                 self._overdue.add(future)
         if self.progress:
             self.progress(self._course.standing(now, self._pending))
-
-
-__all__ = ["LOOK_EVERY", "run"]

@@ -161,6 +161,3 @@ def work(cell: Cell) -> int:
 @cache
 def _trials(condition: Condition, protocol: Protocol) -> int:
     return len(plan(condition, protocol, np.random.default_rng(0)))
-
-
-__all__ = ["Course", "Playing", "Standing", "work"]

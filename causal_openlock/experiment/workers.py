@@ -290,6 +290,3 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-__all__ = ["Crew", "Given", "Processes", "available_cores", "crew", "how_ended", "worker_pool"]

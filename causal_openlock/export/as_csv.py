@@ -75,6 +75,3 @@ def flat(record: pa.Table) -> pa.Table:
             column = pc.cast(column, pa.uint8())
         columns.append(column)
     return pa.table(columns, names=record_schema().names)
-
-
-__all__ = ["flat", "write_csv"]

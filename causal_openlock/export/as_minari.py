@@ -279,6 +279,3 @@ def _about(
         "description": description.get("title") or description["name"],
         "requirements": [f"causal-openlock=={__version__}"],
     }
-
-
-__all__ = ["EPISODES", "require_minari", "write_minari"]

@@ -369,6 +369,3 @@ def _readme(
         "- `results/experiment.json`: what was run, as the results folder keeps it",
     ]
     return "\n".join(said) + "\n"
-
-
-__all__ = ["COMMAND", "write_bundle"]

@@ -107,6 +107,3 @@ def _imports(path: Path, inside: Path) -> list[str]:
             base = ".".join([*near, *([node.module] if node.module else [])])
             names += [f"{base}.{alias.name}" if base else alias.name for alias in node.names]
     return names
-
-
-__all__ = ["LocalModules", "local_modules"]

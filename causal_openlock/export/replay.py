@@ -160,6 +160,3 @@ def _disagreement(columns: Mapping[str, Any], row: int, condition: Condition) ->
         "what is on record when it is played again; the record is damaged or another version’s: "
         "compare again"
     )
-
-
-__all__ = ["Steps", "replay", "trial_numbers"]

@@ -121,6 +121,3 @@ def _array(content: bytes) -> NDArray[Any]:
         shape, kind, content, file.tell(), order="F" if by_columns else "C"
     )
     return held.copy(order="K")
-
-
-__all__ = ["Archive", "ArchiveError", "open_archive", "reading"]

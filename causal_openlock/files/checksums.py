@@ -129,14 +129,3 @@ def _said(error: Exception) -> str:
         r"^Could not open Parquet input source '[^']*': ", "", " ".join(str(error).split())
     )
     return textwrap.shorten(line, 200, placeholder=" …").rstrip(".") or type(error).__name__
-
-
-__all__ = [
-    "ChecksumError",
-    "check",
-    "fill_in",
-    "json_bytes",
-    "read_json",
-    "read_table",
-    "table_bytes",
-]

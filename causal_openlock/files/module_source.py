@@ -73,6 +73,3 @@ def _is_module(path: Path) -> bool:
 def _file(path: Path) -> Path | None:
     files = path / "__init__.py", path.with_name(f"{path.name}.py")
     return next(filter(Path.is_file, files), None)
-
-
-__all__ = ["MODULE_AND_NAME", "is_installed", "look_beside", "module_source"]

@@ -59,6 +59,3 @@ def csv_of(table: pd.DataFrame) -> str:
     """A table as CSV, its texts as :func:`cell` has them."""
     made = table.map(lambda value: cell(value) if isinstance(value, str) else value)
     return made.rename(columns=lambda name: cell(str(name))).to_csv(index=False)
-
-
-__all__ = ["cell", "csv_of", "printable"]

@@ -106,6 +106,3 @@ def _read(path: Path) -> bytes:
     if os.name == "posix" and (about.st_mode & 0o077 or about.st_uid != os.getuid()):
         raise ValueError("others can read it; remove it")
     return key
-
-
-__all__ = ["STATE", "is_sealed", "seal"]

@@ -156,17 +156,3 @@ def score(trials: pd.DataFrame, how: str) -> Score:
     points = points_of(trials)
     out = held_out(points, how)
     return Score(distance(points[~out])[0], distance(points[out])[0], distance(points)[0])
-
-
-__all__ = [
-    "CHUNK",
-    "HOLD_OUT",
-    "Job",
-    "Score",
-    "conditions_to_fit",
-    "held_out",
-    "jobs",
-    "joined",
-    "play",
-    "score",
-]

@@ -116,5 +116,3 @@ def write_outcome(fitted: Fit, found: Outcome, folder: Path | str) -> list[Path]
 
 
 _NUMBERS = ("subjects", "mean", "se", "people_mean", "people_se")
-
-__all__ = ["Outcome", "entry", "outcome", "write_outcome"]

@@ -213,16 +213,3 @@ def changed(
     }
     kept = {name: value for name, value in known_fixed.items() if name not in wanted}
     return search_space(learner, wanted, {**kept, **settings})
-
-
-__all__ = [
-    "FORM",
-    "Range",
-    "SearchSpace",
-    "bundled_search",
-    "changed",
-    "parse_range",
-    "parse_setting",
-    "read_search",
-    "search_space",
-]

@@ -337,6 +337,3 @@ def _keep(state: Fit, path: Path) -> None:
     again = {str(number): rmse for number, rmse in sorted(state.again.items())}
     whole = {"plan": state.plan.as_dict(), "done": done, "again": again}
     write_text(path, json.dumps(whole, indent=1) + "\n")
-
-
-__all__ = ["FILE", "ROUND", "Candidate", "Fit", "Plan", "fit", "require_optuna"]

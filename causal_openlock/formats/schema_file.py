@@ -279,17 +279,3 @@ def json_schema() -> dict[str, Any]:
     """The JSON Schema of schema files, for editors."""
     made = SchemaFile.model_json_schema()
     return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock schema"}
-
-
-__all__ = [
-    "SchemaFile",
-    "bundled",
-    "bundled_schemas",
-    "dump_schema",
-    "find_schema",
-    "json_schema",
-    "parse_schema",
-    "read_schema",
-    "schema_from_dict",
-    "write_schema",
-]

@@ -364,6 +364,3 @@ class People:
 
 def _key(name: str) -> str:
     return hashlib.sha256(name.encode()).hexdigest()
-
-
-__all__ = ["FullHouse", "OutOfTurn", "People", "Refused", "UnknownPerson"]

@@ -21,8 +21,6 @@ from causal_openlock.world.room import position_coordinates
 if TYPE_CHECKING:
     from causal_openlock.render.panel import Panel
 
-__all__ = ["Frame", "draw_room", "frame", "lever_centre", "room_text"]
-
 
 def draw_room(
     observation: ArrayLike, positions: int = 7, size: int = 600, panel: Panel | None = None

@@ -168,6 +168,3 @@ def _try_out(reward: OwnReward) -> None:
                 f"the reward {reward.name} pays an action differently beside other actions; let it "
                 "judge each of them by itself"
             )
-
-
-__all__ = ["OwnReward", "own_reward"]

@@ -228,6 +228,3 @@ def _draw(shown: Shown) -> Figure:
     draw_graphs(figure, graphs, heights["graphs"] + heights["bottom"])
     figure.align_ylabels()
     return figure
-
-
-__all__ = ["draw_trace", "save_trace_figure"]

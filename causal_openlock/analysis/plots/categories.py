@@ -183,6 +183,3 @@ def _finish(figure: Figure, axes: Sequence[Axes], outlines: Sequence[Patch]) -> 
         for name in CATEGORIES
     ]
     style.legend(figure, [*categories, *outlines])
-
-
-__all__ = ["baseline_categories", "transfer_categories"]

@@ -262,6 +262,3 @@ def _mark_ideal(axes: Axes, visits: pd.DataFrame, ideal: dict[tuple[str, str], B
             if until > end:
                 style.ideal_line(axes, attempts, max(start, end), until)
                 end = until
-
-
-__all__ = ["attempts_by_trial"]

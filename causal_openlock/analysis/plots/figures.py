@@ -257,6 +257,3 @@ def _finish(
 
 def _ticks(limit: float) -> Any:
     return MultipleLocator(5) if limit <= 40 else MaxNLocator(integer=True)
-
-
-__all__ = ["baseline_attempts", "draw_all", "draw_counted", "transfer_attempts"]

@@ -239,25 +239,3 @@ def svg_text(figure: Figure) -> str:
     buffer = io.StringIO()
     _print(figure, "svg", buffer)
     return buffer.getvalue()
-
-
-__all__ = [
-    "CATEGORY_COLOURS",
-    "CATEGORY_NAMES",
-    "COMMON_CAUSE",
-    "COMMON_EFFECT",
-    "IDEAL",
-    "OTHER",
-    "Drawing",
-    "ideal_key",
-    "ideal_line",
-    "label_rows",
-    "legend",
-    "panel_title",
-    "panels",
-    "save",
-    "settings",
-    "sizes",
-    "svg_text",
-    "trained_colour",
-]

@@ -97,6 +97,3 @@ def percent(share: float) -> str:
     if 0 < share < 0.0005 or 0.9995 < share < 1:  # some is not none, and not all
         return "<0.1%" if share < 0.5 else ">99.9%"
     return f"{100 * share:.1f}%"
-
-
-__all__ = ["FEW_SUBJECTS", "percent", "some", "warnings_of"]

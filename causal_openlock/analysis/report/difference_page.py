@@ -321,17 +321,3 @@ def draw_differences(
 
 def _short(name: str) -> str:
     return (name if len(name) <= 24 else f"{name[:13]}…{name[-10:]}").replace("$", r"\$")
-
-
-__all__ = [
-    "MORE",
-    "NOISE",
-    "SAME",
-    "UNKNOWN",
-    "changes",
-    "compared",
-    "draw_differences",
-    "said_of_changes",
-    "said_of_noise",
-    "write_difference",
-]

@@ -116,6 +116,3 @@ def _signed(value: float) -> str:
 
 def _plain(values: Iterable[Any]) -> bool:
     return all(value is None or isinstance(value, str | int | float) for value in values)
-
-
-__all__ = ["LONG", "Written", "inline", "interval", "render"]

@@ -80,6 +80,3 @@ class Section:
     text: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     drawings: tuple[Drawing, ...] = ()
-
-
-__all__ = ["Material", "Section", "Table"]

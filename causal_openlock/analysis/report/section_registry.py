@@ -60,6 +60,3 @@ def columns_of(providers: Sequence[str] = PROVIDERS) -> list[str]:
 
 def _module(name: str) -> Any:
     return import_module(name, "causal_openlock.analysis.report.sections")
-
-
-__all__ = ["PROVIDERS", "columns_of", "sections_of"]

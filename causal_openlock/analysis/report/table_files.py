@@ -154,6 +154,3 @@ def described(table: Table) -> Mapping[str, Any]:
         "numeric": numeric(table),
         "rows": rows(table),
     }
-
-
-__all__ = ["NONE", "described", "escaped", "heading", "latex", "numeric", "printed", "rows", "save"]

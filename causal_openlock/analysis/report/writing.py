@@ -264,6 +264,3 @@ def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
         }
         for row in table.to_dict("records")
     ]
-
-
-__all__ = ["Report", "files_of", "make_report", "write_report"]

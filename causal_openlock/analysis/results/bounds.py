@@ -123,6 +123,3 @@ def _solved(schema: Schema, action_limit: int) -> tuple[float | None, int]:
         return optimum.attempts(), optimum.most()
     except TooLargeError:
         return None, 0
-
-
-__all__ = ["Bound", "Bounds", "ideal_attempts", "ideal_bounds", "said"]

@@ -119,6 +119,3 @@ def _added(tables: list[pd.DataFrame]) -> pd.DataFrame:
     sums = joined.groupby(_BLOCK, observed=True, sort=True)[["count", "subjects", "until"]].sum()
     sums["until"] /= sums["subjects"]
     return sums.reset_index()[list(tables[0].columns)]
-
-
-__all__ = ["AT_ONCE", "Counts", "count"]

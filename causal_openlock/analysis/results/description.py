@@ -264,14 +264,3 @@ def random_learners(experiment: Mapping[str, Any]) -> set[str]:
         for one in learners
         if one.get("class") == _RANDOM_CLASS or one.get("learner") == _RANDOM
     }
-
-
-__all__ = [
-    "budgets",
-    "describe",
-    "edges",
-    "in_words",
-    "mappings_with",
-    "random_learners",
-    "trials_played",
-]

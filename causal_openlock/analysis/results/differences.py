@@ -85,6 +85,3 @@ def _p_value(first: FloatArray, second: FloatArray) -> float:
             return 1.0
         return min(1.0, 2 / math.comb(len(first) + len(second), len(first)))
     return float(ttest_ind(first, second, equal_var=False).pvalue)
-
-
-__all__ = ["Difference", "difference", "resampled_means"]

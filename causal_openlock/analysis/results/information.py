@@ -89,6 +89,3 @@ def mean_information(
         predicted=("predicted", "mean"),
         obtained=("obtained", "mean"),
     ).reset_index()
-
-
-__all__ = ["INFORMATION_COLUMNS", "information_per_action", "mean_information"]

@@ -55,6 +55,3 @@ def made_with(cells: Sequence[Path]) -> dict[str, Any]:
     return merged_versions(
         [versions_of(Store(path.parent.parent).read(path, columns=[]), path) for path in cells]
     )
-
-
-__all__ = ["UNREAD", "made_with", "read_results"]

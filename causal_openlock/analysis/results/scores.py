@@ -218,16 +218,3 @@ def _by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, Float
         learner, condition, protocol = map(str, key)
         held.setdefault((learner, protocol), {})[condition] = rows["attempts"].to_numpy(float)
     return held
-
-
-__all__ = [
-    "CONGRUENCY",
-    "SAVINGS",
-    "SCORE_COLUMNS",
-    "congruency",
-    "normalised_score",
-    "published_transfer_scores",
-    "savings",
-    "scores_by_condition",
-    "transfer_scores",
-]

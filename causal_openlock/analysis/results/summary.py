@@ -234,16 +234,3 @@ def _beside_ideal(table: pd.DataFrame, bounds: Bounds | None) -> pd.DataFrame:
     return table.assign(
         ideal_attempts=np.array([np.nan if one is None else one.attempts for one in known], float)
     )
-
-
-__all__ = [
-    "SUMMARY_COLUMNS",
-    "headline",
-    "headline_table",
-    "judged",
-    "measured",
-    "summarise",
-    "summary_table",
-    "write_summary",
-    "write_table",
-]

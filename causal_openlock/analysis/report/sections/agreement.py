@@ -227,6 +227,3 @@ def _figure_7(points: pd.DataFrame, order: pd.DataFrame) -> list[Table]:
             )
         )
     return tables
-
-
-__all__ = ["budgets", "section", "sentences"]

@@ -166,6 +166,3 @@ def _drawing(trace: Trace, name: str) -> Drawing:
     drawn = draw_trace(trace)
     label = "belief_" + re.sub(r"\W+", "_", name.lower(), flags=re.ASCII)
     return Drawing(label, f"What {name} believed", drawn.caption, drawn.figure)
-
-
-__all__ = ["section"]

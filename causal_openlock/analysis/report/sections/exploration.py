@@ -252,6 +252,3 @@ def _schedules(table: pd.DataFrame) -> Table:
         "the door surely comes to be opened less than half as often as by the best learner of a "
         f"decay above {USUAL:g} that learns there, or surely more often.",
     )
-
-
-__all__ = ["USUAL", "beside_learning", "on_meaningful_learning", "schedules", "section"]

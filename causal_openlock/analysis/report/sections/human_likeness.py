@@ -232,6 +232,3 @@ def _draw(panel: Axes, own: pd.DataFrame, effects: pd.DataFrame) -> None:
         str(own["learner"].iloc[0]),
         f"RMSE {attempts:.2f}; {signs(effects)}",
     )
-
-
-__all__ = ["CLEAR", "MOST_DRAWN", "draw_points", "section", "signs"]

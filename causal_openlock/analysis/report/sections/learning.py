@@ -337,19 +337,3 @@ def said(rows: pd.DataFrame) -> str:
 def _in_order(table: pd.DataFrame, learners: list[str]) -> pd.DataFrame:
     place = {name: index for index, name in enumerate(ordered(set(table["learner"]), learners))}
     return table.sort_values("learner", key=lambda names: names.map(place), kind="stable")
-
-
-__all__ = [
-    "FALLS",
-    "FLAT",
-    "LEARNS",
-    "NOT",
-    "RULE",
-    "SOME",
-    "UNDECIDED",
-    "VERDICTS",
-    "judge",
-    "progress",
-    "said",
-    "section",
-]

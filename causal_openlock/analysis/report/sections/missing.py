@@ -115,6 +115,3 @@ def with_missing(summary: pd.DataFrame, missing: Sequence[Missing]) -> pd.DataFr
         for key in absent
     ]
     return pd.concat([table, pd.DataFrame(rows, columns=table.columns)], ignore_index=True)
-
-
-__all__ = ["Missing", "missing_cells", "with_missing"]

@@ -337,6 +337,3 @@ def _ranking(protocol: str, part: str, ranks: pd.DataFrame) -> Table:
         + "Better than next: probability that a subject needs fewer attempts than one of the "
         "learner in the row below, with the ends of its interval; one half for equals.",
     )
-
-
-__all__ = ["Scores", "matrix_drawing", "pairwise_table", "ranking_table", "section"]

@@ -288,6 +288,3 @@ def _all(names: Sequence[str], rows: pd.DataFrame) -> str:
 
 def _do(names: Sequence[str]) -> str:
     return "do" if len(names) > 1 else "does"
-
-
-__all__ = ["FAMILIES", "power_table", "section"]

@@ -203,6 +203,3 @@ def _scale(axes: Axes, conditions: Sequence[str], limit: float) -> None:
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.set_ylim(0, 1.03 * limit)
     axes.yaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
-
-
-__all__ = ["learner_pages"]

@@ -189,15 +189,3 @@ def section(material: Material) -> Section | None:
         "condition, the verdict there. Terms are beside the basic reward.",
     )
     return Section("reward_study", "Reward study", tuple(line for line in text if line), (told,))
-
-
-__all__ = [
-    "BEST_OF_PAPER",
-    "LEAST_REWARDS",
-    "on_the_best",
-    "on_unique_solutions",
-    "reward_terms",
-    "rewards_of",
-    "section",
-    "study",
-]

@@ -276,6 +276,3 @@ def _on_savings(scores: pd.DataFrame) -> str:
         "What does training save in the first room with four levers, whatever it was with? Of the "
         f"attempts that the room takes without training: {', '.join(told)}."
     )
-
-
-__all__ = ["congruency_drawing", "savings_drawing", "scores_of", "section"]

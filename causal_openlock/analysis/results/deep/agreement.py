@@ -283,23 +283,3 @@ def _baselines(parts: pd.DataFrame, learners: Sequence[str]) -> list[tuple[Group
         for group, mine in each_group(parts, "train", learners)
         if group.condition in BASELINES and matrix(mine, ELSE).shape[1] == PARTS
     ]
-
-
-__all__ = [
-    "AGREES",
-    "DISAGREES",
-    "MARGIN",
-    "ORDER_COLUMNS",
-    "POINT_COLUMNS",
-    "UNDECIDED",
-    "baseline_course",
-    "baseline_points",
-    "grows",
-    "kendall",
-    "margin_of",
-    "published_shares",
-    "resampled_group_means",
-    "same",
-    "transfer_order",
-    "transfer_points",
-]

@@ -78,6 +78,3 @@ def _outcomes(schema: Schema, action_limit: int, positions: int) -> tuple[float,
     solution = attempt.fsm.solution[attempt.state]
     each = [reached[opened & (solution == k)].sum() for k in range(len(schema.solutions))]
     return float(reached[opened].sum()), np.array(each)
-
-
-__all__ = ["chance_of_finding_all", "chance_of_opening"]

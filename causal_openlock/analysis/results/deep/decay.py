@@ -224,21 +224,3 @@ def random_actions(
     # What a trial's end sets may lie below the minimum; the next step of decay lifts it.
     second = np.where(number == 0, again, np.maximum(again * decay**number, lowest))
     return float(first.sum()), float(second.sum())
-
-
-__all__ = [
-    "FITS",
-    "LEAST_TRIALS",
-    "NEAR",
-    "PAPER_MEAN",
-    "PAPER_MEDIAN",
-    "DecayFit",
-    "exponential_fit",
-    "fitted",
-    "learning_curves",
-    "log_linear_fit",
-    "offset_fit",
-    "people_over_trials",
-    "random_actions",
-    "steps_until",
-]

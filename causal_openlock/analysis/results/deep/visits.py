@@ -225,23 +225,3 @@ def going_on(record: pa.Table, experiment: Mapping[str, Any]) -> pa.Table:
             [pc.is_in(part.dictionary, value_set=wanted).take(part.indices) for part in chunks]
         )
     )
-
-
-__all__ = [
-    "ELSE",
-    "FINDS_ALL",
-    "LEAST_SUBJECTS",
-    "OPENS",
-    "PARTS",
-    "SHARES",
-    "START",
-    "Group",
-    "each_group",
-    "going_on",
-    "interval",
-    "many_attempts",
-    "matrix",
-    "shares",
-    "starts",
-    "visits",
-]

@@ -56,6 +56,3 @@ def beside(results: Sequence[tuple[pa.Table, dict[str, Any]]]) -> tuple[pa.Table
 
 def _listed(results: Sequence[tuple[pa.Table, dict[str, Any]]], key: str) -> list[Any]:
     return [one for _, description in results for one in description.get(key, ())]
-
-
-__all__ = ["beside"]

@@ -92,6 +92,3 @@ def _schemas(condition: Mapping[str, Any]) -> list[list[dict[str, Any]]]:
         ]
         for phase in ("train", "test")
     ]
-
-
-__all__ = ["HUMAN_PROTOCOL", "Pairs", "comparable", "paper_conditions"]

@@ -282,19 +282,3 @@ def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFram
     table = pd.DataFrame(rows)
     ordered = table.sort_values(["points", "rmse"], ascending=[False, True], kind="stable")
     return ordered.reset_index(drop=True)
-
-
-__all__ = [
-    "EFFECTS",
-    "POINT",
-    "PUBLISHED_MODEL",
-    "Effect",
-    "contrast",
-    "distance",
-    "effects_of",
-    "likeness_table",
-    "points_of",
-    "points_of_model",
-    "points_of_people",
-    "published_points",
-]

@@ -254,16 +254,3 @@ def _not_testable(
     if np.linalg.matrix_rank(spread, tol=1e-9 * scale) < tested:
         return "subjects differ in fewer ways than there are differences between trials"
     return ""
-
-
-__all__ = [
-    "Group",
-    "Outcome",
-    "Sample",
-    "contrast_test",
-    "group_of",
-    "interaction_test",
-    "one_way_test",
-    "t_test",
-    "trial_test",
-]

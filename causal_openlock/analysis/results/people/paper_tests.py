@@ -312,15 +312,3 @@ def _corrected(rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
     for _, family in table.groupby("family"):
         table.loc[family.index, "p_holm"] = holm(family["p"].to_numpy())
     return table[list(TEST_COLUMNS)]
-
-
-__all__ = [
-    "PEOPLE",
-    "TESTS",
-    "TEST_COLUMNS",
-    "PaperTest",
-    "learner_tests",
-    "outcome_text",
-    "paper_tests",
-    "printed_tests",
-]

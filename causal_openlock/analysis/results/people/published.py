@@ -92,13 +92,3 @@ def _means(source: Mapping[str, Any], subjects: int) -> pd.DataFrame:
         for condition, values in source["transfer"].items()
     ]
     return pd.DataFrame(rows, columns=[*_PLACE, "subjects", "mean", "se"])
-
-
-__all__ = [
-    "AGENTS",
-    "PUBLISHED_COLUMNS",
-    "beside_published",
-    "did_what_people_did",
-    "model",
-    "people",
-]
