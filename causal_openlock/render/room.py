@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from causal_openlock.physics.geometry import Point, RoomGeometry
 from causal_openlock.render.panel import draw
 from causal_openlock.render.raster import Bytes
-from causal_openlock.render.scene import Frame, Look, bits_of, frame
+from causal_openlock.render.scene import Look, bits_of
 from causal_openlock.world.room import position_coordinates
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ import pytest
 import causal_openlock
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.errors import OpenLockError
-from causal_openlock.render.room import draw_room, frame
+from causal_openlock.render.room import draw_room
+from causal_openlock.render.scene import frame
 from support.cc4_in_trial7 import DOOR, L0, L1, SOLUTIONS, WHITE
 from support.env_play import EPISODES, act, trial7
 

@@ -1,4 +1,4 @@
-"""The house is entered one way: what `pyproject.toml` declares of imports holds, and is all there."""
+"""Every package uses only what it stands on, as `pyproject.toml` declares."""
 
 from __future__ import annotations
 

@@ -19,8 +19,8 @@ from causal_openlock.formats.schema_file import bundled_schemas
 from causal_openlock.render.arrange import CLEARANCE, LABEL, RADIUS, arrange, distance_to_node
 from causal_openlock.render.graph import draw_schema, save_schema_figure, schema_text
 from causal_openlock.render.raster import paint
-from causal_openlock.render.room import draw_room, frame, lever_centre, room_text
-from causal_openlock.render.scene import Look
+from causal_openlock.render.room import draw_room, lever_centre, room_text
+from causal_openlock.render.scene import Look, frame
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.room import Room, position_coordinates
 from causal_openlock.world.schema import DOOR, MAX_LEVERS, Gate, Schema
