@@ -1,8 +1,9 @@
 """Directives whose content comes from the program itself, so that it cannot fall behind.
 
 =========================== ====================================================================
+``.. public-api::``         The names of the package, grouped as ``__init__.pyi`` lists them.
 ``.. modules::``            The reference of modules, from their docstrings; ``package.*`` stands
-                            for a package with all of its modules.
+                            for a package with all that is in it.
 ``.. command-help::``       What ``--help`` says of every command.
 ``.. file-format::``        The keys of a file, from the JSON Schema that editors use.
 ``.. learner-parameters::`` The registered learners and their parameters.
@@ -13,16 +14,23 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
+import itertools
 import pkgutil
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
+
+import causal_openlock
 
 HELP_WIDTH = 88
 
@@ -83,19 +91,59 @@ class Modules(FromTheProgram):
 
 
 def modules_of(name: str) -> list[str]:
-    """A module, or with ``.*`` a package and its own modules, in the order it tells of them."""
+    """A module, or with ``.*`` a package and all in it, in the order its docstring names them."""
     if not name.endswith(".*"):
         return [name]
     package = importlib.import_module(name.removesuffix(".*"))
     text = package.__doc__ or ""
 
-    def place(module: str) -> tuple[int, str]:
-        found = re.search(rf"\b{module}\b", text)
-        return (found.start() if found else len(text), module)
+    def place(part: pkgutil.ModuleInfo) -> tuple[int, str]:
+        found = re.search(rf"``{part.name}``", text)
+        return (found.start() if found else len(text), part.name)
 
-    found = pkgutil.iter_modules(package.__path__)
-    parts = sorted((part.name for part in found if not part.ispkg), key=place)
-    return [package.__name__, *(f"{package.__name__}.{part}" for part in parts)]
+    parts = sorted(pkgutil.iter_modules(package.__path__), key=place)
+    names = (f"{package.__name__}.{part.name}{'.*' if part.ispkg else ''}" for part in parts)
+    return [package.__name__, *(module for part in names for module in modules_of(part))]
+
+
+class PublicAPI(FromTheProgram):
+    """What users import, each name with its first sentence and a link to all of it."""
+
+    optional_arguments = 0
+
+    def lines(self) -> Iterator[str]:
+        """A table for each group of ``__init__.pyi``."""
+        stub = Path(causal_openlock.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+        _, *groups = re.split(r"\n\n# (.*)\n", stub.partition("\n\n__version__")[0])
+        for title, text in zip(groups[::2], groups[1::2], strict=True):
+            rows = [self.row(*found) for found in re.findall(r"from (\S+) import (\w+)", text)]
+            yield from section(title, *table(("name", "what it is"), rows))
+
+    def row(self, home: str, name: str) -> tuple[str, str]:
+        """A name as a link to where it is documented, and what it is."""
+        module = importlib.import_module(f"causal_openlock{home}")
+        value = getattr(module, name)
+        if not (callable(value) and hasattr(value, "__qualname__")):
+            return literal(name), first_sentence(comment_below(module, name))
+        role = "class" if isinstance(value, type) else "func"
+        return f":{role}:`{name} <{module.__name__}.{name}>`", first_sentence(value.__doc__ or "")
+
+
+def comment_below(module: ModuleType, name: str) -> str:
+    """The text below the assignment of a constant, which Python itself does not keep."""
+    _, found = next(
+        pair
+        for pair in itertools.pairwise(ast.parse(inspect.getsource(module)).body)
+        if isinstance(pair[0], ast.Assign | ast.AnnAssign)
+        and name in {node.id for node in ast.walk(pair[0]) if isinstance(node, ast.Name)}
+    )
+    is_text = isinstance(found, ast.Expr) and isinstance(found.value, ast.Constant)
+    return str(found.value.value) if is_text else ""
+
+
+def first_sentence(text: str) -> str:
+    """The first line of a docstring, with roles as plain code."""
+    return escaped(re.sub(r":\w+:`~?([^`]*)`", r"`\1`", text.strip().partition("\n")[0]))
 
 
 class CommandHelp(FromTheProgram):
@@ -259,6 +307,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
     # Now, since autodoc rewrites the signatures that options are read from.
     CommandHelp.command = typer.main.get_command(program)
+    app.add_directive("public-api", PublicAPI)
     app.add_directive("modules", Modules)
     app.add_directive("command-help", CommandHelp)
     app.add_directive("file-format", FileFormat)

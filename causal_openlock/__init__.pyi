@@ -1,0 +1,94 @@
+# The public API: every name that users import, and where it is defined. This is the one list of
+# it; `causal_openlock/__init__.py` loads each name when it is first used, type checkers read it
+# here, and docs/api/public.rst says what each is for.
+
+# Schemas and rooms
+from .formats.graphs import export_schema as export_schema
+from .formats.graphs import import_schema as import_schema
+from .formats.graphs import to_bayesian_network as to_bayesian_network
+from .formats.schema_file import bundled_schemas as bundled_schemas
+from .formats.schema_file import find_schema as find_schema
+from .formats.schema_file import read_schema as read_schema
+from .formats.schema_file import write_schema as write_schema
+from .world.fsm import FSM as FSM
+from .world.fsm import compile_schema as compile_schema
+from .world.randomness import Streams as Streams
+from .world.reward_events import Events as Events
+from .world.reward_table import RewardTable as RewardTable
+from .world.rewards import find_reward as find_reward
+from .world.room import Layout as Layout
+from .world.room import Room as Room
+from .world.room import action_names as action_names
+from .world.room import position_coordinates as position_coordinates
+from .world.room import position_names as position_names
+from .world.schema import Gate as Gate
+from .world.schema import Schema as Schema
+from .world.tables import RoomTables as RoomTables
+
+# Learners
+from .contract.learner import Brief as Brief
+from .contract.learner import InformedLearner as InformedLearner
+from .contract.learner import Learner as Learner
+from .contract.learner import Step as Step
+from .contract.learner import View as View
+from .contract.one_subject import OneSubjectLearner as OneSubjectLearner
+from .contract.registry import create as create
+from .testing import LearnerContract as LearnerContract
+
+# Experiments
+from .errors import OpenLockError as OpenLockError
+from .experiment.experiment import Experiment as Experiment
+from .experiment.file import Changes as Changes
+from .experiment.file import find_experiment as find_experiment
+from .experiment.file import read_experiment as read_experiment
+from .experiment.protocol import PROTOCOLS as PROTOCOLS
+from .experiment.protocol import Condition as Condition
+from .experiment.protocol import Protocol as Protocol
+from .experiment.protocol import Trials as Trials
+from .experiment.protocol import default_action_limit as default_action_limit
+from .experiment.record import CATEGORIES as CATEGORIES
+from .experiment.runner import run as run
+from .experiment.session import Session as Session
+from .experiment.store import Store as Store
+
+# Environments
+from .envs.single import OpenLockEnv as OpenLockEnv
+from .envs.vector import OpenLockVectorEnv as OpenLockVectorEnv
+
+# Beliefs
+from .analysis.results.bounds import ideal_attempts as ideal_attempts
+from .analysis.results.bounds import ideal_bounds as ideal_bounds
+from .belief.believer import situation_of as situation_of
+from .belief.evidence import takes_effect as takes_effect
+from .belief.grammar import schema_classes as schema_classes
+from .belief.trace import trace_trial as trace_trial
+
+# Analysis
+from .analysis.measures import attempts_to_solve as attempts_to_solve
+from .analysis.measures import category_counts as category_counts
+from .analysis.plots.belief import draw_trace as draw_trace
+from .analysis.plots.figures import baseline_attempts as baseline_attempts
+from .analysis.plots.figures import transfer_attempts as transfer_attempts
+from .analysis.plots.style import CATEGORY_COLOURS as CATEGORY_COLOURS
+from .analysis.plots.style import CATEGORY_NAMES as CATEGORY_NAMES
+from .analysis.plots.style import COMMON_CAUSE as COMMON_CAUSE
+from .analysis.plots.style import COMMON_EFFECT as COMMON_EFFECT
+from .analysis.report.writing import write_report as write_report
+from .analysis.results.people.published import people as people
+from .analysis.results.summary import headline_table as headline_table
+from .analysis.results.summary import summary_table as summary_table
+from .analysis.statistics import mean_interval as mean_interval
+
+# Pictures, films and people
+from .play.people import People as People
+from .play.reactions import read_reactions as read_reactions
+from .play.server import PlayServer as PlayServer
+from .render.film import save_film as save_film
+from .render.graph import draw_schema as draw_schema
+from .render.panel import Panel as Panel
+from .render.played import play_trial as play_trial
+from .render.room import draw_room as draw_room
+
+__version__: str
+ENV_ID: str
+MIXED_ID: str
