@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from pathlib import Path
 
@@ -16,101 +15,63 @@ from support.documents import ROOT, broken_links, code, in_a_process, unknown_op
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def blocks(language: str) -> list[str]:
-    return code(README, language)
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a reader saves who follows the README, and what the commands shown leave there."""
+    folder = tmp_path_factory.mktemp("readme")
+    for name, text in zip(("vault.yaml", "first_look.yaml"), code(README, "yaml"), strict=True):
+        (folder / name).write_text(text, encoding="utf-8")
+    (folder / "my_learners.py").write_text(code(README, "python")[0], encoding="utf-8")
+    return folder
 
 
-def run(folder: Path, *words: str) -> str:
-    return in_a_process(folder, *words).stdout
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    vault, experiment = blocks("yaml")
-    (tmp_path / "vault.yaml").write_text(vault, encoding="utf-8")
-    (tmp_path / "first_look.yaml").write_text(experiment, encoding="utf-8")
-    (tmp_path / "my_learners.py").write_text(blocks("python")[0], encoding="utf-8")
-    return tmp_path
-
-
-def test_the_schema_of_ones_own_is_what_the_text_says(folder: Path) -> None:
-    assert run(folder, "schema", "check", "vault.yaml").strip() in README
+def test_the_vault_has_the_solution_that_the_text_tells_of(folder: Path) -> None:
     schema = parse_schema((folder / "vault.yaml").read_text(encoding="utf-8"))
-    assert sorted(map(sorted, schema.solutions)) == [["dial", "key", "second_key"]]
+    assert [set(solution) for solution in schema.solutions] == [{"dial", "key", "second_key"}]
+    shown = in_a_process(folder, "schema", "show", "vault.yaml").stdout
+    assert "1 solution:" in shown
 
 
-def test_the_fault_shown_is_the_fault_reported(folder: Path) -> None:
-    path = folder / "vault.yaml"
-    path.write_text(
-        path.read_text(encoding="utf-8").replace("[door]", "[dor]", 1), encoding="utf-8"
-    )
-    done = in_a_process(folder, "schema", "check", "vault.yaml", status=2)
-    (shown,) = re.findall(r"`(vault\.yaml:\d+:\d+: [^`]*)`", README)
-    assert shown in done.stderr
-
-
-def test_the_comparisons_of_the_schema_of_ones_own_run_as_shown(folder: Path) -> None:
-    shown = re.findall(r"\$ causal-openlock (compare --condition [^#\n]*)", README)
-    assert len(shown) == 2
-    for line in shown:
-        run(folder, *shlex.split(line), "--subjects", "1", "--workers", "1")
-
-
-def test_hyper_parameters_are_declared_as_shown(folder: Path) -> None:
-    (block,) = (block for block in blocks("python") if "class Settings" in block)
-    head = "from dataclasses import dataclass\nfrom typing import Annotated\n"
-    head += "from causal_openlock import OneSubjectLearner\n"
-    body = "\n    def act(self, observation):\n        return int(self.parameters.persistence)\n"
-    (folder / "declared.py").write_text(head + block + body, encoding="utf-8")
-    said = run(folder, "learners", "declared:Persistent")
-    assert "persistence" in said
-    assert "share of actions that are repeated" in said
-
-
-def test_the_learner_of_ones_own_plays(folder: Path) -> None:
-    code = [line for line in blocks("python")[0].splitlines() if line.strip()]
-    assert len(code) <= 20
-    run(
-        folder,
-        *("compare", "--learner", "my_learners:Persistent", "--learner", "random"),
-        *("--out", "results/mine", "--subjects", "2", "--condition", "CC3"),
-    )
-    record = Store(folder / "results" / "mine").record()[0].to_pandas()
-    assert set(record["learner"]) == {"Persistent", "random"}
-
-
-def test_the_experiment_of_ones_own_runs(folder: Path) -> None:
-    path = folder / "first_look.yaml"
-    text = path.read_text(encoding="utf-8").replace("attempt_limit: 100", "attempt_limit: 5")
-    path.write_text(text.replace("train_loops: 5", "train_loops: 1"), encoding="utf-8")
-    words = ("compare", "first_look.yaml", "--out", "results/first_look", "--subjects", "2")
-    run(folder, *words)
+def test_the_learner_and_the_experiment_of_ones_own_run(folder: Path) -> None:
+    assert len([line for line in code(README, "python")[0].splitlines() if line.strip()]) <= 20
+    (line,) = (words for words in words_of(README) if words[:1] == ["compare"] and "first" in words[1])
+    in_a_process(folder, *line, "--subjects", "2", "--out", "results/first_look")
     record = Store(folder / "results" / "first_look").record()[0].to_pandas()
+    assert set(record["learner"]) == {"oracle", "bayes", "Persistent"}
     assert set(record["condition"]) == {"CC4", "CC3-CE4", "vault"}
-    assert set(record["protocol"]) == {"human", "long"}
 
 
-def test_the_environments_are_made_as_shown() -> None:
+def test_the_trial_can_be_traced_as_shown(folder: Path) -> None:
+    (line,) = (words for words in words_of(README) if words[:1] == ["trace"])
+    assert "bits learned" in in_a_process(folder, *line).stdout
+
+
+def test_the_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    block = code(README, "python")[1]
+    assert 'find_experiment("own_schemas")' in block
+    quick = block.replace('find_experiment("own_schemas")', '"quick.yaml"')
+    (tmp_path / "quick.yaml").write_text(
+        "name: quick\nsubjects: 2\nconditions: [CC3]\nlearners: [oracle]\n", encoding="utf-8"
+    )
     names: dict[str, object] = {}
-    (block,) = (block for block in blocks("python") if "gymnasium.make" in block)
-    exec(block, names)
-    env, rooms = names["env"], names["rooms"]
+    exec(quick, names)
+    assert len(names["trials"]) == 2 * 5  # type: ignore[arg-type]
+    env = names["env"]
     assert isinstance(env, gymnasium.Env)
     assert env.reset(seed=0)[0].shape == (16,)
-    assert rooms.reset(seed=0)[0].shape == (16_384, 16)  # type: ignore[attr-defined]
 
 
 def test_every_file_that_the_readme_points_to_exists() -> None:
     assert README.count("](") > 20
     assert broken_links(ROOT / "README.md") == []
+    assert broken_links(ROOT / "CONTRIBUTING.md") == []
 
 
 def test_every_option_that_the_readme_names_exists() -> None:
     for words in words_of(README):
-        assert unknown_options(words) == [], words
+        assert unknown_options(words) == [], shlex.join(words)
 
 
-def test_the_trial_that_is_told_is_the_one_that_is_played(folder: Path) -> None:
-    told = run(folder, "trace", "CC4", "--learner", "bayes")
-    shown = README.split("```\nAttempt 3\n")[1].split("```")[0]
-    assert f"Attempt 3\n{shown}" in told
+def test_the_readme_fits_on_three_screens() -> None:
+    assert len(README.splitlines()) <= 140
