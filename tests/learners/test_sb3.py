@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import os
 import subprocess
 import sys
 from typing import Any
@@ -19,7 +20,6 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.world.room import Layout
 from learners.sb3 import StableBaselines
-from support.places import ROOT
 from support.waiting import HANGS
 
 sb3 = pytest.importorskip("stable_baselines3")
@@ -135,7 +135,7 @@ for _ in range(20):
 def test_a_program_can_end_while_its_models_wait() -> None:
     done = subprocess.run(
         [sys.executable, "-c", ENDS_EARLY],
-        cwd=ROOT / "tests",
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         capture_output=True,
         text=True,
         timeout=HANGS,
