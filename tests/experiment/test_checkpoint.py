@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import multiprocessing
 import os
 import pickle
 import signal
@@ -43,6 +42,7 @@ from causal_openlock.files.whole import sweep
 from causal_openlock.world.fsm import IntArray
 from learners.random import RandomLearner
 from support.checkpoints import same
+from support.processes import prepared
 from support.session_play import HUMAN, Curious, named
 from support.waiting import until
 
@@ -176,9 +176,7 @@ def test_a_killed_cell_ends_as_if_it_had_not_been(
     # Each checkpoint flushes two files. The process dies between the two files of the 20th: its
     # attempts are there, and it is not.
     killed = tmp_path / "killed"
-    victim = multiprocessing.get_context("spawn").Process(
-        target=dies, args=(cell, str(killed), 2 * 20 - 1)
-    )
+    victim = prepared().Process(target=dies, args=(cell, str(killed), 2 * 20 - 1))
     victim.start()
     victim.join()
     assert victim.exitcode == -signal.SIGKILL

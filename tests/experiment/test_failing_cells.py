@@ -8,7 +8,6 @@ import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
@@ -23,6 +22,7 @@ from causal_openlock.experiment.standing import Standing
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.workers import how_ended
 from support.html_page import Page
+from support.processes import prepared, start_prepared
 
 LETHAL = """\
 import os, signal, sys, time
@@ -96,6 +96,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "lethal.py").write_text(LETHAL, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(runner, "LOOK_EVERY", 0.1)
+    start_prepared(monkeypatch)
     return tmp_path
 
 
@@ -169,7 +170,7 @@ def test_a_learner_that_kills_its_process_takes_no_other_cell_with_it(folder: Pa
 def test_a_given_executor_that_breaks_is_one_sentence(folder: Path) -> None:
     experiment = declared(folder, "Dies", "Fine")
     with (
-        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor,
+        ProcessPoolExecutor(1, mp_context=prepared()) as executor,
         pytest.raises(OpenLockError, match="a worker of the executor ended without a word"),
     ):
         runner.run(experiment, folder / "out", executor=executor)

@@ -7,7 +7,6 @@ import json
 import os
 import runpy
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +26,7 @@ from causal_openlock.files import whole
 from causal_openlock.files.checksums import json_bytes, table_bytes
 from causal_openlock.version import __version__
 from support.places import ROOT
+from support.processes import prepared
 
 flipped = runpy.run_path(str(ROOT / "benchmarks" / "bit_flips.py"))["flipped"]
 
@@ -68,7 +68,7 @@ def contents(kept: Store, experiment: Experiment) -> pa.Table:
 
 def test_any_executor_gives_the_same_record(experiment: Experiment, tmp_path: Path) -> None:
     threads = play(experiment, tmp_path / "threads")
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+    with ProcessPoolExecutor(2, mp_context=prepared()) as executor:
         processes = runner.run(experiment, tmp_path / "processes", executor=executor)
     ours = runner.run(experiment, tmp_path / "ours", workers=1)
     assert contents(threads, experiment).equals(contents(processes, experiment))
@@ -400,7 +400,7 @@ def test_workers_in_another_directory_keep_records_where_they_belong(
     monkeypatch.chdir(tmp_path)
     with ProcessPoolExecutor(
         1,
-        mp_context=get_context("spawn"),
+        mp_context=prepared(),
         initializer=os.chdir,
         initargs=(tmp_path / "elsewhere",),
     ) as executor:

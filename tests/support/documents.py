@@ -19,25 +19,19 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
-from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report import writing as report
-from causal_openlock.cli import app, main
-from causal_openlock.contract.registry import learner_class
-from causal_openlock.experiment import runner
-from causal_openlock.experiment.workers import Given
+from causal_openlock.cli import app
+from support.command import at_once, modules_of, play_here
 from support.places import ROOT
 
 DOCS = ROOT / "docs"
@@ -159,24 +153,6 @@ def unknown_options(words: list[str]) -> list[str]:
 # -- going through a page --------------------------------------------------------------------------
 
 
-class AtOnce(Executor):
-    """Plays cells where it is asked to, which is faster than to start processes for a few."""
-
-    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Do it now."""
-        future: Future[Any] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-@contextlib.contextmanager
-def _at_once(executor: Executor | None, workers: int) -> Iterator[Given]:
-    yield Given(executor or AtOnce())
-
-
 class Reader:
     """Somebody who does in a folder what a page tells them to do.
 
@@ -194,8 +170,7 @@ class Reader:
         patches.chdir(folder)
         patches.syspath_prepend(folder)
         patches.setenv("COLUMNS", "100")
-        patches.setattr(runner, "crew", _at_once)
-        patches.setattr(style, "KINDS", ())  # the figures as SVG are enough
+        play_here(patches)
         if not reports:
             patches.setattr(report, "sections_of", lambda *_: [])
 
@@ -205,17 +180,9 @@ class Reader:
         Raises:
             AssertionError: If something does not come out as the page says.
         """
-        before = {*sys.modules}
-        learner_class.cache_clear()  # another page may have a learner of the same name
-        try:
+        with modules_of(self.folder):
             for block in blocks(text):
                 self._do(block)
-        finally:
-            for name in {*sys.modules} - before:
-                where = getattr(sys.modules[name], "__file__", None)
-                if where and Path(where).is_relative_to(self.folder):
-                    del sys.modules[name]
-            learner_class.cache_clear()
 
     def _do(self, block: Block) -> None:
         what, _, how = block.note.partition(" ")
@@ -245,7 +212,8 @@ class Reader:
         program, *words = command.words
         if program == "causal-openlock":
             words += more if words[0] == "compare" else []
-            status, said = at_once(*words)
+            ended = at_once(*words)
+            status, said = ended.status, ended.stdout + ended.stderr
         elif program in ("python", "pytest"):
             words = (
                 words if program == "python" else ["-m", "pytest", "-p", "no:cacheprovider", *words]
@@ -259,21 +227,6 @@ class Reader:
         assert (status != 0) == refused, said
         self.done.append(shlex.join(command.words))
         same(command.shown, said, shlex.join(command.words))
-
-
-def at_once(*words: str) -> tuple[int, str]:
-    """Run the command line in this process; returns its status and what it printed."""
-    output = io.StringIO()
-    argv, sys.argv = sys.argv, ["causal-openlock", *words]
-    try:
-        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
-            main()
-        status = 0
-    except SystemExit as end:
-        status = int(end.code or 0)
-    finally:
-        sys.argv = argv
-    return status, output.getvalue()
 
 
 def same(shown: list[str], said: str, who: str) -> None:
@@ -296,6 +249,3 @@ def words_of(text: str) -> list[list[str]]:
         for command in typed(block.text)
         if command.words[0] == "causal-openlock"
     ]
-
-
-os.environ.setdefault("MPLBACKEND", "Agg")

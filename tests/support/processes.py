@@ -1,0 +1,41 @@
+"""Processes that begin with everything imported, which is what takes the time of a fresh one.
+
+They are forked from a process that has done nothing but import, so they are as fresh as those that
+comparisons start, whose imports take a second and more.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from multiprocessing.context import ForkServerContext
+from typing import Any
+
+import pytest
+
+IMPORTED = [
+    "pytest",
+    "torch",
+    "causal_openlock.experiment.runner",
+    "causal_openlock.experiment.worker",
+    "learners.bayes",
+    "learners.ideal",
+    "learners.networks.compiled",
+    "learners.recurrent",
+]
+_get_context: Any = multiprocessing.get_context
+
+
+def prepared() -> ForkServerContext:
+    """How such processes are started, as :func:`multiprocessing.get_context` says it."""
+    context = _get_context("forkserver")
+    context.set_forkserver_preload(IMPORTED)
+    return context
+
+
+def start_prepared(patches: pytest.MonkeyPatch) -> None:
+    """Have such processes started wherever fresh ones are asked for."""
+
+    def get_context(method: str | None = None) -> Any:
+        return prepared() if method == "spawn" else _get_context(method)
+
+    patches.setattr(multiprocessing, "get_context", get_context)
