@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help compare test lint bench docs notebooks json-schemas lock clean
+.PHONY: help compare test lint style types imports tests bench docs notebooks json-schemas lock clean
 
 help:
 	@echo "make compare  set up, run the default comparison, write results/default/report.html"
@@ -16,14 +16,23 @@ help:
 compare: $(VENV)/installed
 	$(BIN)/causal-openlock compare default --out results/default
 
-test: $(VENV)/installed-test lint
-	$(BIN)/python -m pytest -n auto -q
+# Side by side, each to its end; that packages use only what they stand on is one of the tests.
+test: $(VENV)/installed-test
+	@$(MAKE) --no-print-directory --keep-going -j3 style types tests
 
-lint: $(VENV)/installed-test
-	$(BIN)/ruff format --check .
-	$(BIN)/ruff check .
-	$(BIN)/mypy
-	$(BIN)/lint-imports
+lint: style types imports
+
+style: $(VENV)/installed-test
+	@$(BIN)/ruff format --check . && $(BIN)/ruff check .
+
+types: $(VENV)/installed-test
+	@$(BIN)/mypy
+
+imports: $(VENV)/installed-test
+	@$(BIN)/lint-imports
+
+tests: $(VENV)/installed-test
+	@$(BIN)/python -m pytest -n auto -q --durations=10
 
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/run.py
