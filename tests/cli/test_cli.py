@@ -20,7 +20,8 @@ from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.cli import comparison
 from causal_openlock.cli.encoding import write_anything
 from causal_openlock.experiment.store import Store
-from support.command import at_once
+from support.command import at_once, modules_of
+from support.processes import start_prepared
 from support.waiting import HANGS, until
 
 SLOW = """\
@@ -456,7 +457,10 @@ def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> N
     assert all(name in printed for name in [*names, "somebody", "ideal observer"])
 
 
-def test_what_a_learner_changes_in_its_process_stays_with_its_cell(tmp_path: Path) -> None:
+def test_what_a_learner_changes_in_its_process_stays_with_its_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start_prepared(monkeypatch)
     (tmp_path / "leaks.py").write_text(
         "import numpy as np\n\nfrom causal_openlock import OneSubjectLearner\n\n\n"
         "class Leaks(OneSubjectLearner):\n"
@@ -474,10 +478,10 @@ def test_what_a_learner_changes_in_its_process_stays_with_its_cell(tmp_path: Pat
     )
     told = []
     for workers in (1, 3):
-        done = openlock(
-            "compare", "leaks.yaml", "--out", f"out{workers}", "--workers", workers, cwd=tmp_path
-        )
-        assert "report: " in done.stdout
+        words = ("compare", "leaks.yaml", "--out", f"out{workers}", "--workers", workers)
+        with modules_of(tmp_path):
+            said, _ = here(*words, cwd=tmp_path, workers=True)
+        assert "report: " in said
         store = Store(tmp_path / f"out{workers}")
         told.append([store.read(path)["actions"].to_pylist() for path in store.files()[0]])
     assert told[0] == told[1]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import random
-import subprocess
 import sys
 from pathlib import Path
 
@@ -20,7 +18,8 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.worker import Watching, play_cell
-from support.waiting import HANGS
+from support.command import at_once, modules_of
+from support.processes import start_prepared
 
 
 class Tidy(Learner):
@@ -189,7 +188,7 @@ def test_a_look_is_short_whatever_the_budget(
     assert len(steps) == 24
 
 
-def test_compare_says_so_once_and_plays_on(tmp_path: Path) -> None:
+def test_compare_says_so_once_and_plays_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "untidy.py").write_text(
         "import random\n"
         "from causal_openlock import OneSubjectLearner\n\n\n"
@@ -200,16 +199,11 @@ def test_compare_says_so_once_and_plays_on(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     words = "compare -c CC3 -c CE3 -l untidy:Untidy -l random --subjects 2 --workers 2 -o out"
-    done = subprocess.run(
-        [sys.executable, "-m", "causal_openlock", *words.split()],
-        cwd=tmp_path,
-        env={**os.environ, "COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=HANGS,
-    )
-    assert done.returncode == 0, done.stderr
+    monkeypatch.setenv("COLUMNS", "200")
+    start_prepared(monkeypatch)
+    with modules_of(tmp_path):
+        done = at_once(*words.split(), cwd=tmp_path, workers=True)
+    assert done.status == 0, done.stderr
     told = [line for line in (done.stdout + done.stderr).splitlines() if "warning: " in line]
     assert [line.count("Untidy: ") for line in told] == [1, 1]
     assert sum("changes an array that it is given" in line for line in told) == 1

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +21,7 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.standing import Standing
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.workers import how_ended
+from support.command import at_once, modules_of
 from support.html_page import Page
 from support.processes import prepared, start_prepared
 
@@ -92,12 +93,13 @@ WITH_ITS_PROCESS = {
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "lethal.py").write_text(LETHAL, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(runner, "LOOK_EVERY", 0.1)
     start_prepared(monkeypatch)
-    return tmp_path
+    with modules_of(tmp_path):
+        yield tmp_path
 
 
 def declared(folder: Path, *learners: str, conditions: str = "[CC3]") -> Experiment:
@@ -268,18 +270,14 @@ def test_the_only_learner_of_an_experiment_may_be_mended(folder: Path) -> None:
     )
 
 
-def test_compare_says_what_is_missing_and_exits_with_1(folder: Path) -> None:
+def test_compare_says_what_is_missing_and_exits_with_1(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     declared(folder, "Fine", "Raises", "Dies", conditions="[CC3]")
-    words = [sys.executable, "-m", "causal_openlock"]
-    env = {**os.environ, "COLUMNS": "80"}
-
-    def openlock(*more: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [*words, *more], cwd=folder, capture_output=True, text=True, check=False, env=env
-        )
-
-    done = openlock("compare", "experiment.yaml", "--out", "out", "--workers", "2")
-    assert done.returncode == 1, done.stdout + done.stderr
+    monkeypatch.setenv("COLUMNS", "80")
+    words = ("compare", "experiment.yaml", "--out", "out", "--workers", 2)
+    done = at_once(*words, workers=True)
+    assert done.status == 1, done.stdout + done.stderr
     assert done.stderr == (
         "error: 4 of 6 cells failed, and all others are done; mend or remove what failed and give "
         "the same command again: it plays only what is missing\n"
@@ -290,8 +288,8 @@ def test_compare_says_what_is_missing_and_exits_with_1(folder: Path) -> None:
         for condition in ("CC3",)
         for numbers in ("0-1", "2-3")
     ]
-    report = openlock("report", "out")
-    assert report.returncode == 0
+    report = at_once("report", "out")
+    assert report.status == 0
     page = Page((folder / "out" / "report.html").read_text(encoding="utf-8")).text
     for said in (done.stdout, report.stdout):
         assert "unfinished: without 4 cells; compare plays what is missing" in said
@@ -311,15 +309,9 @@ def test_compare_says_what_is_missing_and_exits_with_1(folder: Path) -> None:
 
 def test_where_every_cell_fails_there_is_no_report_and_the_reasons_are_told(folder: Path) -> None:
     declared(folder, "Raises")
-    words = ["compare", "experiment.yaml", "--out", "out", "--workers", "1"]
-    done = subprocess.run(
-        [sys.executable, "-m", "causal_openlock", *words],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 1
+    words = ("compare", "experiment.yaml", "--out", "out", "--workers", 1)
+    done = at_once(*words, workers=True)
+    assert done.status == 1
     assert "Traceback" not in done.stderr
     assert done.stderr.count("ZeroDivisionError") == 2
     assert "every cell failed" in done.stderr

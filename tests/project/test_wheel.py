@@ -43,7 +43,7 @@ def test_the_wheel_compares_the_bundled_experiment_from_an_empty_folder(tmp_path
 
     run(*pip, "wheel", *offline, "--wheel-dir", tmp_path, ROOT)
     (wheel,) = tmp_path.glob("causal_openlock-*.whl")
-    run(*pip, "install", *offline, "--target", home, wheel)
+    run(*pip, "install", *offline, "--no-compile", "--target", home, wheel)
     there = {"cwd": empty, "env": {**os.environ, "PYTHONPATH": str(home)}}
     run(sys.executable, "-c", PROBE, home, **there)
     words = ("compare", "default", "--learner", "oracle", "--learner", "random", "--subjects", 2)

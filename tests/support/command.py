@@ -45,6 +45,11 @@ def _at_once(executor: Executor | None, workers: int) -> Iterator[Given]:
 def play_here(patches: pytest.MonkeyPatch) -> None:
     """Have cells played in this process, and figures drawn once."""
     patches.setattr(runner, "crew", _at_once)
+    draw_once(patches)
+
+
+def draw_once(patches: pytest.MonkeyPatch) -> None:
+    """Have figures drawn as SVG alone."""
     patches.setattr(style, "KINDS", ())
 
 
@@ -78,15 +83,14 @@ def at_once(*words: object, cwd: Path | None = None, workers: bool = False) -> D
     Args:
         words: What follows ``causal-openlock``.
         cwd: Where; by default here.
-        workers: Whether processes are started to play in, and all figures are drawn.
+        workers: Whether processes are started to play in.
     """
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patches:
         patches.setattr(sys, "argv", ["causal-openlock", *map(str, words)])
         if cwd is not None:
             patches.chdir(cwd)
-        if not workers:
-            play_here(patches)
+        (draw_once if workers else play_here)(patches)
         try:
             with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
                 main()

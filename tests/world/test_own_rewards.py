@@ -31,6 +31,7 @@ from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.world.reward_code import own_reward
 from causal_openlock.world.reward_events import Events
 from causal_openlock.world.rewards import PRESETS, TERMS, WEIGHTS, Reward, Weights, find_reward
+from support.command import at_once
 from support.reward_play import Play
 from support.waiting import HANGS
 
@@ -236,7 +237,9 @@ def openlock(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_results_are_told_apart_by_the_code_and_read_without_it(tmp_path: Path) -> None:
+def test_results_are_told_apart_by_the_code_and_read_without_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / "study"
     folder.mkdir()
     (folder / "mine.yaml").write_text(TEXT)
@@ -268,8 +271,9 @@ def test_results_are_told_apart_by_the_code_and_read_without_it(tmp_path: Path) 
     # The report needs no code, and runs none.
     (folder / "mine_pays.py").unlink()
     (tmp_path / "mine_pays.py").write_text("raise SystemExit('this was run')\n")
-    done = openlock("report", "out", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    monkeypatch.syspath_prepend(tmp_path)
+    done = at_once("report", "out", cwd=tmp_path)
+    assert done.status == 0, done.stderr
     assert "this was run" not in done.stdout + done.stderr
     assert "mine_pays:pay" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     with pytest.raises(OpenLockError, match=r"mine_pays:pay, code that an export does not run"):
