@@ -42,7 +42,8 @@ from causal_openlock.files.whole import sweep
 from causal_openlock.world.fsm import IntArray
 from learners.random import RandomLearner
 from support.checkpoints import same
-from support.processes import prepared
+from support.command import at_once
+from support.processes import prepared, start_prepared
 from support.session_play import HUMAN, Curious, named
 from support.waiting import until
 
@@ -191,13 +192,24 @@ def test_a_killed_cell_ends_as_if_it_had_not_been(
     assert files_beside(killed) == [".parquet"]
 
 
-def test_a_killed_comparison_goes_on_inside_a_cell(tmp_path: Path) -> None:
+def test_a_killed_comparison_goes_on_inside_a_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = TEXT.replace("[CC3-CE4, noisy_CC3]", "[noisy_CC3]").replace("limit: 12", "limit: 2000")
     path = tmp_path / "long.yaml"
     path.write_text(text, encoding="utf-8")
-    words = [sys.executable, "-m", "causal_openlock", "compare", str(path), "-l", "random"]
+    words = ["compare", str(path), "-l", "random"]
     victim = subprocess.Popen(
-        [*words, "--out", "killed", "--checkpoint-every", "0"],
+        [
+            sys.executable,
+            "-m",
+            "causal_openlock",
+            *words,
+            "--out",
+            "killed",
+            "--checkpoint-every",
+            "0",
+        ],
         cwd=tmp_path,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -208,9 +220,9 @@ def test_a_killed_comparison_goes_on_inside_a_cell(tmp_path: Path) -> None:
     victim.kill()
     victim.wait()
     assert not list(cells.glob("*.parquet"))
-    again = subprocess.run(
-        [*words, "--out", "killed"], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
+    start_prepared(monkeypatch)
+    again = at_once(*words, "--out", "killed", cwd=tmp_path, workers=True)
+    assert again.status == 0, again.stderr
     assert "warning: no" not in again.stdout
     assert "checkpoint" not in again.stdout
     experiment = read_experiment(path, Changes(learners=["random"]))

@@ -10,6 +10,7 @@ import pytest
 
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.schema_file import parse_schema
+from support.command import at_once
 from support.documents import ROOT, broken_links, code, in_a_process, unknown_options, words_of
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -28,13 +29,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_vault_has_the_solution_that_the_text_tells_of(folder: Path) -> None:
     schema = parse_schema((folder / "vault.yaml").read_text(encoding="utf-8"))
     assert [set(solution) for solution in schema.solutions] == [{"dial", "key", "second_key"}]
-    shown = in_a_process(folder, "schema", "show", "vault.yaml").stdout
+    shown = at_once("schema", "show", "vault.yaml", cwd=folder).stdout
     assert "1 solution:" in shown
 
 
 def test_the_learner_and_the_experiment_of_ones_own_run(folder: Path) -> None:
     assert len([line for line in code(README, "python")[0].splitlines() if line.strip()]) <= 20
-    (line,) = (words for words in words_of(README) if words[:1] == ["compare"] and "first" in words[1])
+    compared = [words for words in words_of(README) if words[0] == "compare"]
+    (line,) = (words for words in compared if "first" in words[1])
     in_a_process(folder, *line, "--subjects", "2", "--out", "results/first_look")
     record = Store(folder / "results" / "first_look").record()[0].to_pandas()
     assert set(record["learner"]) == {"oracle", "bayes", "Persistent"}
@@ -43,7 +45,7 @@ def test_the_learner_and_the_experiment_of_ones_own_run(folder: Path) -> None:
 
 def test_the_trial_can_be_traced_as_shown(folder: Path) -> None:
     (line,) = (words for words in words_of(README) if words[:1] == ["trace"])
-    assert "bits learned" in in_a_process(folder, *line).stdout
+    assert "bits learned" in at_once(*line, cwd=folder).stdout
 
 
 def test_the_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
