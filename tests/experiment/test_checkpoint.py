@@ -198,18 +198,9 @@ def test_a_killed_comparison_goes_on_inside_a_cell(
     text = TEXT.replace("[CC3-CE4, noisy_CC3]", "[noisy_CC3]").replace("limit: 12", "limit: 2000")
     path = tmp_path / "long.yaml"
     path.write_text(text, encoding="utf-8")
-    words = ["compare", str(path), "-l", "random"]
+    words = ["compare", str(path), "-l", "random", "--out", "killed"]
     victim = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "causal_openlock",
-            *words,
-            "--out",
-            "killed",
-            "--checkpoint-every",
-            "0",
-        ],
+        [sys.executable, "-m", "causal_openlock", *words, "--checkpoint-every", "0"],
         cwd=tmp_path,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -221,7 +212,7 @@ def test_a_killed_comparison_goes_on_inside_a_cell(
     victim.wait()
     assert not list(cells.glob("*.parquet"))
     start_prepared(monkeypatch)
-    again = at_once(*words, "--out", "killed", cwd=tmp_path, workers=True)
+    again = at_once(*words, cwd=tmp_path, workers=True)
     assert again.status == 0, again.stderr
     assert "warning: no" not in again.stdout
     assert "checkpoint" not in again.stdout
