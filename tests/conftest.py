@@ -95,3 +95,13 @@ def _each_kernel_is_compiled_by_one(tmp_path_factory: pytest.TempPathFactory) ->
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Dispatcher, "compile", compiled)
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _figures_are_drawn_once() -> Iterator[None]:
+    """As SVG, which is what pages show; the other kinds of file have tests that ask for them."""
+    from causal_openlock.analysis.plots import style
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "KINDS", ())
+        yield

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,21 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.errors import OpenLockError
 from support.fabricated_records import random_cells, table, trial_rows
 
+EVERY_KIND = style.KINDS
 EXPERIMENT = {"title": "twice", "seed": 17, "versions": {"numpy": "2.0"}}
+
+
+@pytest.fixture(scope="module")
+def every_kind() -> Iterator[None]:
+    """Figures are drawn as files of every kind."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "KINDS", EVERY_KIND)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +35,7 @@ def record() -> pa.Table:
 
 
 @pytest.fixture(scope="module")
-def report(record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report(every_kind: None, record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(record, tmp_path_factory.mktemp("report"), EXPERIMENT)
 
 
@@ -53,6 +64,7 @@ def test_writing_again_writes_the_same(report: Path, record: pa.Table, tmp_path:
         assert (tmp_path / path.relative_to(report.parent)).read_bytes() == path.read_bytes()
 
 
+@pytest.mark.usefixtures("every_kind")
 def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Path) -> None:
     rows = trial_rows([1, 2, 3])
     both = [*rows, *trial_rows([1, 2, 3], protocol="rl"), *trial_rows([1, 2, 3], condition="x-y")]
@@ -73,7 +85,10 @@ def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Pat
     }  # fmt: skip
 
 
-def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(style, "KINDS", ())
     (tmp_path / "figures").write_text("in the way")
     with pytest.raises(OpenLockError, match=r"figures.*cannot be written"):
         write_report(table(trial_rows([1, 2, 3])), tmp_path, {})
@@ -86,6 +101,7 @@ def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(tmp_path: Path
 def test_a_full_disk_leaves_the_earlier_report_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(style, "KINDS", ())
     write_report(table(trial_rows([1, 2, 3])), tmp_path, {"title": "earlier"})
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
 
