@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.people.beside import beside
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.cli import comparison
 from causal_openlock.cli.encoding import write_anything
+from causal_openlock.cli.terminal import Console
 from causal_openlock.experiment.store import Store
 from support.command import at_once, modules_of
 from support.processes import start_prepared
@@ -58,9 +58,9 @@ def openlock(
     return done
 
 
-def here(*words: object, cwd: Path, expect: int = 0, workers: bool = False) -> tuple[str, str]:
+def here(*words: object, cwd: Path, expect: int = 0, **options: bool) -> tuple[str, str]:
     """As :func:`openlock`, in this process, which is faster; returns what was printed."""
-    done = at_once(*words, cwd=cwd, workers=workers)
+    done = at_once(*words, cwd=cwd, **options)
     assert done.status == expect, done.stdout + done.stderr
     return done.stdout, done.stderr
 
@@ -294,7 +294,7 @@ def test_compare_prints_the_table_and_writes_the_report(tmp_path: Path) -> None:
     for name in ("report.html", "summary.csv", "experiment.json", "figures"):
         assert (tmp_path / "out" / name).exists()
     report = (tmp_path / "out" / "report.html").read_bytes()
-    here("report", "out", cwd=tmp_path)
+    here("report", "out", cwd=tmp_path, figures=True)
     assert (tmp_path / "out" / "report.html").read_bytes() == report
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.schema_file import parse_schema
-from support.command import at_once
-from support.documents import ROOT, broken_links, code, in_a_process, unknown_options, words_of
+from support.command import at_once, modules_of
+from support.documents import ROOT, broken_links, code, unknown_options, words_of
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -37,7 +37,9 @@ def test_the_learner_and_the_experiment_of_ones_own_run(folder: Path) -> None:
     assert len([line for line in code(README, "python")[0].splitlines() if line.strip()]) <= 20
     compared = [words for words in words_of(README) if words[0] == "compare"]
     (line,) = (words for words in compared if "first" in words[1])
-    in_a_process(folder, *line, "--subjects", "2", "--out", "results/first_look")
+    with modules_of(folder):
+        done = at_once(*line, "--subjects", 2, "--out", "results/first_look", cwd=folder)
+    assert done.status == 0, done.stdout + done.stderr
     record = Store(folder / "results" / "first_look").record()[0].to_pandas()
     assert set(record["learner"]) == {"oracle", "bayes", "Persistent"}
     assert set(record["condition"]) == {"CC4", "CC3-CE4", "vault"}

@@ -23,6 +23,9 @@ from causal_openlock.contract.registry import learner_class
 from causal_openlock.experiment import runner
 from causal_openlock.experiment.workers import Given
 
+EVERY_KIND = style.KINDS
+"""The kinds of file in which the program draws figures, besides SVG."""
+
 
 class AtOnce(Executor):
     """Plays cells where it is asked to, which is faster than to start processes for a few."""
@@ -77,13 +80,16 @@ class Done:
     stderr: str
 
 
-def at_once(*words: object, cwd: Path | None = None, workers: bool = False) -> Done:
+def at_once(
+    *words: object, cwd: Path | None = None, workers: bool = False, figures: bool = False
+) -> Done:
     """Run the command line.
 
     Args:
         words: What follows ``causal-openlock``.
         cwd: Where; by default here.
         workers: Whether processes are started to play in.
+        figures: Whether figures are drawn as files of every kind.
     """
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patches:
@@ -91,6 +97,8 @@ def at_once(*words: object, cwd: Path | None = None, workers: bool = False) -> D
         if cwd is not None:
             patches.chdir(cwd)
         (draw_once if workers else play_here)(patches)
+        if figures:
+            patches.setattr(style, "KINDS", EVERY_KIND)
         try:
             with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
                 main()

@@ -14,9 +14,9 @@ import pytest
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.errors import OpenLockError
+from support.command import EVERY_KIND
 from support.fabricated_records import random_cells, table, trial_rows
 
-EVERY_KIND = style.KINDS
 EXPERIMENT = {"title": "twice", "seed": 17, "versions": {"numpy": "2.0"}}
 
 
