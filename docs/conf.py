@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
@@ -36,6 +38,7 @@ myst_heading_anchors = 3
 # -- the reference ----------------------------------------------------------------------------
 autodoc_default_options = {"members": True, "member-order": "bysource", "show-inheritance": True}
 autodoc_preserve_defaults = True
+autodoc_use_type_comments = False
 autodoc_typehints_format = "short"
 # Named as they are in the code, and not spelled out wherever they occur.
 autodoc_type_aliases = {
@@ -66,3 +69,10 @@ def setup(app: Sphinx) -> None:
                 paragraph.parent.remove(paragraph)
 
     app.connect("doctree-read", drop)
+
+    def remember(app: Sphinx, env: Any) -> None:
+        # A name that is not ours (int, Any) is looked for among all of ours: once is enough.
+        domain = env.domains.python_domain
+        domain.find_obj = cache(domain.find_obj)
+
+    app.connect("env-updated", remember)

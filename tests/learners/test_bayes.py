@@ -43,7 +43,7 @@ def learner(**parameters: Any) -> Bayes:
 
 
 @cache
-def trials(condition: str, subjects: int = 100, **parameters: Any) -> pd.DataFrame:
+def trials(condition: str, subjects: int = 50, **parameters: Any) -> pd.DataFrame:
     return trials_of(play(learner(**parameters), condition, HUMAN, subjects))
 
 
@@ -61,11 +61,11 @@ def mean(trials: pd.DataFrame, phase: str, trial: int) -> float:
 @pytest.mark.parametrize("condition", ["CC4", "CE4"])
 def test_a_baseline_is_solved_in_hardly_more_attempts_than_the_best_possible(condition):
     own = trials(condition)
-    assert len(own) == 100 * 5
+    assert len(own) == 50 * 5
     assert solved(own)
     assert own.attempts.max() <= 30
     assert mean(own, "train", 1) <= 5.0
-    # The optimum is 3.75, with a standard error of 0.04 here.
+    # The optimum is 3.75, with a standard error of 0.06 here.
     assert 3.6 <= mean(own, "train", 5) <= 3.9
 
 
@@ -76,7 +76,7 @@ def test_transfer_is_faster_to_a_schema_of_the_class_that_was_trained(test):
     assert solved(congruent)
     assert solved(incongruent)
     assert mean(congruent, "test", 1) <= 3.9
-    # The ideal's gap is 0.25; the standard error of this one is 0.05.
+    # The ideal's gap is 0.25; the standard error of this one is 0.07.
     assert mean(incongruent, "test", 1) - mean(congruent, "test", 1) > 0.12
 
 

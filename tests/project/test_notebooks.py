@@ -23,7 +23,12 @@ PICTURES = ("image/png", "image/gif")
 SMALLER = {
     "01": {"fps=12, speed=2, attempts=4": "fps=12, speed=2, attempts=2"},
     "02": {"40, seed=2018": "10, seed=2018"},
-    "03": {"subjects: 12": "subjects: 4"},
+    "03": {
+        "subjects: 12": "subjects: 3",
+        "workers=2": "workers=1",
+        "report = write_report": 'style.KINDS = ("png",)\nreport = write_report',
+        "import tempfile": "import tempfile\nfrom causal_openlock.analysis.plots import style",
+    },
     "04": {"SUBJECTS = 40": "SUBJECTS = 10"},
     "05": {
         "2018, 4": "2018, 2",
