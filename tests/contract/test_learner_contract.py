@@ -79,7 +79,7 @@ class TestBayesOfManyLevers(LearnerContract):
     """Beyond four levers structures are sampled, which takes luck of its own."""
 
     learner = "bayes"
-    parameters = {"policy": "thompson", "particles": 40, "lapse": 0.1}  # noqa: RUF012
+    parameters = {"policy": "thompson", "particles": 20, "lapse": 0.1}  # noqa: RUF012
     schemas = ("seven",)
     subjects = 2
 
@@ -103,7 +103,7 @@ class TestRecurrent(LearnerContract):
         "replay_size": 16,
         "target_period": 3,
     }
-    attempts = 40
+    attempts = 24
 
 
 class TestRecurrentOfOddSizes(LearnerContract):
@@ -116,14 +116,14 @@ class TestRecurrentOfOddSizes(LearnerContract):
         "batch_size": 3,
     }
     schemas = ("CC3", "CE4")
-    attempts = 20
+    attempts = 12
 
 
 class TestRecurrentOfFullSize(LearnerContract):
     learner = "recurrent"
     parameters = {"replay_size": 200}  # noqa: RUF012
     schemas = ("CC3", "CE4")
-    attempts = 25
+    attempts = 14
 
 
 class TestSemiMarkovDDQN(LearnerContract):

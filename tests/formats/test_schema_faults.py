@@ -383,13 +383,13 @@ def check(text: str) -> None:
     assert len(str(found).splitlines()) == min(len(found.faults), 21)
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=250, deadline=None)
 @given(text=mutated())
 def test_a_mutated_file_is_a_schema_or_is_refused(text: str) -> None:
     check(text)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(text=st.text() | st.lists(SNIPPETS, max_size=30).map("".join))
 def test_any_text_is_a_schema_or_is_refused(text: str) -> None:
     check(text)
