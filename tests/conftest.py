@@ -23,7 +23,20 @@ sys.dont_write_bytecode = False
 LONGEST_FIRST = (
     "project/test_docs.py::test_the_site_builds_without_a_warning_and_is_whole",
     "project/test_notebooks.py::test_it_runs_from_top_to_bottom_and_shows_pictures",
+    "project/test_docs.py",
     "learners/networks/test_compiled.py",
+    "contract/test_learner_contract.py",
+    "cli/test_cli.py",
+    "learners/test_bayes.py",
+    "play/test_play_browser.py",
+    "play/test_play_server.py",
+    "learners/test_recurrent.py",
+    "experiment/test_checkpoint.py",
+    "belief/test_beliefs.py",
+    "physics/test_physics_agreement.py",
+    "analysis/report",
+    "project/test_wheel.py",
+    "contract/test_third_party.py",
 )
 """Tests and files that take long, so that none of them is begun last; they are begun in this order.
 

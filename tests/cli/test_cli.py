@@ -87,6 +87,7 @@ def slow(tmp_path: Path) -> Path:
 def test_a_comparison_killed_at_any_moment_goes_on_and_ends_the_same(
     slow: Path, tmp_path: Path
 ) -> None:
+    """Over ten seconds: a comparison is played twice, by six processes, and reported twice."""
     here("compare", slow, "--out", "undisturbed", cwd=tmp_path)
     victim = subprocess.Popen(
         command("compare", slow, "--out", "killed", "--workers", "2"),
@@ -187,6 +188,7 @@ def test_output_that_is_no_terminal_is_lines_that_tell_how_far_it_is(tmp_path: P
 def test_output_that_cannot_encode_a_sign_has_a_plainer_one(
     tmp_path: Path, environment: dict[str, str]
 ) -> None:
+    """Over ten seconds: the encoding is that of a process, so four of them are started."""
     env = {**os.environ, **environment}
     words = ("compare", "-c", "CC4", "-l", "random", "--subjects", 5, "--workers", 1)
     said = openlock(*words, "--protocol", "human", "--out", "ä", cwd=tmp_path, env=env).stdout
@@ -276,6 +278,7 @@ def test_an_export_does_not_replace_a_file_unasked(tmp_path: Path) -> None:
 
 
 def test_compare_prints_the_table_and_writes_the_report(tmp_path: Path) -> None:
+    """Over ten seconds: the one comparison with processes, all its figures and their files."""
     said = openlock(
         *("compare", "default", "--learner", "oracle", "--learner", "random"),
         *("--subjects", 3, "--condition", "CC4", "--condition", "CC3-CC4", "--out", "out"),

@@ -195,6 +195,7 @@ def test_a_killed_cell_ends_as_if_it_had_not_been(
 def test_a_killed_comparison_goes_on_inside_a_cell(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Over ten seconds: a process is killed, and another comparison ends its work and reports."""
     text = TEXT.replace("[CC3-CE4, noisy_CC3]", "[noisy_CC3]").replace("limit: 12", "limit: 2000")
     path = tmp_path / "long.yaml"
     path.write_text(text, encoding="utf-8")

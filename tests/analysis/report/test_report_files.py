@@ -40,6 +40,7 @@ def report(every_kind: None, record: pa.Table, tmp_path_factory: pytest.TempPath
 
 
 def test_files_beside_the_page(report: Path) -> None:
+    """Over ten seconds with its set-up: eight figures, each in three kinds of file."""
     names = {path.name for path in (report.parent / "figures").iterdir()}
     stems = {
         "baseline_attempts",
@@ -58,6 +59,7 @@ def test_files_beside_the_page(report: Path) -> None:
 
 
 def test_writing_again_writes_the_same(report: Path, record: pa.Table, tmp_path: Path) -> None:
+    """Over ten seconds: eight figures, each in three kinds of file."""
     rows = np.random.default_rng(0).permutation(record.num_rows)
     write_report(record.take(rows), tmp_path, EXPERIMENT)
     for path in report.parent.rglob("*.*"):
