@@ -13,6 +13,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from support.command import at_once, modules_of
 from support.places import ROOT
 from support.waiting import HANGS
 
@@ -115,10 +116,14 @@ def test_it_is_listed_with_its_package_and_its_parameters(installed, tmp_path) -
     assert "positions from one action to the next" in shown
 
 
-def test_it_is_compared_with_ours(installed, tmp_path) -> None:
+def test_it_is_compared_with_ours(installed, tmp_path, monkeypatch) -> None:
     choose = ["--condition", "CC3", "--learner", "sweeper", "--learner", "random"]
     out = ["--subjects", "3", "--workers", "1", "--out", "out"]
-    python(installed, tmp_path, "-m", "causal_openlock", "compare", *choose, *out)
+    target = installed["PYTHONPATH"].split(os.pathsep)[0]
+    monkeypatch.syspath_prepend(target)
+    with modules_of(Path(target)):
+        done = at_once("compare", *choose, *out, cwd=tmp_path)
+    assert done.status == 0, done.stdout + done.stderr
     folder = tmp_path / "out"
     assert (folder / "report.html").is_file()
     described = json.loads((folder / "experiment.json").read_text())
