@@ -189,12 +189,12 @@ def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> Non
     from causal_openlock.analysis.results.reading import read_results
 
     columns = columns_of()
-    record, description = beside([read_results(one, columns) for one in (store, *others)])
-    made = make_report(record, store.folder, description)
-    learners = [learner["name"] for learner in description["learners"]]
-    conditions = [condition["name"] for condition in description["conditions"]]
+    record, experiment = beside([read_results(one, columns) for one in (store, *others)])
+    made = make_report(record, store.folder, experiment)
+    learners = [spec.name for spec in experiment.learners]
+    conditions = [condition.name for condition in experiment.conditions]
     _print_headline(made.headline, learners, conditions, console)
-    _print_missing(missing_cells(description), console)
+    _print_missing(missing_cells(experiment), console)
     console.print(f"report: {made.path}", soft_wrap=True, highlight=False)
 
 

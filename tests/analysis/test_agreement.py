@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
-from causal_openlock.analysis.report.section import Material
+from causal_openlock.analysis.measures import TRANSFERS
 from causal_openlock.analysis.report.sections.agreement import budgets, section
 from causal_openlock.analysis.results.deep.agreement import (
     AGREES,
@@ -32,6 +31,7 @@ from causal_openlock.analysis.results.deep.agreement import (
 from causal_openlock.analysis.results.deep.visits import FINDS_ALL, OPENS, shares, visits
 from causal_openlock.world import reference
 from support.fabricated_courses import around, course, described
+from support.made_up_experiments import material_of
 
 PAPER = {"CC3-CC4": 0.284, "CE3-CC4": 0.301, "CC3-CE4": 0.166, "CE3-CE4": 0.430}
 ALL_SIX = "conditions: [CC4, CE4, CC3-CC4, CE3-CC4, CC3-CE4, CE3-CE4]\n"
@@ -243,11 +243,6 @@ def test_a_course_of_fewer_visits_than_blocks_is_no_figure_6() -> None:
 # -- the section ----------------------------------------------------------------------------------
 
 
-def material(record: pa.Table, experiment: dict[str, Any]) -> Material:
-    names = tuple(one["name"] for one in experiment.get("learners", ()))
-    return Material(record, experiment, attempts_to_solve(record), names, (), {})
-
-
 def test_section_says_what_agrees_and_what_does_not(tmp_path: Path) -> None:
     record = pa.concat_tables(
         [
@@ -257,7 +252,7 @@ def test_section_says_what_agrees_and_what_does_not(tmp_path: Path) -> None:
             played(PAPER, learner="random"),
         ]
     )
-    made = section(material(record, described(tmp_path, ALL_SIX + BOTH)))
+    made = section(material_of(record, described(tmp_path, ALL_SIX + BOTH)))
     assert made is not None
     names = ["figure6_course", "figure6_agreement", "figure7_agreement", "figure7_order"]
     assert [one.name for one in made.tables] == names
@@ -280,13 +275,13 @@ def test_rooms_that_are_not_the_papers_are_not_compared(tmp_path: Path) -> None:
     (own / "CC4.yaml").write_text("name: CC4\nlevers: [A]\nedges: {A: [door]}\n")
     experiment = described(tmp_path, f"conditions: [own/CC4.yaml]\n{BOTH}")
     record = baseline("CC4", [0.43, 0.4, 0.6, 0.7, 0.77])
-    assert section(material(record, experiment)) is None
-    assert section(material(record, described(tmp_path, ALL_SIX + BOTH))) is not None
+    assert section(material_of(record, experiment)) is None
+    assert section(material_of(record, described(tmp_path, ALL_SIX + BOTH))) is not None
 
 
 def test_protocols_that_stop_when_solved_are_not_compared(tmp_path: Path) -> None:
     record = baseline("CC4", [0.43, 0.4, 0.6, 0.7, 0.77], protocol="human")
-    assert section(material(record, described(tmp_path, ALL_SIX + BOTH))) is None
+    assert section(material_of(record, described(tmp_path, ALL_SIX + BOTH))) is None
 
 
 def test_short_baselines_alone_have_no_course_to_compare(tmp_path: Path) -> None:
@@ -296,9 +291,9 @@ def test_short_baselines_alone_have_no_course_to_compare(tmp_path: Path) -> None
         "protocols: {quick: {based_on: rl, baseline_loops: 2}}\n"
     )
     experiment = described(tmp_path, text)
-    assert section(material(record, experiment)) is None
+    assert section(material_of(record, experiment)) is None
     transfer = played({"CC3-CC4": 0.284}, protocol="quick")
-    found = section(material(pa.concat_tables([record, transfer]), experiment))
+    found = section(material_of(pa.concat_tables([record, transfer]), experiment))
     assert found is not None
     assert [one.name for one in found.tables] == [
         "figure6_course",

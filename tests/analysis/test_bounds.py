@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pytest
@@ -20,25 +20,25 @@ from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results import bounds
 from causal_openlock.analysis.results.bounds import Bound, ideal_attempts, ideal_bounds, said
 from causal_openlock.analysis.results.summary import headline_table, summary_table
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.world.schema import Schema
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
+from support.made_up_experiments import declared
 
 ALL = "CC4, CE4, CC3-CC4, CE3-CC4, CC3-CE4, CE3-CE4"
 
 
-def described(folder: Path, conditions: str = ALL, learners: str = "random") -> dict[str, Any]:
-    """The description of an experiment, as its results folder keeps it."""
-    path = folder / "own.yaml"
-    path.write_text(
-        f"name: own\nconditions: [{conditions}]\nlearners: [{learners}]\n"
+def described(folder: Path, conditions: str = ALL, learners: str = "random") -> StoredExperiment:
+    """An experiment, as its results folder holds it."""
+    return declared(
+        folder,
+        f"conditions: [{conditions}]\nlearners: [{learners}]\n"
         "protocols:\n"
         "  roomy: {based_on: human, action_limit: 5}\n"
-        "  short: {based_on: human, attempt_limit: 3}\n"
+        "  short: {based_on: human, attempt_limit: 3}\n",
     )
-    return read_experiment(path).as_dict()
 
 
 def played(conditions: str = ALL, learner: str = "random", protocol: str = "human") -> pa.Table:
@@ -88,7 +88,7 @@ def test_what_is_too_large_has_no_number() -> None:
     assert ideal_attempts(Schema("long", [f"L{i}" for i in range(9)], chain), 10) is None
 
 
-def test_bounds_follow_the_description(tmp_path: Path) -> None:
+def test_bounds_follow_the_experiment(tmp_path: Path) -> None:
     learners = (
         "random, {learner: oracle, protocol: roomy}, {learner: oracle, name: b, protocol: short}"
     )
@@ -102,16 +102,14 @@ def test_bounds_follow_the_description(tmp_path: Path) -> None:
     assert not [key for key in found if key[0] == "noisy_CC3"]
 
 
-def test_what_is_not_told_is_not_bounded(tmp_path: Path) -> None:
-    assert ideal_bounds({}) == {}
-    assert ideal_bounds({"learners": ["a"], "conditions": ["CC4"]}) == {}
-    told = described(tmp_path, "CC4")
-    other = {**told["learners"][0], "name": "other"}
-    other["protocol"] = {**other["protocol"], "action_limit": 5}
-    assert ideal_bounds({**told, "learners": [*told["learners"], other]}) == {}
-    mixed = {**told["conditions"][0]}
-    mixed["train"] = [*mixed["train"], *described(tmp_path, "CE4")["conditions"][0]["train"]]
-    assert ideal_bounds({**told, "conditions": [mixed]}) == {}
+def test_what_has_several_meanings_is_not_bounded(tmp_path: Path) -> None:
+    experiment = described(tmp_path, "CC4, CE4")
+    one, ce4 = experiment.conditions
+    (spec,) = experiment.learners
+    other = replace(spec, name="other", protocol=replace(spec.protocol, action_limit=5))
+    assert ideal_bounds(replace(experiment, learners=(spec, other))) == {}
+    mixed = replace(one, train=(*one.train, *ce4.train))
+    assert ideal_bounds(replace(experiment, conditions=(mixed,))) == {}
 
 
 def test_schemas_that_need_as_much_are_named_together() -> None:
@@ -179,7 +177,7 @@ def test_a_line_above_all_data_lies_in_its_panel(tmp_path: Path) -> None:
 
 
 def test_without_a_number_there_is_no_line_and_no_word(tmp_path: Path) -> None:
-    for experiment in ({}, described(tmp_path, "noisy_CC3")):
+    for experiment in (None, described(tmp_path, "noisy_CC3")):
         for drawing in draw_all(played("CC4, noisy_CC3"), experiment=experiment):
             assert not any(lines(axes) for axes in drawing.figure.axes)
             assert "ideal" not in drawing.caption
@@ -225,7 +223,8 @@ def test_the_report_states_it_below_what_is_published(tmp_path: Path) -> None:
 
 
 def test_a_report_without_it_has_no_such_row(tmp_path: Path) -> None:
-    text = write_report(played("CC4"), tmp_path, {}).read_text("utf-8")
+    experiment = described(tmp_path, "noisy_CC3")
+    text = write_report(played("noisy_CC3"), tmp_path, experiment).read_text("utf-8")
     assert "Ideal observer" not in text
     assert '<th scope="col">Ideal</th>' not in text
 

@@ -28,6 +28,8 @@ from causal_openlock.analysis.results.people.human_likeness import (
     published_points,
 )
 from causal_openlock.analysis.results.people.hypotheses import contrast_test
+from support.fabricated_records import table
+from support.made_up_experiments import NOBODY
 
 NOTHING: dict[tuple[str, str], Bound] = {}
 
@@ -53,7 +55,7 @@ def material(*trials: pd.DataFrame) -> Material:
     whole = pd.concat(trials, ignore_index=True)
     pairs = frozenset(zip(whole["learner"], whole["condition"], strict=True))
     names = tuple(dict.fromkeys(whole["learner"]))
-    return Material(None, {}, whole, names, pairs, NOTHING)
+    return Material(table([]), NOBODY, whole, names, pairs, NOTHING)
 
 
 def by_name(effects: pd.DataFrame, name: str) -> pd.Series:
@@ -267,7 +269,7 @@ def test_without_all_six_conditions_or_another_protocol_there_is_no_section():
     assert section(material(whole.assign(protocol="rl"))) is None
     assert section(material(whole)) is not None
     other = material(whole)
-    assert section(Material(None, {}, other.trials, ("a",), frozenset(), NOTHING)) is None
+    assert section(Material(table([]), NOBODY, other.trials, ("a",), frozenset(), NOTHING)) is None
 
 
 def test_a_panel_is_drawn_for_the_nearest_learners_and_the_published_model():

@@ -391,7 +391,7 @@ def test_another_experiment_in_the_folder_is_refused(tmp_path: Path) -> None:
     words = ("compare", "-c", "CC3", "-l", "oracle", "--subjects", 1, "--out", "out")
     here(*words, cwd=tmp_path)
     assert "holds another experiment" in fails(*words, "--seed", 5, cwd=tmp_path)
-    assert Store(tmp_path / "out").description()["seed"] == 2018
+    assert Store(tmp_path / "out").experiment().seed == 2018
 
 
 def test_a_disk_that_fills_up_is_one_sentence_and_the_run_can_go_on(tmp_path: Path) -> None:

@@ -211,12 +211,12 @@ def test_a_mended_learner_alone_is_played_again_and_one_taken_out_leaves_the_res
         fails(declared(folder, "Fine", "Raises"), out, executor=executor)
         store = Store(out)
         _, description = read_results(store)
-        assert len(description["missing_cells"]) == len(description["failures"]) == 2
+        assert len(description.missing) == len(description.failures) == 2
         first = store.read(store.files()[0][0])
         # Taken out: what is there is whole.
         without = declared(folder, "Fine")
         runner.run(without, out, executor=executor)
-        assert "missing_cells" not in read_results(store)[1]
+        assert not read_results(store)[1].missing
         assert not list((out / "errors").iterdir())
         # Put back as it was: it is tried again, and it alone.
         played: list[str] = []
@@ -230,8 +230,8 @@ def test_a_mended_learner_alone_is_played_again_and_one_taken_out_leaves_the_res
         assert len(error.reasons) == 2
         # Mended: its source is another one, and so are its cells.
         broken = declared(folder, "Fine", "Raises")
-        fine, raises = broken.entries
-        mended = replace(broken, entries=(fine, replace(raises, learner="lethal:Fine")))
+        fine, raises = broken.learners
+        mended = replace(broken, learners=(fine, replace(raises, learner="lethal:Fine")))
         runner.run(
             mended,
             out,
@@ -239,7 +239,7 @@ def test_a_mended_learner_alone_is_played_again_and_one_taken_out_leaves_the_res
             done=lambda cell, before: None if before else played.append(cell.name),
         )
     assert sorted(played) == ["Raises_CC3_0-1", "Raises_CC3_2-3"]
-    assert "missing_cells" not in read_results(store)[1]
+    assert not read_results(store)[1].missing
     assert store.read(store.files()[0][0]).equals(first)
     assert not list((out / "errors").iterdir())
 

@@ -328,7 +328,7 @@ def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path
     files = write_outcome(fitted, found, tmp_path)
     assert all(file.stat().st_size > 100 for file in files)
     experiment = read_experiment(tmp_path / "experiment.yaml")
-    entry = experiment.entries[-1]
+    entry = experiment.learners[-1]
     assert entry.parameters["lapse"] == fitted.best.chosen["lapse"]
     assert experiment.seed not in (3, 4, 5)
     points = pd.read_csv(tmp_path / "points.csv")
@@ -519,10 +519,10 @@ def test_the_bundled_experiment_plays_the_fitted_learner_with_four_free_paramete
     experiment = read_experiment(bundled("experiments") / "bayes_like_people.yaml")
     space = bundled_search("bayes")
     assert space is not None
-    entry = next(one for one in experiment.entries if one.name == "bayes_like_people")
+    entry = next(one for one in experiment.learners if one.name == "bayes_like_people")
     for name, one in space.ranges.items():
         assert one.low <= entry.parameters[name] <= one.high
-    plain = next(one for one in experiment.entries if one.name == "bayes")
+    plain = next(one for one in experiment.learners if one.name == "bayes")
     differing = {name for name, value in entry.parameters.items()
                  if value != plain.parameters[name]}  # fmt: skip
     assert differing == {*space.ranges, *space.fixed}

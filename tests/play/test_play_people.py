@@ -52,7 +52,7 @@ def test_a_person_walks_through_a_transfer_and_its_record_is_that_of_a_learner(
     assert [room["left"] for room in home.view(name)["ended"]] == [0] * 7
     home.close()
     record, description = Store(tmp_path).record()
-    assert "missing_cells" not in description
+    assert not description.missing
     # The same actions of any learner under this label give the same record, times aside.
     condition = Condition.named("CC3-CC4", find_schema)
     session = Session(condition, HUMAN, [0], seed=5, learner="person", experiment="people")

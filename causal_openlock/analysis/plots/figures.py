@@ -37,6 +37,7 @@ from causal_openlock.analysis.results.people.comparable import (
     paper_conditions,
 )
 from causal_openlock.analysis.results.people.published import did_what_people_did, model, people
+from causal_openlock.experiment.experiment import Experiment
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -52,7 +53,7 @@ _SOURCES = (
 
 
 def draw_all(
-    record: pa.Table, learners: Sequence[str] = (), experiment: Mapping[str, Any] | None = None
+    record: pa.Table, learners: Sequence[str] = (), experiment: Experiment | None = None
 ) -> list[Drawing]:
     """Every figure that the record has data for.
 
@@ -60,8 +61,8 @@ def draw_all(
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
             order.
         learners: Labels of learners in the order in which to draw them; the others follow.
-        experiment: The description of what was run: what it shows to differ from the paper is not
-            drawn beside the paper's results. Without it names decide.
+        experiment: What was run: what differs from the paper there is not drawn beside the paper's
+            results. Without it names decide.
 
     Returns:
         See :func:`draw_counted`.
@@ -70,7 +71,7 @@ def draw_all(
 
 
 def draw_counted(
-    counts: Counts, learners: Sequence[str] = (), experiment: Mapping[str, Any] | None = None
+    counts: Counts, learners: Sequence[str] = (), experiment: Experiment | None = None
 ) -> list[Drawing]:
     """Every figure of a record that is counted already.
 
@@ -87,11 +88,11 @@ def draw_counted(
         data for.
     """
     trials, blocks = counts.trials, counts.blocks
-    bounds = ideal_bounds(experiment or {})
-    beside_people = trials[did_what_people_did(trials, comparable(experiment or {}))]
-    rooms = paper_conditions(experiment or {})
-    if rooms is not None:
-        blocks = blocks[blocks["condition"].isin(list(rooms))]
+    bounds = ideal_bounds(experiment) if experiment else {}
+    pairs = comparable(experiment) if experiment else None
+    beside_people = trials[did_what_people_did(trials, pairs)]
+    if experiment:
+        blocks = blocks[blocks["condition"].isin(list(paper_conditions(experiment)))]
     drawings = [
         baseline_attempts(beside_people, learners, bounds),
         transfer_attempts(beside_people, learners, bounds),

@@ -3,7 +3,7 @@
 =================== =============================================================================
 ``reading``         Reads a record as far as a report needs it.
 ``counting``        Counts its trials and categories, a few cells at a time.
-``description``     What was run, in words.
+``what_was_run``    What was run, in words.
 ``cautions``        What a reader should know before believing the numbers.
 ``section``         What an analysis hands over: words, tables and drawings, as data.
 ``sections``        Which analyses there are, in reading order.

@@ -23,24 +23,24 @@ from causal_openlock.analysis.plots.style import Drawing
 from causal_openlock.analysis.report.cautions import some
 from causal_openlock.analysis.report.page import Written, render
 from causal_openlock.analysis.report.section import Section, Table
+from causal_openlock.analysis.report.what_was_run import edges, in_words
 from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.description import edges, in_words, mappings_with
 from causal_openlock.analysis.results.differences import difference
 from causal_openlock.analysis.results.summary import judged, measured
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.whole import write_text
 from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Results = tuple["pa.Table", Mapping[str, Any]]
+Results = tuple["pa.Table", StoredExperiment]
 """A record and what it is the record of."""
 
 MOST_DRAWN = 60
 """Differences that are drawn: the first ones."""
 
-_TOLD_ELSEWHERE = ("version", "command", "title", "cells", "identity", "failures")
 FORMATS = {
     **dict.fromkeys(("subjects_first", "subjects_second"), ","),
     **dict.fromkeys(("attempts_first", "attempts_second"), ".2f"),
@@ -55,8 +55,8 @@ COLUMNS = (
 SAME, NOISE, MORE, UNKNOWN = "the same", "within noise", "more than noise", "one subject"
 
 
-def changes(first: Mapping[str, Any], second: Mapping[str, Any]) -> pd.DataFrame:
-    """What differs between two descriptions of experiments.
+def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
+    """What differs between two experiments.
 
     Args:
         first: As :meth:`causal_openlock.experiment.store.Store.record` gives it.
@@ -79,28 +79,28 @@ def changes(first: Mapping[str, Any], second: Mapping[str, Any]) -> pd.DataFrame
     return pd.DataFrame(rows, columns=["what", "first", "second"])
 
 
-def _readable(description: Mapping[str, Any]) -> dict[str, Any]:
-    """A description with learners and conditions by name, and schemas in a line each."""
-    told = {key: value for key, value in description.items() if key not in _TOLD_ELSEWHERE}
-    for key, one in (("learners", "learner"), ("conditions", "condition")):
-        listed: Any = told.get(key)
-        if mappings_with(listed, {"name"}):
-            del told[key]
-            for entry in listed:
-                rest = {name: value for name, value in entry.items() if name != "name"}
-                told[f"{one} {entry['name']}"] = _without_schemas(rest) or "there"
-    return told
+def _readable(experiment: StoredExperiment) -> dict[str, Any]:
+    """An experiment with learners and conditions by name, and schemas in a line each."""
+    found: dict[str, Any] = {
+        "name": experiment.name,
+        "seed": experiment.seed,
+        "cell_size": experiment.cell_size,
+        "missing_cells": list(experiment.missing),
+        "versions": dict(experiment.versions),
+    }
+    for spec in experiment.learners:
+        found[f"learner {spec.name}"] = _without_name(spec.as_dict())
+    for condition in experiment.conditions:
+        data = condition.as_dict()
+        for phase, group in (("train", condition.train), ("test", condition.test)):
+            for part, trials in zip(data[phase], group, strict=True):
+                part["schema"] = f"{trials.schema.name}: {edges(trials.schema)}"
+        found[f"condition {condition.name}"] = _without_name(data)
+    return found
 
 
-def _without_schemas(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {
-            key: f"{inner.get('name')}: {edges(inner)}"
-            if key == "schema" and isinstance(inner, Mapping)
-            else _without_schemas(inner)
-            for key, inner in value.items()
-        }
-    return [_without_schemas(one) for one in value] if isinstance(value, list) else value
+def _without_name(data: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in data.items() if key != "name"}
 
 
 def _flat(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
@@ -170,7 +170,7 @@ def write_difference(
     """Write the page that compares two records.
 
     Args:
-        first: A record with its description.
+        first: A record with its experiment.
         second: The other.
         path: The page to write, ``NAME.html``; figures and tables are put beside it.
         names: What to call them, such as the names of their folders.
@@ -185,8 +185,7 @@ def write_difference(
     path = Path(path)
     changed = changes(first[1], second[1])
     trials = [count(record).trials for record, _ in (first, second)]
-    listed: Any = first[1].get("learners", ())
-    learners = [one["name"] for one in listed if isinstance(one, Mapping)]
+    learners = [spec.name for spec in first[1].learners]
     table = compared(trials[0], trials[1], learners)
     written = Written(path.parent)
     label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
@@ -208,10 +207,10 @@ def write_difference(
 
 
 def _told(results: Results, trials: pd.DataFrame) -> str:
-    record, description = results
-    missing = len(description.get("missing_cells") or ())
+    record, experiment = results
+    missing = len(experiment.missing)
     attempts, played = counted(record.num_rows, "attempt"), counted(len(trials), "trial")
-    text = f"{attempts} in {played}, seed {description.get('seed')}"
+    text = f"{attempts} in {played}, seed {experiment.seed}"
     return text + (f", {counted(missing, 'cell')} missing" if missing else "")
 
 

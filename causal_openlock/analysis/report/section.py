@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from causal_openlock.analysis.plots.style import Drawing
 from causal_openlock.analysis.results.bounds import Bounds
 from causal_openlock.analysis.results.people.comparable import Pairs
+from causal_openlock.experiment.experiment import Experiment
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,8 +29,7 @@ class Material:
 
     Attributes:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`.
-        experiment: What was run, as
-            :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it.
+        experiment: What was run.
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         learners: Labels in the order in which they are shown.
         pairs: Which learners in which conditions compare with people.
@@ -37,7 +37,7 @@ class Material:
     """
 
     record: pa.Table
-    experiment: Mapping[str, Any]
+    experiment: Experiment
     trials: pd.DataFrame
     learners: tuple[str, ...]
     pairs: Pairs

@@ -27,13 +27,14 @@ from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.section_registry import PROVIDERS, sections_of
 from causal_openlock.analysis.report.sections.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.sections.per_learner import learner_pages
+from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.bounds import ideal_bounds
 from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.description import describe, trials_played
-from causal_openlock.analysis.results.people.comparable import Pairs, comparable
-from causal_openlock.analysis.results.people.published import did_what_people_did, model, people
+from causal_openlock.analysis.results.people.comparable import comparable
+from causal_openlock.analysis.results.people.published import model, people
 from causal_openlock.analysis.results.summary import headline, summarise, write_table
 from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.whole import write_text
 from causal_openlock.wording import counted
 
@@ -61,7 +62,7 @@ class Report:
 def write_report(
     record: pa.Table,
     out_dir: Path | str,
-    experiment: Mapping[str, Any],
+    experiment: StoredExperiment,
     providers: Sequence[str] = PROVIDERS,
 ) -> Path:
     """Write the report of a record.
@@ -72,14 +73,9 @@ def write_report(
         out_dir: The folder to write ``report.html``, ``summary.csv``, ``figures/`` and ``tables/``
             to; it is made if it does not exist. Figures and tables of an earlier report that this
             one does not have are removed; other files stay.
-        experiment: What was run, as plain data (mappings, lists, text, numbers); best as
-            :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it. Everything in
-            it is shown. ``name``, ``title`` and ``seed`` head the page; ``learners`` (a mapping by
-            label, or a list of labels or of mappings with a ``label`` or ``name``) gives the order
-            in which learners appear; ``versions`` maps packages to a version, or to a list of them
-            if cells were run with several, which is warned about; ``missing_cells`` names what an
-            unfinished folder lacks, ``failures`` why, and the page opens with that. Published
-            results are shown beside whoever did what people did; see
+        experiment: What was run, as :meth:`causal_openlock.experiment.store.Store.record` gives it
+            beside the record. Learners appear in its order; the page opens with the cells that are
+            missing. Published results are shown beside learners that did what people did; see
             :mod:`~causal_openlock.analysis.results.people.comparable`.
         providers: What makes its sections; see
             :mod:`~causal_openlock.analysis.report.section_registry`.
@@ -97,21 +93,20 @@ def write_report(
 def make_report(
     record: pa.Table,
     out_dir: Path | str,
-    experiment: Mapping[str, Any],
+    experiment: StoredExperiment,
     providers: Sequence[str] = PROVIDERS,
 ) -> Report:
     """Write the report of a record, as :func:`write_report` does, and tell what it opens with."""
     folder = Path(out_dir)
     counts = count(record)
     trials = counts.trials
-    learners = ordered(trials["learner"], _labels(experiment.get("learners", ())))
+    learners = ordered(trials["learner"], [spec.name for spec in experiment.learners])
     pairs = comparable(experiment)
     bounds = ideal_bounds(experiment)
-    described = describe(experiment)
+    described = what_was_run(experiment)
     summary = summarise(trials, pairs, bounds)
     heads = headline(trials, pairs, bounds)
-    compared = _by_name(trials) if pairs is None else pairs
-    material = Material(record, experiment, trials, learners, compared, bounds)
+    material = Material(record, experiment, trials, learners, pairs, bounds)
     path = folder / "report.html"
     earlier = files_of(path)
     written = Written(folder)
@@ -121,15 +116,14 @@ def make_report(
     figures = [written.drawing(one) for one in draw_counted(counts, learners, experiment)]
     sections = [written.section(one) for one in sections_of(material, providers)]
     pages = [
-        written.section(one)
-        for one in learner_pages(trials, heads, learners, described["learners"])
+        written.section(one) for one in learner_pages(trials, heads, learners, experiment.learners)
     ]
     page = render(
         "report.html.j2",
-        title=experiment.get("title") or experiment.get("name") or "Report",
-        name=experiment.get("name"),
-        seed=experiment.get("seed"),
-        command=experiment.get("command"),
+        title=experiment.title or experiment.name,
+        name=experiment.name,
+        seed=experiment.seed,
+        command=experiment.command,
         attempts=counted(record.num_rows, "attempt"),
         trials=counted(len(trials), "trial"),
         people_size=style.sizes(people()),
@@ -141,20 +135,14 @@ def make_report(
         sections=sections,
         learners=pages,
         summary=_summary_blocks(summary, learners),
-        described=described if experiment else None,
+        described=described,
         played=trials_played(trials),
-        warnings=warnings_of(trials, summary, experiment.get("versions") or {}, pairs),
+        warnings=warnings_of(trials, summary, experiment.versions, pairs),
         files=written.files,
     )
     write_text(path, page)
     _remove(folder, earlier - set(written.files))
     return Report(path, heads)
-
-
-def _by_name(trials: pd.DataFrame) -> Pairs:
-    """Who compares with people where nothing but names tells: whoever played as they did."""
-    played = trials.loc[did_what_people_did(trials), ["learner", "condition"]].drop_duplicates()
-    return frozenset((str(who), str(what)) for who, what in played.itertuples(index=False))
 
 
 def files_of(path: Path) -> set[str]:
@@ -175,14 +163,6 @@ def _remove(folder: Path, files: Collection[str]) -> None:
             f"{folder}: the figures of an earlier report cannot be removed ({error.strerror}); "
             "remove them, or choose another folder"
         ) from None
-
-
-def _labels(learners: Any) -> list[str]:
-    """Labels of learners in the order in which the experiment lists them."""
-    return [
-        str(one.get("label", one.get("name"))) if isinstance(one, Mapping) else str(one)
-        for one in learners
-    ]
 
 
 def _headline_blocks(

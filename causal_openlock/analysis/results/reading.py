@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 
     import pyarrow as pa
 
+    from causal_openlock.experiment.stored import StoredExperiment
+
 UNREAD = ("actions", "moved", "reward", "wall_time")
 """What is not read unless it is asked for: half of a record, and of no use to most analyses."""
 
 
-def read_results(store: Store, columns: Sequence[str] = ()) -> tuple[pa.Table, dict[str, Any]]:
+def read_results(store: Store, columns: Sequence[str] = ()) -> tuple[pa.Table, StoredExperiment]:
     """The records of all cells as one, and what they are the record of.
 
     Args:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -26,6 +26,7 @@ from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
 from causal_openlock.analysis.results.people.comparable import Pairs, comparable
 from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS, beside_published
 from causal_openlock.analysis.statistics import mean_intervals
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.files.plain_text import cell
 from causal_openlock.files.whole import write_text
 
@@ -48,20 +49,22 @@ SUMMARY_COLUMNS = (
 )
 
 
-def summary_table(record: pa.Table, experiment: Mapping[str, Any] | None = None) -> pd.DataFrame:
+def summary_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
     """Every trial of every condition: how many attempts it took, and how that compares.
 
     Args:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
             order.
-        experiment: The description of what was run, which tells whom people compare with; without
-            it names do.
+        experiment: What was run, which tells whom people compare with; without it names do.
 
     Returns:
         See :func:`summarise`.
     """
-    known = experiment or {}
-    return summarise(attempts_to_solve(record), comparable(known), ideal_bounds(known))
+    return summarise(attempts_to_solve(record), *_beside(experiment))
+
+
+def _beside(experiment: Experiment | None) -> tuple[Pairs | None, Bounds | None]:
+    return (comparable(experiment), ideal_bounds(experiment)) if experiment else (None, None)
 
 
 def summarise(
@@ -99,9 +102,7 @@ def summarise(
     return _beside_ideal(beside_published(table, pairs), bounds)[list(SUMMARY_COLUMNS)]
 
 
-def write_summary(
-    record: pa.Table, path: Path | str, experiment: Mapping[str, Any] | None = None
-) -> None:
+def write_summary(record: pa.Table, path: Path | str, experiment: Experiment | None = None) -> None:
     """Write the summary as CSV; equal data give equal bytes.
 
     Rows and columns have a fixed order, numbers at most six significant digits and lines end in
@@ -136,7 +137,7 @@ def _cell(value: object) -> str:
     return cell(value) if isinstance(value, str) else str(value)
 
 
-def headline_table(record: pa.Table, experiment: Mapping[str, Any] | None = None) -> pd.DataFrame:
+def headline_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
     """What each learner came to in each condition, in one row.
 
     Args:
@@ -147,8 +148,7 @@ def headline_table(record: pa.Table, experiment: Mapping[str, Any] | None = None
     Returns:
         See :func:`headline`.
     """
-    known = experiment or {}
-    return headline(attempts_to_solve(record), comparable(known), ideal_bounds(known))
+    return headline(attempts_to_solve(record), *_beside(experiment))
 
 
 def headline(

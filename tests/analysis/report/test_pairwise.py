@@ -20,6 +20,8 @@ from causal_openlock.analysis.report.sections.pairwise import (
     pairwise_table,
     ranking_table,
 )
+from support.fabricated_records import table
+from support.made_up_experiments import experiment_of, spec
 from support.paper_play import material, play, same, scattered
 
 LEARNERS = ("random", "quick", "slow", "perfect")
@@ -33,11 +35,7 @@ def played() -> Material:
         *play("slow", scattered(2, 9.0)),
         *play("perfect", same(3)),
     ]
-    described = [
-        {"name": name, "class": "learners.random:RandomLearner" if name == "random" else "own:One"}
-        for name in LEARNERS
-    ]
-    return material(rows, LEARNERS, experiment={"learners": described})
+    return material(rows, LEARNERS)
 
 
 def judged(played: Material) -> dict[str, dict[str, np.ndarray]]:
@@ -55,8 +53,9 @@ def judged(played: Material) -> dict[str, dict[str, np.ndarray]]:
 
 def test_a_random_learner_is_known_by_its_short_name_too() -> None:
     rows = [*play("chance", same(30)), *play("perfect", same(3))]
-    kinds = [{"name": "chance", "learner": "random"}, {"name": "perfect", "learner": "oracle"}]
-    found = pairwise.section(material(rows, ("chance", "perfect"), experiment={"learners": kinds}))
+    kinds = (spec("chance", learner="random"), spec("perfect", learner="oracle"))
+    experiment = experiment_of(table(rows), learners=kinds)
+    found = pairwise.section(material(rows, ("chance", "perfect"), experiment=experiment))
     assert found is not None
     ranks = found.tables[0].frame.set_index("learner")
     assert ranks["normalised"].to_dict() == {"perfect": 1.0, "chance": 0.0}

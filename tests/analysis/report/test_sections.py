@@ -19,6 +19,7 @@ from causal_openlock.analysis.report.section_registry import PROVIDERS, columns_
 from causal_openlock.analysis.report.writing import write_report
 from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
+from support.made_up_experiments import NOBODY, experiment_of, material_of, stored
 
 OURS = "section_of_ours"
 
@@ -39,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("report")
     record = pa.concat_tables(random_cells(3, conditions=("CC4",), subjects=2))
-    write_report(record, folder, {"name": "paid"}, [OURS])
+    write_report(record, folder, experiment_of(record), [OURS])
     return folder
 
 
@@ -88,9 +89,9 @@ def test_latex_of_a_table_has_rules_and_no_sign_that_latex_trips_over(folder: Pa
 
 def test_what_a_later_report_does_not_have_is_removed(tmp_path: Path) -> None:
     record = table(trial_rows([1, 2, 3]))
-    write_report(record, tmp_path, {}, [OURS])
+    write_report(record, tmp_path, experiment_of(record), [OURS])
     (tmp_path / "tables" / "mine.csv").write_text("kept")
-    write_report(record, tmp_path, {}, [])
+    write_report(record, tmp_path, experiment_of(record), [])
     assert not (tmp_path / "tables" / "paid.csv").exists()
     assert not (tmp_path / "figures" / "paid.svg").exists()
     assert (tmp_path / "tables" / "mine.csv").exists()
@@ -104,13 +105,14 @@ def test_a_page_of_strange_file_names_removes_nothing_outside(tmp_path: Path) ->
     folder.mkdir()
     names = f"tables/../../outside.csv {outside} figures/../../outside.csv"
     (folder / "report.html").write_text(f'<meta name="files" content="{names}">')
-    write_report(table(trial_rows([1, 2, 3])), folder, {}, [])
+    record = table(trial_rows([1, 2, 3]))
+    write_report(record, folder, experiment_of(record), [])
     assert outside.exists()
 
 
 def test_two_sections_of_one_name_are_refused() -> None:
     record = table(trial_rows([1, 2, 3]))
-    material = Material(record, {}, attempts_to_solve(record), ("a",), frozenset(), {})
+    material = material_of(record, experiment_of(record))
     with pytest.raises(ValueError, match="two sections of the report are called paid"):
         sections_of(material, [OURS, OURS])
 
@@ -121,7 +123,7 @@ def test_columns_that_sections_ask_for_are_told() -> None:
 
 def test_every_provider_is_there_and_says_nothing_of_an_empty_record() -> None:
     record = table([])
-    material = Material(record, {}, attempts_to_solve(record), (), frozenset(), {})
+    material = material_of(record, NOBODY)
     assert sections_of(material, PROVIDERS) == []
 
 
@@ -178,13 +180,13 @@ def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> N
     experiment = read_experiment(
         find_experiment("default"), Changes(["CC3"], ["bayes", "random"], None, 2, 6)
     )
-    (entry, _), (condition,) = experiment.entries, experiment.conditions
+    (entry, _), (condition,) = experiment.learners, experiment.conditions
     session = Session(condition, entry.protocol, [3, 4], seed=6, learner="bayes")
     record = session.play(create("bayes"))
 
     def made(seed: int) -> object:
         trials = attempts_to_solve(record).assign(seed=seed)
-        told = Material(record, experiment.as_dict(), trials, ("bayes",), frozenset(), {})
+        told = Material(record, stored(experiment), trials, ("bayes",), frozenset(), {})
         return section(told)
 
     shown = made(6)

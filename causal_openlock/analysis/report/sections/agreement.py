@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 import pandas as pd
@@ -26,10 +26,15 @@ from causal_openlock.analysis.results.deep.visits import (
     shares,
     visits,
 )
-from causal_openlock.analysis.results.description import mappings_with, random_learners
 from causal_openlock.analysis.results.people.comparable import paper_conditions
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.protocol import PROTOCOLS, Protocol
 
+_SIZES = [
+    field.name
+    for field in fields(Protocol)
+    if field.name.endswith(("attempt_limit", "_loops", "_trials"))
+]
 _POINTS = {"ours": ".3f", "ci_low": ".3f", "ci_high": ".3f", "paper": ".3f", "margin": ".3f"}
 _VERDICTS = (
     f"“{AGREES}”: the whole 95% interval over subjects lies within the margin of the "
@@ -52,11 +57,10 @@ def section(material: Material) -> Section | None:
     if not record.num_rows:
         return None
     visited = visits(record)
-    known = paper_conditions(material.experiment)
     going = set(visited["protocol"])
     visited = visited[
-        visited["condition"].isin(PAPER_CONDITIONS if known is None else known)
-        & ~visited["learner"].isin(random_learners(material.experiment))
+        visited["condition"].isin(list(paper_conditions(material.experiment)))
+        & ~visited["learner"].isin(material.experiment.random_learners)
     ]
     if visited.empty:
         return None
@@ -132,11 +136,11 @@ def sentences(points: pd.DataFrame, order: pd.DataFrame, growth: pd.DataFrame) -
     return said
 
 
-def budgets(experiment: Mapping[str, Any], protocols: set[str]) -> list[str]:
+def budgets(experiment: Experiment, protocols: set[str]) -> list[str]:
     """Which protocols are shorter than the paper's, in a sentence; nothing if none is.
 
     Args:
-        experiment: As :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it.
+        experiment: What was run.
         protocols: Names of those that are compared.
     """
     short = [name for name, less in _short(experiment, protocols).items() if less]
@@ -148,19 +152,13 @@ def budgets(experiment: Mapping[str, Any], protocols: set[str]) -> list[str]:
     ]
 
 
-def _short(experiment: Mapping[str, Any], protocols: set[str]) -> dict[str, bool]:
+def _short(experiment: Experiment, protocols: set[str]) -> dict[str, bool]:
     """Of each protocol, whether some budget of it is below the paper's."""
-    learners: Any = experiment.get("learners")
-    full = PROTOCOLS["rl"].as_dict()
-    sizes = [key for key in full if key.endswith(("_limit", "_loops", "_trials"))]
-    sizes.remove("action_limit")
-    short = dict.fromkeys(sorted(protocols), False)
-    if mappings_with(learners, {"name", "protocol"}):
-        for one in learners:
-            known = mappings_with([one["protocol"]], {"name", *sizes})
-            if known and (name := str(one["protocol"]["name"])) in short:
-                short[name] = any(one["protocol"][size] < full[size] for size in sizes)
-    return short
+    return {
+        one.name: any(getattr(one, size) < getattr(PROTOCOLS["rl"], size) for size in _SIZES)
+        for one in sorted(experiment.protocols, key=lambda one: one.name)
+        if one.name in protocols
+    }
 
 
 def _signed(value: float) -> str:

@@ -28,8 +28,8 @@ from causal_openlock.analysis.results.deep.decay import (
     steps_until,
 )
 from causal_openlock.analysis.results.deep.visits import FINDS_ALL, OPENS
-from causal_openlock.analysis.results.description import mappings_with
 from causal_openlock.analysis.results.people.comparable import HUMAN_PROTOCOL
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
 
 USUAL = 0.99
@@ -39,11 +39,8 @@ _SCHEDULE = ("epsilon_start", "epsilon_min", "epsilon_decay", "epsilon_decays_wi
 _AFTER = "epsilon_after_trial"
 
 
-def schedules(experiment: Mapping[str, Any]) -> pd.DataFrame:
+def schedules(experiment: Experiment) -> pd.DataFrame:
     """How every learner that has an epsilon explores.
-
-    Args:
-        experiment: As :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it.
 
     Returns:
         One row for each: ``learner``; ``decay``, ``shrinks_with`` and ``after_trial`` (NaN if
@@ -51,20 +48,17 @@ def schedules(experiment: Mapping[str, Any]) -> pd.DataFrame:
         below one percent; ``first_trial`` and ``later_trial``, how many random actions are to be
         expected in the first trial and in the second.
     """
-    learners: Any = experiment.get("learners")
     rows = []
-    if mappings_with(learners, {"name", "protocol", "parameters"}):
-        for one in learners:
-            known = mappings_with([one["parameters"]], {*_SCHEDULE, _AFTER})
-            if known and mappings_with([one["protocol"]], {"attempt_limit", "action_limit"}):
-                told, protocol = one["parameters"], one["protocol"]
-                limit = protocol["action_limit"] or PAPER_ACTION_LIMIT
-                decay = float(told["epsilon_decay"])
-                first, later = random_actions(told, protocol["attempt_limit"], limit)
-                steps = float(steps_until(decay)) if 0 < decay < 1 else float("nan")
-                after = float("nan") if told[_AFTER] is None else float(told[_AFTER])
-                shrinks = told["epsilon_decays_with"]
-                rows.append((one["name"], decay, shrinks, after, steps, first, later))
+    for spec in experiment.learners:
+        given = spec.parameters
+        if given.keys() >= {*_SCHEDULE, _AFTER}:
+            limit = spec.protocol.action_limit or PAPER_ACTION_LIMIT
+            decay = float(given["epsilon_decay"])
+            first, later = random_actions(given, spec.protocol.attempt_limit, limit)
+            steps = float(steps_until(decay)) if 0 < decay < 1 else float("nan")
+            after = float("nan") if given[_AFTER] is None else float(given[_AFTER])
+            shrinks = given["epsilon_decays_with"]
+            rows.append((spec.name, decay, shrinks, after, steps, first, later))
     columns = ["learner", "decay", "shrinks_with", "after_trial", "steps"]
     return pd.DataFrame(rows, columns=[*columns, "first_trial", "later_trial"])
 

@@ -9,8 +9,7 @@ room; where such a learner is in the record, also what it did, its luck included
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -32,14 +31,11 @@ from causal_openlock.analysis.results.deep.visits import (
     starts,
     visits,
 )
-from causal_openlock.analysis.results.description import mappings_with, random_learners
 from causal_openlock.analysis.statistics import LEVEL
-from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import default_action_limit
-from causal_openlock.formats.schema_file import schema_from_dict
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.room import positions_for
-from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -119,21 +115,21 @@ def _any_able(share: FloatArray, bar: float, counted: FloatArray) -> bool:
     return bar > 0 and bool((luck < SURE_OF_SUBJECT / len(share)).any())
 
 
-def progress(record: pa.Table, experiment: Mapping[str, Any]) -> pd.DataFrame:
+def progress(record: pa.Table, experiment: Experiment) -> pd.DataFrame:
     """How far each learner came in training, under protocols with many attempts.
 
     Args:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
             order.
-        experiment: As :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it.
+        experiment: What was run.
 
     Returns:
         Two rows for each learner, condition and protocol, one for each ``measure`` (``opens``,
         ``finds_all``), with ``subjects``; ``visits``, how many trials each of them trained in; the
         mean shares at the ``start``, in the ``first`` part, the ``peak`` (the best part) and the
-        ``last``, with the last one's 95% interval ``ci_low``, ``ci_high``; ``chance``, exact (NaN
-        if rooms are not described); ``random``, the share of the random learner (NaN without one);
-        and the ``verdict``. The random learner itself is judged against exact chance alone.
+        ``last``, with the last one's 95% interval ``ci_low``, ``ci_high``; ``chance``, exact;
+        ``random``, the share of the random learner (NaN without one); and the ``verdict``. The
+        random learner itself is judged against exact chance alone.
     """
     record = going_on(record, experiment)
     if not record.num_rows:
@@ -142,7 +138,7 @@ def progress(record: pa.Table, experiment: Mapping[str, Any]) -> pd.DataFrame:
     visited = visited[visited["phase"] == "train"]
     table, start = shares(visited), starts(record, visited)
     began = dict(each_group(start))
-    by_chance = random_learners(experiment)
+    by_chance = experiment.random_learners
     lucky = _luck(table, by_chance)
     rooms = _Rooms(experiment)
     found = []
@@ -216,27 +212,16 @@ def _luck(
 class _Rooms:
     """What the rooms of an experiment leave to chance."""
 
-    def __init__(self, experiment: Mapping[str, Any]) -> None:
-        self._schemas: dict[str, dict[str, Schema]] = {}
-        self._limits: dict[str, int | None] = {}
-        conditions: Any = experiment.get("conditions")
-        learners: Any = experiment.get("learners")
-        if not mappings_with(conditions, {"name", "train"}) or not mappings_with(
-            learners, {"name", "protocol"}
-        ):
-            return
-        for one in learners:
-            if mappings_with([one["protocol"]], {"name", "action_limit"}):
-                self._limits[str(one["protocol"]["name"])] = one["protocol"]["action_limit"]
-        for one in conditions:
-            held = [*one["train"], *(one.get("test") or ())]
-            self._schemas[str(one["name"])] = dict(_schemas(held))
+    def __init__(self, experiment: Experiment) -> None:
+        self._limits = {one.name: one.action_limit for one in experiment.protocols}
+        self._schemas = {
+            condition.name: {schema.name: schema for schema in condition.schemas}
+            for condition in experiment.conditions
+        }
 
     def chance(self, group: Group, rows: pd.DataFrame, measure: str) -> float:
-        """What random actions come to in these visits, on average; NaN if it cannot be told."""
-        known = self._schemas.get(group.condition, {})
-        if group.protocol not in self._limits or not set(rows["schema"]) <= known.keys():
-            return float("nan")
+        """What random actions come to in these visits, on average."""
+        known = self._schemas[group.condition]
         positions = max(map(positions_for, known.values()))
         total = weight = 0.0
         for (name, attempts), visited in rows.groupby(["schema", "attempts"]).size().items():
@@ -249,15 +234,6 @@ class _Rooms:
                 total += visited * chance_of_finding_all(schema, limit, positions, int(attempts))
                 weight += visited
         return total / weight
-
-
-def _schemas(trials: Iterable[Mapping[str, Any]]) -> Iterable[tuple[str, Schema]]:
-    for one in trials:
-        try:
-            schema = schema_from_dict(one.get("schema") or {})
-        except OpenLockError:
-            continue
-        yield schema.name, schema
 
 
 def section(material: Material) -> Section | None:

@@ -11,11 +11,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.results.description import mappings_with
+from causal_openlock.experiment.stored import StoredExperiment
 
 _CELL = re.compile(r"(\d+)-(\d+)_[0-9a-f]{12}")
 NOT_PLAYED = "not played yet"
@@ -44,22 +43,13 @@ class Missing:
     failed: bool
 
 
-def missing_cells(description: Mapping[str, Any]) -> list[Missing]:
-    """The cells that are missing.
-
-    Args:
-        description: What :meth:`causal_openlock.experiment.store.Store.record` gives beside a
-            record.
-    """
-    learners: Any = description.get("learners")
-    conditions: Any = description.get("conditions")
-    known: dict[str, tuple[str, str, str]] = {}
-    if mappings_with(learners, {"name", "protocol"}) and mappings_with(conditions, {"name"}):
-        for entry, condition in product(learners, conditions):
-            name = f"{entry['name']}_{condition['name']}"
-            known[name] = entry["name"], condition["name"], entry["protocol"]["name"]
-    failures = description.get("failures") or {}
-    return [_missing(str(cell), known, failures) for cell in description.get("missing_cells") or ()]
+def missing_cells(experiment: StoredExperiment) -> list[Missing]:
+    """The cells that are missing."""
+    known = {
+        f"{spec.name}_{condition.name}": (spec.name, condition.name, spec.protocol.name)
+        for spec, condition in product(experiment.learners, experiment.conditions)
+    }
+    return [_missing(cell, known, experiment.failures) for cell in experiment.missing]
 
 
 def _missing(

@@ -27,7 +27,6 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.style import Drawing
 from causal_openlock.analysis.report.section import Material, Section, Table
-from causal_openlock.analysis.results.description import random_learners
 from causal_openlock.analysis.results.scores import normalised_score, scores_by_condition
 from causal_openlock.analysis.statistics import SEED
 from causal_openlock.wording import file_names, joined
@@ -236,7 +235,7 @@ def _bounds(
     found = {}
     in_test = material.trials.loc[material.trials["phase"] == "test", "condition"]
     tested = set(in_test.unique())
-    by_chance = random_learners(material.experiment)
+    by_chance = material.experiment.random_learners
     for name in (one for one in material.learners if one in by_chance):
         for condition, attempts in held.get((name, protocol), {}).items():
             phase = "test" if condition in tested else "train"

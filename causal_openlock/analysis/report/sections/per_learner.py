@@ -21,7 +21,9 @@ from causal_openlock.analysis.measures import by_subject, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.style import Drawing
 from causal_openlock.analysis.report.section import Section, Table
+from causal_openlock.analysis.report.what_was_run import pairs
 from causal_openlock.analysis.results.summary import judged
+from causal_openlock.experiment.experiment import LearnerSpec
 
 FORMATS = {
     "subjects": ",",
@@ -44,7 +46,7 @@ def learner_pages(
     trials: pd.DataFrame,
     headline: pd.DataFrame,
     learners: Sequence[str],
-    described: Sequence[Mapping[str, Any]] = (),
+    specs: Sequence[LearnerSpec] = (),
 ) -> list[Section]:
     """A section for each learner.
 
@@ -52,14 +54,13 @@ def learner_pages(
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         headline: From :func:`~causal_openlock.analysis.results.summary.headline`.
         learners: The order of the pages.
-        described: The learners as :func:`~causal_openlock.analysis.results.description.describe`
-            gives them.
+        specs: What each learner is.
 
     Returns:
         The sections, called ``learner_1``, ``learner_2``, ...; their tables and drawings are
         called by the learner's name.
     """
-    known = {one["name"]: one for one in described}
+    known = {spec.name: spec for spec in specs}
     values = by_subject(judged(trials), ["phase", "trial"])
     pages, taken = [], set[str]()
     for number, name in enumerate(learners, 1):
@@ -82,16 +83,15 @@ def learner_pages(
     return pages
 
 
-def _told(one: Mapping[str, Any] | None) -> list[str]:
+def _told(spec: LearnerSpec | None) -> list[str]:
     """What a learner is, in two sentences."""
-    if one is None:
+    if spec is None:
         return []
-    where = f" of {one['package']}" if one["package"] else ""
-    reward = f", with the reward {one['reward']}" if one["reward"] else ""
-    parameters = one["parameters"]
+    origin = spec.origin
     return [
-        f"{one['kind'] or one['name']}{where}, under protocol {one['protocol']}{reward}.",
-        f"Parameters: {parameters}." if parameters else "It has no parameters.",
+        f"{origin.class_name} of {origin.package}, under protocol {spec.protocol.name}, with the "
+        f"reward {spec.reward.name}.",
+        f"Parameters: {pairs(spec.parameters)}." if spec.parameters else "It has no parameters.",
     ]
 
 

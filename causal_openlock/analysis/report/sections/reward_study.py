@@ -24,7 +24,8 @@ from causal_openlock.analysis.report.sections.learning import (
     said,
 )
 from causal_openlock.analysis.results.deep.visits import FINDS_ALL, OPENS
-from causal_openlock.analysis.results.description import mappings_with, random_learners
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.world.rewards import AuthorsReward, Reward, RewardFunction
 
 LEAST_REWARDS = 3
 """Fewer rewards in an experiment are no study of them."""
@@ -42,34 +43,21 @@ _RUNGS = {
 }
 
 
-def reward_terms(reward: Any) -> frozenset[str]:
-    """What a reward is made of, beside the basic one, in the paper's words.
-
-    Args:
-        reward: As an experiment's description gives it: a sum of ``terms``, or a ladder of the
-            authors' program with a truth value for each rung.
-    """
-    if mappings_with([reward], {"name", "terms"}):
-        return frozenset(reward["terms"]) - {"basic"}
-    if mappings_with([reward], {"name", *_RUNGS}):
-        return frozenset(term for rung, term in _RUNGS.items() if reward[rung])
+def reward_terms(reward: RewardFunction) -> frozenset[str]:
+    """What a reward is made of, beside the basic one, in the paper's words."""
+    if isinstance(reward, Reward):
+        return frozenset(reward.terms) - {"basic"}
+    if isinstance(reward, AuthorsReward):
+        return frozenset(term for rung, term in _RUNGS.items() if getattr(reward, rung))
     return frozenset()
 
 
-def rewards_of(experiment: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The reward of every learner that heeds one, by its label."""
-    learners: Any = experiment.get("learners")
-    if not mappings_with(learners, {"name", "reward"}):
-        return {}
-    by_chance = random_learners(experiment)
-    return {
-        str(one["name"]): one["reward"]
-        for one in learners
-        if str(one["name"]) not in by_chance and mappings_with([one["reward"]], {"name"})
-    }
+def rewards_of(experiment: Experiment) -> dict[str, RewardFunction]:
+    """The reward of every learner by its label, but of those that act at random."""
+    return {spec.name: spec.reward for spec in experiment.learners if not spec.is_random}
 
 
-def study(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
     """What each reward led to, the best first.
 
     Args:
@@ -92,16 +80,14 @@ def study(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -> pd.D
             for condition in conditions:
                 told = own.loc[own["condition"] == condition, "verdict"]
                 row[f"{name} {condition}"] = ", ".join(dict.fromkeys(told))
-        row["reward"] = rewards[str(learner)]["name"]
+        row["reward"] = rewards[str(learner)].name
         row["terms"] = " + ".join(sorted(reward_terms(rewards[str(learner)]))) or "none"
         rows.append(row)
     frame = pd.DataFrame(rows)
     return frame.sort_values(["door", "all"], ascending=False, kind="stable", ignore_index=True)
 
 
-def on_unique_solutions(
-    table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]
-) -> str | None:
+def on_unique_solutions(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> str | None:
     """Whether unique solutions cannot be learned, as the paper says; None if nobody got them.
 
     Args:
@@ -125,7 +111,7 @@ def on_unique_solutions(
     return f"{claim}{judged} {said(doors)}"
 
 
-def on_the_best(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -> str | None:
+def on_the_best(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> str | None:
     """Whether the paper's best combination is best; None if nobody got it.
 
     Args:
@@ -135,7 +121,7 @@ def on_the_best(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -
     best = [
         name
         for name, one in rewards.items()
-        if reward_terms(one) == BEST_OF_PAPER and mappings_with([one], {"terms"})
+        if reward_terms(one) == BEST_OF_PAPER and isinstance(one, Reward)
     ]
     doors = table[table["learner"].isin(list(rewards)) & (table["measure"] == OPENS)]
     mine = doors[doors["learner"].isin(best)]
@@ -167,7 +153,7 @@ def on_the_best(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -
 def section(material: Material) -> Section | None:
     """The reward study: which rewards learn, or None if the experiment has too few of them."""
     rewards = rewards_of(material.experiment)
-    if len({str(one["name"]) for one in rewards.values()}) < LEAST_REWARDS:
+    if len({one.name for one in rewards.values()}) < LEAST_REWARDS:
         return None
     table = progress(material.record, material.experiment)
     table = table[table["learner"].isin(list(rewards))]

@@ -9,16 +9,16 @@ from these numbers, one subject one number, so that intervals are over subjects.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, ordered
-from causal_openlock.analysis.results.description import mappings_with
 from causal_openlock.analysis.results.people.comparable import HUMAN_PROTOCOL
 from causal_openlock.analysis.statistics import LEVEL, SEED, mean_interval
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.world.fsm import FloatArray
 
@@ -187,25 +187,13 @@ def interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
     return float(low[0]), float(high[0])
 
 
-def many_attempts(experiment: Mapping[str, Any], protocols: Sequence[str]) -> set[str]:
-    """The protocols whose trials go on after they are solved.
-
-    Args:
-        experiment: As :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it; a
-            description of another form does not tell, and all but ``human`` are taken to go on.
-        protocols: Names of those that were played.
-    """
-    learners: Any = experiment.get("learners")
-    told: dict[str, bool] = {}
-    if mappings_with(learners, {"name", "protocol"}):
-        for one in learners:
-            if mappings_with([one["protocol"]], {"name", "stop_when_solved"}):
-                name = str(one["protocol"]["name"])
-                told[name] = told.get(name, False) or bool(one["protocol"]["stop_when_solved"])
-    return {name for name in protocols if not told.get(name, name == HUMAN_PROTOCOL)}
+def many_attempts(experiment: Experiment) -> set[str]:
+    """Names of the protocols whose trials go on after they are solved."""
+    stops = {one.name for one in experiment.protocols if one.stop_when_solved}
+    return {one.name for one in experiment.protocols} - stops
 
 
-def going_on(record: pa.Table, experiment: Mapping[str, Any]) -> pa.Table:
+def going_on(record: pa.Table, experiment: Experiment) -> pa.Table:
     """The part of a record whose trials go on after they are solved; see :func:`many_attempts`.
 
     Counting every visit of a long record costs memory, so that what nobody asks for goes first.
@@ -214,7 +202,7 @@ def going_on(record: pa.Table, experiment: Mapping[str, Any]) -> pa.Table:
     import pyarrow.compute as pc
 
     names = record["protocol"].unique().to_pylist()
-    kept = many_attempts(experiment, names)
+    kept = many_attempts(experiment)
     if kept.issuperset(names):
         return record
     wanted = pa.array(sorted(kept), pa.string())

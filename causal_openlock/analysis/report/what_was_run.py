@@ -1,0 +1,186 @@
+"""What was run, in words: an experiment as short texts for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.protocol import Protocol, Trials
+from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.wording import counted
+from causal_openlock.world.schema import Schema
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def what_was_run(experiment: StoredExperiment) -> dict[str, Any]:
+    """An experiment as short texts.
+
+    Returns:
+        A dictionary:
+
+        - ``learners``: ``name``, ``kind`` (its class), ``package``, ``protocol``, ``subjects``,
+          ``reward`` and ``parameters`` of each.
+        - ``rewards``: by name, what they are made of.
+        - ``conditions``: ``name``, ``train`` and ``test`` of each.
+        - ``schemas``: ``name``, ``title`` and ``edges`` of each schema that is met.
+        - ``protocols``: by name, the budgets in a sentence.
+        - ``versions``: one text for each package.
+        - ``rest``: everything else.
+    """
+    rewards = {spec.reward.name: spec.reward.as_dict() for spec in experiment.learners}
+    conditions = experiment.conditions
+    met = {schema.name: schema for condition in conditions for schema in condition.schemas}
+    return {
+        "learners": [_learner(spec) for spec in experiment.learners],
+        "rewards": {
+            name: pairs({key: value for key, value in reward.items() if key != "name"})
+            for name, reward in rewards.items()
+        },
+        "conditions": [
+            {
+                "name": one.name,
+                "train": "; ".join(map(_rooms, one.train)),
+                "test": "; ".join(map(_rooms, one.test)),
+            }
+            for one in conditions
+        ],
+        "schemas": [
+            {"name": name, "title": schema.title, "edges": edges(schema)}
+            for name, schema in met.items()
+        ],
+        "protocols": {protocol.name: budgets(protocol) for protocol in experiment.protocols},
+        "versions": [f"{name} {in_words(each)}" for name, each in experiment.versions.items()],
+        "rest": {"cell size": experiment.cell_size},
+    }
+
+
+def budgets(protocol: Protocol) -> str:
+    """The budgets of a protocol in sentences.
+
+    For instance: "At most 30 attempts in a trial, which ends as soon as it is solved. Baseline: 5
+    trials. Transfer: 6 training trials, then 1 test trial. Fewer where fewer layouts are published;
+    a condition may say otherwise."
+    """
+    most = counted(protocol.attempt_limit, "attempt")
+    if protocol.stop_when_solved:
+        parts = [f"At most {most} in a trial, which ends as soon as it is solved."]
+    else:
+        parts = [f"{most} in every trial, also after it is solved."]
+    fixed = protocol.test_layout
+    base = _loops(protocol.baseline_trials, protocol.baseline_loops, "")
+    training = _loops(protocol.training_trials, protocol.train_loops, "training ")
+    test = _loops(1 if fixed else protocol.test_trials, protocol.test_loops, "test ")
+    parts.append(f"Baseline: {base}. Transfer: {training}, then {test}.")
+    if protocol.layouts == "random":
+        parts.append("A condition may say otherwise. Layouts are drawn at random.")
+    else:
+        parts.append("Fewer where fewer layouts are published; a condition may say otherwise.")
+    if fixed:
+        parts.append(f"The test is in layout {fixed}.")
+    if protocol.action_limit:
+        parts.append(f"An attempt has at most {counted(protocol.action_limit, 'action')}.")
+    return " ".join(parts)
+
+
+def trials_played(trials: pd.DataFrame) -> dict[str, str]:
+    """How many trials a subject played in each condition, from the record itself.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+    Returns:
+        By condition a text such as ``5 training trials, then 1 test trial``, for each protocol if
+        there are several.
+    """
+    grouped = trials.groupby(["condition", "protocol", "phase"], observed=True)
+    counts = grouped[["trial", "loop"]].max().reset_index()
+    several = counts["protocol"].nunique() > 1
+    texts: dict[str, list[str]] = {}
+    for (condition, protocol), phases in counts.groupby(["condition", "protocol"], observed=True):
+        kinds = {"train": "training " if "test" in set(phases["phase"]) else "", "test": "test "}
+        parts = [
+            _loops(row["trial"], row["loop"], kinds[row["phase"]])
+            for row in phases.to_dict("records")
+        ]
+        text = (f"{protocol}: " if several else "") + ", then ".join(parts)
+        texts.setdefault(str(condition), []).append(text)
+    return {condition: "; ".join(parts) for condition, parts in texts.items()}
+
+
+def edges(schema: Schema) -> str:
+    """A schema's edges in a line, such as ``L0 → L1, L2; L1, L2 → door``.
+
+    Strengths other than 1 stand in brackets after the effect, gates other than ``any`` at the end.
+    """
+    data = schema.as_dict()
+    causes: dict[str, list[str]] = {}
+    for cause, effects in data["edges"].items():
+        named = effects if isinstance(effects, Mapping) else dict.fromkeys(effects)
+        text = ", ".join(
+            f"{effect} ({in_words(values['strength'])})"
+            if values and "strength" in values
+            else effect
+            for effect, values in named.items()
+        )
+        causes.setdefault(text, []).append(cause)
+    parts = [f"{', '.join(names)} → {effects}" for effects, names in causes.items()]
+    for node, gate in data.get("gates", {}).items():
+        need = f"at least {gate['at_least']}" if isinstance(gate, Mapping) else gate
+        parts.append(f"{node} needs {need} of its causes")
+    if schema.inert:
+        parts.append(f"without effect: {', '.join(schema.inert)}")
+    return "; ".join(parts)
+
+
+def _learner(spec: LearnerSpec) -> dict[str, Any]:
+    return {
+        "name": spec.name,
+        "kind": spec.origin.class_name,
+        "package": spec.origin.package,
+        "protocol": spec.protocol.name,
+        "subjects": spec.subjects,
+        "reward": spec.reward.name,
+        "parameters": pairs(spec.parameters),
+    }
+
+
+def pairs(values: Mapping[str, Any]) -> str:
+    """``gamma 0.8, batch_size 64``; a list of reward terms needs no heading."""
+    return ", ".join(
+        in_words(value) if key == "terms" else f"{key}\u00a0{in_words(value)}"
+        for key, value in values.items()
+    )
+
+
+def in_words(value: Any) -> str:
+    """Plain data as a reader would write them."""
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return "(" + pairs(value) + ")"
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return ", ".join(map(in_words, value))
+    return str(value)
+
+
+def _rooms(trials: Trials) -> str:
+    """The schema of some trials, with what the condition itself says about them."""
+    parts = []
+    if trials.number:
+        parts.append(counted(trials.number, "trial"))
+    if isinstance(trials.layouts, str):
+        parts.append(f"{trials.layouts} layouts")
+    elif trials.layouts:
+        parts.append("layouts " + "; ".join(in_words(one.places) for one in trials.layouts))
+    if not trials.shuffle:
+        parts.append("in this order")
+    return f"{trials.schema.name} ({', '.join(parts)})" if parts else trials.schema.name
+
+
+def _loops(trials: int, loops: int, kind: str) -> str:
+    return counted(trials, f"{kind}trial") + (f", gone through {loops} times" if loops > 1 else "")
