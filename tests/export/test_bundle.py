@@ -26,7 +26,7 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import _files, write_bundle
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.world.rewards import PRESETS, find_reward
-from support.made_up_experiments import NOBODY, condition, edit_stored, spec, stored
+from support.made_up_experiments import NOBODY, condition_called, edit_stored, spec, stored
 
 LEARNER = """
 from dataclasses import dataclass
@@ -293,5 +293,7 @@ def test_bundled_experiments_survive_being_described(name: str, tmp_path: Path) 
 
 def test_rewards_survive_being_described() -> None:
     for reward in (*PRESETS.values(), find_reward(["basic", "negative_repeat"])):
-        one = replace(NOBODY, conditions=(condition("CC4"),), learners=(spec("a", reward=reward),))
+        one = replace(
+            NOBODY, conditions=(condition_called("CC4"),), learners=(spec("a", reward=reward),)
+        )
         assert stored(one).learners[0].reward == reward

@@ -52,7 +52,7 @@ def spec(name: str, protocol: Protocol = PROTOCOLS["human"], **changed: Any) -> 
     return LearnerSpec(name=name, protocol=protocol, **given)
 
 
-def condition(name: str) -> Condition:
+def condition_called(name: str) -> Condition:
     """The paper's condition of that name, or one in rooms of CC4."""
     schemas = bundled_schemas()
     if name in PAPER_CONDITIONS or name in schemas:
@@ -77,7 +77,7 @@ def experiment_of(record: pa.Table, **known: Any) -> StoredExperiment:
         "title": "Made up",
         "seed": 1,
         "cell_size": 40,
-        "conditions": tuple(map(condition, found["condition"])),
+        "conditions": tuple(map(condition_called, found["condition"])),
         "learners": tuple(spec(learner, protocols[protocol]) for learner, protocol in pairs),
         **known,
     }

@@ -31,7 +31,7 @@ from causal_openlock.world.reward_code import OwnReward, own_reward
 from causal_openlock.world.reward_events import Events
 from causal_openlock.world.rewards import PRESETS, TERMS, WEIGHTS, Reward, Weights, find_reward
 from support.command import at_once
-from support.made_up_experiments import NOBODY, condition, spec, stored
+from support.made_up_experiments import NOBODY, condition_called, spec, stored
 from support.reward_play import Play
 from support.waiting import HANGS
 
@@ -81,7 +81,7 @@ def test_a_reward_says_how_it_is_written_and_comes_back_from_its_description(
     reward = find_reward(form)
     assert find_reward(reward.written()) == reward
     experiment = replace(
-        NOBODY, conditions=(condition("CC4"),), learners=(spec("a", reward=reward),)
+        NOBODY, conditions=(condition_called("CC4"),), learners=(spec("a", reward=reward),)
     )
     assert stored(experiment).learners[0].reward == reward
     jsonschema.validate(

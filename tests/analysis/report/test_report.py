@@ -22,7 +22,7 @@ from causal_openlock.formats.schema_file import schema_from_dict
 from causal_openlock.world import reference
 from support.fabricated_records import record_of_every_figure, table, trial_rows
 from support.html_page import Page
-from support.made_up_experiments import condition, experiment_of, spec, stored
+from support.made_up_experiments import condition_called, experiment_of, spec, stored
 
 
 def written(record: pa.Table, folder: Path, **known: Any) -> Path:
@@ -55,7 +55,7 @@ def report(record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
             title="Transfer <script>alert(1)</script> & more",
             seed=17,
             learners=(b, replace(b, protocol=others[1].protocol), *others),
-            conditions=(*found.conditions, condition("<b>own</b>")),
+            conditions=(*found.conditions, condition_called("<b>own</b>")),
             versions={"numpy": "2.0", "causal-openlock": ["0.1.0", "0.2.0"]},
         )
 
