@@ -127,9 +127,10 @@ def test_headline_puts_people_first_and_the_published_model_next(page: Page) -> 
     ]
     # The experiment's order, then the alphabet.
     names = ["b | n = 3", "a | n = 3", "c <u> & d | n = 3"]
-    assert [row[0] for row in human[3:]] == [*names, "five | n = 1"]
-    assert human[6][1] == "3.00"  # one subject has no interval
-    assert [row[0] for row in loops] == ["Learner", *names]
+    assert human[3][:3] == ["Ideal observer | schema known", "3.75", "3.75"]
+    assert [row[0] for row in human[4:]] == [*names, "five | n = 1"]
+    assert human[7][1] == "3.00"  # one subject has no interval
+    assert [row[0] for row in loops] == ["Learner", human[3][0], *names]
     assert not re.search("people|model", str(loops).lower())
 
 
@@ -145,7 +146,7 @@ def test_headline_shows_intervals_and_shares_where_there_is_something_to_show(
         *trial_rows([0, 0, 0, 0], learner="mixed", subject=1),
     ]
     shown = Page(written(table(rows), tmp_path).read_text("utf-8")).tables[0]
-    cells = {row[0].split(" | ")[0]: row[1] for row in shown[3:]}
+    cells = {row[0].split(" | ")[0]: row[1] for row in shown[4:]}
     assert cells == {
         "alike": "3.00",
         "never": "4.00 | none solved",
@@ -285,8 +286,8 @@ def test_edges_in_a_line_tell_what_is_out_of_the_ordinary() -> None:
         "inert": ["L3"],
     }
     assert edges(schema_from_dict(noisy)) == (
-        "L0 → L1 (0.8), door; L1, L2 → door; door needs at least 2 of its causes; "
-        "L1 needs all of its causes; without effect: L3"
+        "L0 → L1 (0.8), door; L1, L2 → door; L1 needs all of its causes; "
+        "door needs at least 2 of its causes; without effect: L3"
     )
 
 

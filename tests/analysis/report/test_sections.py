@@ -13,7 +13,7 @@ import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.report import sections, table_files
+from causal_openlock.analysis.report import table_files
 from causal_openlock.analysis.report.section import Material, Table
 from causal_openlock.analysis.report.section_registry import PROVIDERS, columns_of, sections_of
 from causal_openlock.analysis.report.writing import write_report
@@ -21,16 +21,13 @@ from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import NOBODY, experiment_of, material_of, stored
 
-OURS = "section_of_ours"
+OURS = "support.section_of_ours"
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "KINDS", ("png",))
-        # A module outside the package is named in full: with a dot, which this one has not.
-        module = sections._module
-        patch.setattr(sections, "_module", lambda n: __import__(OURS) if n == OURS else module(n))
         yield
 
 
