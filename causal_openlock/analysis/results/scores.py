@@ -7,8 +7,7 @@ save in the first room with four, against those who meet it without any training
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
@@ -21,7 +20,7 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.results.summary import judged
-from causal_openlock.analysis.statistics import LEVEL, SEED, stratified_interval
+from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval
 from causal_openlock.world.fsm import FloatArray
 
 SCORE_COLUMNS = (
@@ -198,18 +197,10 @@ def _scored(
             continue
         one, two = held[condition], held[other]
         function, groups = (congruency, (one, two)) if kind == CONGRUENCY else (savings, (two, one))
-        low, high = stratified_interval(
-            groups, partial(_apply, function), np.random.default_rng(SEED)
-        )
+        low, high = bootstrap_interval(function, groups, np.random.default_rng(SEED))
         means = (float(one.mean()), float(two.mean()))
         rows.append((*who, kind, condition, len(one), *means, float(function(*groups)), low, high))
     return rows
-
-
-def _apply(
-    function: Callable[[FloatArray, FloatArray], FloatArray], drawn: Sequence[FloatArray]
-) -> FloatArray:
-    return function(*drawn)
 
 
 def _by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, FloatArray]]:

@@ -24,7 +24,6 @@ from causal_openlock.analysis.results.deep.visits import (
     PARTS,
     going_on,
     shares,
-    visits,
 )
 from causal_openlock.analysis.results.people.comparable import paper_conditions
 from causal_openlock.experiment.experiment import Experiment
@@ -53,10 +52,7 @@ def section(material: Material) -> Section | None:
         None if nobody played what they are about, or baselines alone and those under a shorter
         protocol, which have no course to compare.
     """
-    record = going_on(material.record, material.experiment)
-    if not record.num_rows:
-        return None
-    visited = visits(record)
+    visited = going_on(material.trials, material.experiment)
     going = set(visited["protocol"])
     visited = visited[
         visited["condition"].isin(list(paper_conditions(material.experiment)))

@@ -174,7 +174,7 @@ def section(material: Material) -> Section | None:
         tables.append(_fits("learners_decay", "Learners' attempts", own))
     if several:
         text.append(_on_steps())
-        table = beside_learning(explored, progress(material.record, material.experiment))
+        table = beside_learning(explored, progress(material.trials, material.experiment))
         if len(table):
             text += on_meaningful_learning(table)
             table.insert(7, "meaning", meanings(table))

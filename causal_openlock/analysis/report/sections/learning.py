@@ -9,7 +9,6 @@ room; where such a learner is in the record, also what it did, its luck included
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -29,16 +28,12 @@ from causal_openlock.analysis.results.deep.visits import (
     matrix,
     shares,
     starts,
-    visits,
 )
 from causal_openlock.analysis.statistics import LEVEL
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import default_action_limit
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.room import positions_for
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 LEARNS = "learns"
 FALLS = "rises, then falls"
@@ -115,12 +110,11 @@ def _any_able(share: FloatArray, bar: float, counted: FloatArray) -> bool:
     return bar > 0 and bool((luck < SURE_OF_SUBJECT / len(share)).any())
 
 
-def progress(record: pa.Table, experiment: Experiment) -> pd.DataFrame:
+def progress(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     """How far each learner came in training, under protocols with many attempts.
 
     Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         experiment: What was run.
 
     Returns:
@@ -131,19 +125,18 @@ def progress(record: pa.Table, experiment: Experiment) -> pd.DataFrame:
         ``random``, the share of the random learner (NaN without one); and the ``verdict``. The
         random learner itself is judged against exact chance alone.
     """
-    record = going_on(record, experiment)
-    if not record.num_rows:
-        return pd.DataFrame(columns=_COLUMNS)
-    visited = visits(record)
+    visited = going_on(trials, experiment)
     visited = visited[visited["phase"] == "train"]
-    table, start = shares(visited), starts(record, visited)
-    began = dict(each_group(start))
+    if visited.empty:
+        return pd.DataFrame(columns=_COLUMNS)
+    table = shares(visited)
+    each, began = dict(each_group(table)), dict(each_group(starts(visited)))
     by_chance = experiment.random_learners
     lucky = _luck(table, by_chance)
     rooms = _Rooms(experiment)
     found = []
     for group, rows in each_group(visited):
-        parts = table[_mine(table, group)]
+        parts = each[group]
         first = began[group].sort_values(SUBJECT)
         for measure in (OPENS, FINDS_ALL):
             share = matrix(parts, measure)
@@ -191,11 +184,6 @@ _COLUMNS = [
 ]
 
 
-def _mine(table: pd.DataFrame, group: Group) -> pd.Series:
-    mine = table["learner"] == group.learner
-    return mine & (table["condition"] == group.condition) & (table["protocol"] == group.protocol)
-
-
 def _luck(
     table: pd.DataFrame, by_chance: set[str]
 ) -> dict[tuple[str, str, str], tuple[float, float]]:
@@ -224,7 +212,8 @@ class _Rooms:
         known = self._schemas[group.condition]
         positions = max(map(positions_for, known.values()))
         total = weight = 0.0
-        for (name, attempts), visited in rows.groupby(["schema", "attempts"]).size().items():
+        rooms = rows.groupby(["schema", "last_attempt"], observed=True).size()
+        for (name, attempts), visited in rooms.items():
             schema = known[name]
             limit = self._limits[group.protocol] or default_action_limit(schema)
             if measure == OPENS:
@@ -238,7 +227,7 @@ class _Rooms:
 
 def section(material: Material) -> Section | None:
     """Which learners learn: a table and its reading, or None if no protocol has many attempts."""
-    table = progress(material.record, material.experiment)
+    table = progress(material.trials, material.experiment)
     if table.empty:
         return None
     known = set(table["learner"])

@@ -155,7 +155,7 @@ def section(material: Material) -> Section | None:
     rewards = rewards_of(material.experiment)
     if len({one.name for one in rewards.values()}) < LEAST_REWARDS:
         return None
-    table = progress(material.record, material.experiment)
+    table = progress(material.trials, material.experiment)
     table = table[table["learner"].isin(list(rewards))]
     if table.empty:
         return None
