@@ -47,8 +47,8 @@ _NEVER = np.iinfo(np.int32).max
 def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     """How many attempts every trial took, and what they came to.
 
-    >>> from causal_openlock import Condition, Protocol, Session, create, find_schema
-    >>> session = Session(Condition.named("CC4", find_schema), Protocol("short"), 2)
+    >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
+    >>> session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 2)
     >>> trials = attempts_to_solve(session.play(create("oracle")))
     >>> trials[["subject", "trial", "attempts", "solved"]].head(2).values.tolist()
     [[0, 1, 3, True], [0, 2, 3, True]]
@@ -257,7 +257,8 @@ class _Trials:
         size = len(CATEGORIES)
         counts = np.bincount(row_trial * size + category, minlength=len(table) * size)
         start = np.maximum(last // START, 1)[row_trial]
-        early = row_trial[record["opened"].to_numpy() & (attempt <= start)]
+        opened = category >= CATEGORIES.index("open1")
+        early = row_trial[opened & (attempt <= start)]
         counted = dict(zip(CATEGORIES, counts.reshape(-1, size).T, strict=True))
         counted["opened_at_start"] = np.bincount(early, minlength=len(table))
         return cls(table.assign(**counted), row_trial, category)

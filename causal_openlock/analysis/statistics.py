@@ -59,9 +59,10 @@ def bootstrap_interval(
     Returns:
         ``[...]`` low and ``[...]`` high; NaN if a group has fewer than two subjects.
     """
-    observed = statistic(*(one[..., None, :] for one in groups))[..., 0]
+    # Where all subjects of a group are equal, one of them stands for all, without rounding.
+    alone = statistic(*(one[..., None, :] if counted else one[..., None, :1] for one in groups))
     if min(int(one.sum()) if counted else one.shape[-1] for one in groups) < 2:
-        return np.full_like(observed, np.nan), np.full_like(observed, np.nan)
+        return np.full_like(alone[..., 0], np.nan), np.full_like(alone[..., 0], np.nan)
     each = [rng] * len(groups) if isinstance(rng, np.random.Generator) else rng
     draw = _resampled_counts if counted else _resampled
     batch = max(1, _BATCH // sum(one.size for one in groups))
@@ -71,8 +72,9 @@ def bootstrap_interval(
     ]
     tail = (1 - level) / 2
     ordered = np.sort(np.concatenate(drawn, axis=-1), axis=-1)
-    low, high = _quantile(ordered, np.array([tail, 1 - tail]))
-    return low, high
+    low, high = _quantiles(ordered, np.array([tail, 1 - tail]))
+    varies = ordered[..., 0] < ordered[..., -1]
+    return np.where(varies, low, alone[..., 0]), np.where(varies, high, alone[..., 0])
 
 
 def _resampled(values: FloatArray, rng: np.random.Generator, number: int) -> FloatArray:
@@ -87,17 +89,16 @@ def _resampled_counts(counts: IntArray, rng: np.random.Generator, number: int) -
     return rng.multinomial(counts.sum(), counts / counts.sum(), size=number)
 
 
-def _quantile(ordered: FloatArray, p: FloatArray) -> FloatArray:
+def _quantiles(ordered: FloatArray, p: FloatArray) -> FloatArray:
     """``[2, ...]`` quantiles of ``[..., R]`` sorted values, for two p.
 
     Interpolated as SciPy 1.17 does: ``numpy.quantile`` differs in the last bit, which rounding to
-    six digits can show. Values that are all equal have no others between them.
+    six digits can show.
     """
     place = p * ordered.shape[-1] + (1 - p)
     above, part = place.astype(int), place % 1
     ends = (1 - part) * ordered[..., above - 1] + part * ordered[..., above]
-    lowest, highest = ordered[..., :1], ordered[..., -1:]
-    return np.moveaxis(np.where(lowest == highest, lowest, ends), -1, 0)
+    return np.moveaxis(ends, -1, 0)
 
 
 def mean_interval(

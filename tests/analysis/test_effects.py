@@ -23,7 +23,7 @@ from causal_openlock.analysis.effects import (
     probability_of_improvement,
     subjects_needed,
 )
-from causal_openlock.analysis.results.people.hypotheses import interaction_test, t_test
+from causal_openlock.analysis.results.people.hypotheses import INTERACTION, contrast_test, t_test
 from causal_openlock.analysis.statistics import bootstrap_interval
 
 SCORES = st.lists(st.integers(0, 6), min_size=1, max_size=8)
@@ -168,7 +168,7 @@ def test_power_of_a_contrast_is_how_often_it_finds_the_interaction() -> None:
     found = 0
     for _ in range(1500):
         cells = rng.normal(means[..., None], 1, (2, 2, 15))
-        found += interaction_test([list(row) for row in cells]).p < 0.05  # type: ignore[operator]
+        found += contrast_test([*cells.reshape(4, -1)], INTERACTION).p < 0.05  # type: ignore[operator]
     difference = 0.7  # halves of the diagonals; F / n is its square over the sum of weights squared
     assert power_of_contrast(difference**2, 15, 4) == pytest.approx(found / 1500, abs=0.04)
 

@@ -30,11 +30,10 @@ def test_intervals_without_spread_or_company() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         low, high = mean_interval(np.full((2, 7), 0.1), np.random.default_rng(0))
-        assert low.tolist() == high.tolist() == pytest.approx([0.1, 0.1], rel=1e-15)
-        for shape in ((3, 1), (0, 5)):
-            low, high = mean_interval(np.zeros(shape), np.random.default_rng(0))
-            assert low.shape == high.shape == shape[:1]
-            assert np.isnan([*low, *high]).all()
+        assert low.tolist() == high.tolist() == [0.1, 0.1]
+        low, high = mean_interval(np.zeros((3, 1)), np.random.default_rng(0))
+        assert low.shape == high.shape == (3,)
+        assert np.isnan([*low, *high]).all()
 
 
 def test_a_groups_interval_does_not_depend_on_the_others() -> None:

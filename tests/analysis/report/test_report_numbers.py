@@ -21,6 +21,7 @@ from causal_openlock.analysis.results.differences import difference
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.runner import run
+from causal_openlock.experiment.store import Store
 from support.html_page import Page
 
 DECLARED = """
@@ -146,7 +147,7 @@ def test_pages_of_learners_have_the_headline_and_what_is_published(
 
 
 def test_counts_of_figure_6_add_up_to_the_attempts(folder: Path, attempts: pd.DataFrame) -> None:
-    record, _ = read_results(__import__("causal_openlock.experiment.store").store.Store(folder))
+    record, _ = read_results(Store(folder))
     blocks = count(record).blocks
     mine = blocks[(blocks["learner"] == "chance") & (blocks["condition"] == "CE4")]
     own = attempts[(attempts["learner"] == "chance") & (attempts["condition"] == "CE4")]
