@@ -185,8 +185,7 @@ def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> Non
     from causal_openlock.analysis.report.section_registry import columns_of
     from causal_openlock.analysis.report.sections.missing import missing_cells
     from causal_openlock.analysis.report.writing import make_report
-    from causal_openlock.analysis.results.people.beside import beside
-    from causal_openlock.analysis.results.reading import read_results
+    from causal_openlock.analysis.results.reading import beside, read_results
 
     columns = columns_of()
     record, experiment = beside([read_results(one, columns) for one in (store, *others)])

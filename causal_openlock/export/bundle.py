@@ -35,7 +35,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.analysis.report.writing import files_of
-from causal_openlock.analysis.results.reading import made_with
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
@@ -95,7 +94,7 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
             f"{store.folder} has no report; write it first, with: causal-openlock report "
             f"{store.folder}"
         )
-    versions = made_with(cells)
+    versions = store.record([])[1].versions
     packages = _packages(experiment, versions)
     again = any(spec.learner != PERSON for spec in experiment.learners)
     contents, cautions = _experiment(experiment, packages) if again else ({}, [])

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.measures import TRANSFERS
+from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.report.sections.agreement import budgets, section
 from causal_openlock.analysis.results.deep.agreement import (
     AGREES,

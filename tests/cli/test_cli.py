@@ -15,8 +15,7 @@ import pytest
 from rich.console import Console
 
 from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.people.beside import beside
-from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.cli import comparison
 from causal_openlock.cli.encoding import write_anything
 from causal_openlock.experiment.store import Store

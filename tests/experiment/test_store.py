@@ -15,8 +15,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from causal_openlock.analysis.results.reading import made_with, read_results
-from causal_openlock.analysis.results.summary import write_summary
+from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.analysis.results.summary import summary_table, write_table
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment import runner
 from causal_openlock.experiment.experiment import Experiment
@@ -291,7 +291,7 @@ def test_after_a_flipped_bit_that_cell_alone_is_played_again(
 ) -> None:
     experiment = quick
     kept = play(experiment, tmp_path / "out")
-    write_summary(kept.record()[0], tmp_path / "before.csv")
+    write_table(summary_table(kept.record()[0]), tmp_path / "before.csv")
     rng = np.random.default_rng(3)
     for cell in list(experiment.cells())[::5]:
         path = kept.path(cell)
@@ -299,7 +299,7 @@ def test_after_a_flipped_bit_that_cell_alone_is_played_again(
         place = int(rng.integers(8 * len(content)))
         content[place // 8] ^= 1 << place % 8
         path.write_bytes(content)
-        for read in (kept.record, lambda: read_results(kept), lambda: made_with(kept.files()[0])):
+        for read in (kept.record, lambda: read_results(kept), lambda: kept.record([])):
             with pytest.raises(StoreError) as told:
                 read()
             assert str(told.value).startswith(f"{path} is damaged (")
@@ -310,7 +310,7 @@ def test_after_a_flipped_bit_that_cell_alone_is_played_again(
             done=lambda one, before, again=again: None if before else again.append(kept.path(one)),
         )
         assert again == [path]
-    write_summary(kept.record()[0], tmp_path / "after.csv")
+    write_table(summary_table(kept.record()[0]), tmp_path / "after.csv")
     assert (tmp_path / "after.csv").read_bytes() == (tmp_path / "before.csv").read_bytes()
 
 
@@ -478,6 +478,6 @@ def test_the_summary_does_not_depend_on_the_order_of_the_cells(
     tables = [
         kept.read(kept.path(cell)).replace_schema_metadata(None) for cell in experiment.cells()
     ]
-    write_summary(pa.concat_tables(tables), tmp_path / "forwards.csv")
-    write_summary(pa.concat_tables(tables[::-1]), tmp_path / "backwards.csv")
+    write_table(summary_table(pa.concat_tables(tables)), tmp_path / "forwards.csv")
+    write_table(summary_table(pa.concat_tables(tables[::-1])), tmp_path / "backwards.csv")
     assert (tmp_path / "forwards.csv").read_bytes() == (tmp_path / "backwards.csv").read_bytes()

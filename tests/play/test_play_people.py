@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.report.writing import write_report
-from causal_openlock.analysis.results.people.beside import beside
+from causal_openlock.analysis.results.reading import beside
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition

@@ -9,7 +9,6 @@ room; where such a learner is in the record, also what it did, its luck included
 
 from __future__ import annotations
 
-
 import numpy as np
 import pandas as pd
 
