@@ -62,7 +62,8 @@ def bootstrap_interval(
     # Where all subjects of a group are equal, one of them stands for all, without rounding.
     alone = statistic(*(one[..., None, :] if counted else one[..., None, :1] for one in groups))
     if min(int(one.sum()) if counted else one.shape[-1] for one in groups) < 2:
-        return np.full_like(alone[..., 0], np.nan), np.full_like(alone[..., 0], np.nan)
+        low, high = np.full((2, *alone.shape[:-1]), np.nan)
+        return low, high
     each = [rng] * len(groups) if isinstance(rng, np.random.Generator) else rng
     draw = _resampled_counts if counted else _resampled
     batch = max(1, _BATCH // sum(one.size for one in groups))
@@ -72,9 +73,9 @@ def bootstrap_interval(
     ]
     tail = (1 - level) / 2
     ordered = np.sort(np.concatenate(drawn, axis=-1), axis=-1)
-    low, high = _quantiles(ordered, np.array([tail, 1 - tail]))
     varies = ordered[..., 0] < ordered[..., -1]
-    return np.where(varies, low, alone[..., 0]), np.where(varies, high, alone[..., 0])
+    low, high = np.where(varies, _quantiles(ordered, np.array([tail, 1 - tail])), alone[..., 0])
+    return low, high
 
 
 def _resampled(values: FloatArray, rng: np.random.Generator, number: int) -> FloatArray:
