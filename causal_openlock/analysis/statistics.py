@@ -8,7 +8,7 @@ attempts: they are bounded by a limit that many subjects hit.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -78,14 +78,13 @@ def bootstrap_interval(
     return low, high
 
 
-def _resampled(values: FloatArray, rng: np.random.Generator, number: int) -> FloatArray:
+def _resampled(values: Any, rng: np.random.Generator, number: int) -> Any:
     """``[..., number, n]`` values of subjects drawn with replacement."""
     subjects = values.shape[-1]
-    drawn: FloatArray = values[..., rng.integers(subjects, size=(number, subjects))]
-    return drawn
+    return values[..., rng.integers(subjects, size=(number, subjects))]
 
 
-def _resampled_counts(counts: IntArray, rng: np.random.Generator, number: int) -> IntArray:
+def _resampled_counts(counts: Any, rng: np.random.Generator, number: int) -> Any:
     """``[number, U]`` how many of the subjects drawn have each value."""
     return rng.multinomial(counts.sum(), counts / counts.sum(), size=number)
 
@@ -124,8 +123,12 @@ def mean_interval(
     Returns:
         ``[G]`` low and ``[G]`` high; NaN for fewer than two subjects.
     """
-    mean = partial(np.mean, axis=-1)
-    return bootstrap_interval(mean, [samples], rng, level=level, resamples=resamples)
+    return bootstrap_interval(_mean, [samples], rng, level=level, resamples=resamples)
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    mean: FloatArray = values.mean(axis=-1)
+    return mean
 
 
 def mean_intervals(frame: pd.DataFrame, by: Sequence[str], value: str) -> pd.DataFrame:

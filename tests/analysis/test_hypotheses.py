@@ -14,8 +14,8 @@ from scipy import stats
 
 from causal_openlock.analysis.results.people.hypotheses import (
     INTERACTION,
-    Group,
     GroupSummary,
+    Sample,
     contrast_test,
     t_test,
     trial_test,
@@ -55,7 +55,7 @@ def normal_like(group: GroupSummary) -> np.ndarray:
 
 @pytest.mark.parametrize("form", [lambda group: group, normal_like], ids=["summary", "values"])
 def test_the_papers_statistics_follow_from_its_means_and_error_bars(form: object) -> None:
-    def of(condition: str, trial: int | None = None) -> Group:
+    def of(condition: str, trial: int | None = None) -> Sample:
         return form(published(condition, trial))  # type: ignore[operator]
 
     at_trial_5 = t_test(of("CE4", 5), of("CC4", 5))

@@ -52,7 +52,7 @@ class GroupSummary:
         return cls(size, mean, se**2 * size**2 / (size - 1) if size > 1 else 0.0)
 
 
-Group = GroupSummary | FloatArray
+Sample = GroupSummary | FloatArray
 """A group of subjects: a summary of it, or ``[n]`` their values."""
 
 
@@ -87,7 +87,7 @@ class SignificanceTest:
         return f"{self.statistic}({', '.join(map(str, self.df))}) = {self.value:.2f}, {p}"
 
 
-def t_test(first: Group, second: Group) -> SignificanceTest:
+def t_test(first: Sample, second: Sample) -> SignificanceTest:
     """Student's t of two independent groups, variances pooled, two-sided: the paper's t(78).
 
     >>> people = GroupSummary.published(9.425, 1.24, 40), GroupSummary.published(6.45, 0.86, 40)
@@ -118,7 +118,7 @@ def t_test(first: Group, second: Group) -> SignificanceTest:
     return SignificanceTest("t", (df,), difference, t, float(found.pvalue), d)
 
 
-def contrast_test(groups: Sequence[Group], weights: Sequence[float] = (1, -1)) -> SignificanceTest:
+def contrast_test(groups: Sequence[Sample], weights: Sequence[float] = (1, -1)) -> SignificanceTest:
     """F of a weighted sum of the means of independent groups, with one degree of freedom.
 
     Of two groups it is a one-way analysis of variance, the paper's F(1, 78) and F(1, 158); with
@@ -126,7 +126,7 @@ def contrast_test(groups: Sequence[Group], weights: Sequence[float] = (1, -1)) -
 
     >>> cells = [np.array([7.0, 9]), np.array([4.0, 6]), np.array([3.0, 4]), np.array([6.0, 9])]
     >>> print(contrast_test(cells, INTERACTION))
-    F(1, 4) = 7.04, p = .057
+    F(1, 4) = 10.89, p = .030
 
     Args:
         groups: G groups, or ``[n]`` values of each.
@@ -184,7 +184,7 @@ def _f(value: float, df: tuple[int, int], difference: float) -> SignificanceTest
     )
 
 
-def _summaries(groups: Sequence[Group]) -> list[GroupSummary]:
+def _summaries(groups: Sequence[Sample]) -> list[GroupSummary]:
     return [one if isinstance(one, GroupSummary) else GroupSummary.of(one) for one in groups]
 
 
