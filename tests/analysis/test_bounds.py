@@ -18,7 +18,12 @@ from causal_openlock.analysis.plots.course import attempts_by_trial
 from causal_openlock.analysis.plots.figures import baseline_attempts, draw_all, transfer_attempts
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results import bounds
-from causal_openlock.analysis.results.bounds import Bound, ideal_attempts, ideal_bounds, said
+from causal_openlock.analysis.results.bounds import (
+    Bound,
+    bounds_in_words,
+    ideal_attempts,
+    ideal_bounds,
+)
 from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.formats.schema_file import find_schema
@@ -114,8 +119,8 @@ def test_what_has_several_meanings_is_not_bounded(tmp_path: Path) -> None:
 
 def test_schemas_that_need_as_much_are_named_together() -> None:
     every = [Bound("CE4", 3.75), Bound("CC3", 8 / 3), Bound("CC4", 3.75), Bound("CC4", 3.75)]
-    assert said(every) == "2.67 in rooms of CC3, 3.75 in rooms of CC4 and CE4"
-    assert said([Bound(name, 2.0) for name in "cab"]) == "2.00 in rooms of a, b and c"
+    assert bounds_in_words(every) == "2.67 in rooms of CC3, 3.75 in rooms of CC4 and CE4"
+    assert bounds_in_words([Bound(name, 2.0) for name in "cab"]) == "2.00 in rooms of a, b and c"
 
 
 def test_a_number_is_worked_out_once(tmp_path: Path) -> None:

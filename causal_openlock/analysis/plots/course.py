@@ -29,7 +29,7 @@ from causal_openlock.analysis.measures import (
 )
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.style import Drawing
-from causal_openlock.analysis.results.bounds import Bound, Bounds, said
+from causal_openlock.analysis.results.bounds import Bound, Bounds, bounds_in_words
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
@@ -110,7 +110,7 @@ def attempts_by_trial(
         " Right of the upright line: the transfer test."
         if set(chosen["phase"]) == {"train", "test"}
         else "",
-        f" Dashed and level: {style.IDEAL}, {said(ideal.values())}." if ideal else "",
+        f" Dashed and level: {style.IDEAL}, {bounds_in_words(ideal.values())}." if ideal else "",
     ]
     return Drawing(
         "attempts_by_trial_" + re.sub(r"\W+", "_", protocol.lower(), flags=re.ASCII),

@@ -29,7 +29,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.categories import baseline_categories, transfer_categories
 from causal_openlock.analysis.plots.course import attempts_by_trial
 from causal_openlock.analysis.plots.style import Drawing
-from causal_openlock.analysis.results.bounds import Bound, Bounds, ideal_bounds, said
+from causal_openlock.analysis.results.bounds import Bound, Bounds, bounds_in_words, ideal_bounds
 from causal_openlock.analysis.results.counting import Counts, count
 from causal_openlock.analysis.results.people.comparable import (
     HUMAN_PROTOCOL,
@@ -219,7 +219,7 @@ def _ideal(means: pd.DataFrame, bounds: Bounds | None, phase: str) -> dict[str, 
 
 
 def _ideal_caption(ideal: Mapping[str, Bound]) -> str:
-    return f" Dashed: {style.IDEAL}, {said(ideal.values())}." if ideal else ""
+    return f" Dashed: {style.IDEAL}, {bounds_in_words(ideal.values())}." if ideal else ""
 
 
 def _with_published(

@@ -1,10 +1,10 @@
-"""The ideal observer: how few attempts a trial can take, on average, for whoever knows the schema.
+"""The ideal observer: how few attempts a trial can take, on average, if the schema is known.
 
-It knows which schema governs the room and that the grey levers are the active ones; where each of
-them stands it has to find out, in the least expected number of attempts (see
-:mod:`causal_openlock.belief.optimal`). The number depends on nothing but the schema and how many
-actions an attempt has, so it stands in every report, whoever played. Where the exact number is out
-of reach, because levers may fail to move or can be placed in too many ways, there is none.
+The ideal observer knows the schema of the room and that the grey levers are the active ones; it has
+to find out which of them is where, in the least expected number of attempts (see
+:mod:`causal_openlock.belief.optimal`). The number depends only on the schema and on how many
+actions an attempt has, so every report shows it. It is not computed where levers may fail to move
+or can be placed in too many ways.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from typing import NamedTuple
 
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import Protocol, default_action_limit
+from causal_openlock.wording import joined
 from causal_openlock.world.schema import Schema
 
 
 class Bound(NamedTuple):
-    """What the ideal observer needs in some trials.
+    """The ideal observer's attempts in some trials.
 
     Attributes:
         schema: Name of the schema that governs their rooms.
@@ -36,7 +37,7 @@ Bounds = Mapping[tuple[str, str, str], Bound]
 
 
 def ideal_bounds(experiment: Experiment) -> Bounds:
-    """What the ideal observer needs in each phase of each condition.
+    """The ideal observer's attempts in each phase of each condition.
 
     Args:
         experiment: What was run.
@@ -62,7 +63,11 @@ def ideal_bounds(experiment: Experiment) -> Bounds:
 
 
 def ideal_attempts(schema: Schema, action_limit: int) -> float | None:
-    """Mean attempts that the ideal observer needs, or None if the exact number is out of reach.
+    """Mean attempts that the ideal observer needs, or None if the exact number is not computed.
+
+    >>> from causal_openlock import find_schema
+    >>> round(ideal_attempts(find_schema("CC3"), 3), 2)
+    2.67
 
     Args:
         schema: What governs the room.
@@ -71,14 +76,13 @@ def ideal_attempts(schema: Schema, action_limit: int) -> float | None:
     return _solved(schema, action_limit)[0]
 
 
-def said(bounds: Iterable[Bound]) -> str:
+def bounds_in_words(bounds: Iterable[Bound]) -> str:
     """Bounds in words: ``2.67 in rooms of CC3 and CE3, 3.75 in rooms of CC4``."""
     schemas: dict[str, list[str]] = {}
     for schema, attempts in sorted(set(bounds), key=lambda bound: (bound.attempts, bound.schema)):
         schemas.setdefault(f"{attempts:.2f}", []).append(schema)
     return ", ".join(
-        f"{attempts} in rooms of {' and '.join(filter(None, [', '.join(names[:-1]), names[-1]]))}"
-        for attempts, names in schemas.items()
+        f"{attempts} in rooms of {joined(names)}" for attempts, names in schemas.items()
     )
 
 

@@ -1,12 +1,12 @@
 """Where a learner agrees with the paper's own DDQN, point by point (Figures 6 and 7).
 
 The paper's counts are known for each category and block, but not how many agents they add up, so
-they stand here as plain numbers, and uncertainty is that of the learner's subjects. Two shares
-*agree* if the whole bootstrap interval of ours lies within a margin of the paper's, they *disagree*
-if all of it lies outside, and else it is *undecided*. Of orders and of growth the sign is judged.
+they are taken as exact, and only the learner's subjects have uncertainty. Two shares *agree* if the
+whole bootstrap interval of ours lies within a margin of the paper's, they *disagree* if all of it
+lies outside, and otherwise it is *undecided*. Of orders and of growth the sign is judged.
 
-Figure 6 has five blocks of 30,000 attempts. Whether one agent made them all, in 100 loops, or ten
-made them in 10 loops each, is not said: ours are cut into five blocks too, whatever the course.
+Figure 6 has five blocks of 30,000 attempts. The paper does not say whether one agent made them all,
+in 100 loops, or ten made them in 10 loops each: ours are cut into five blocks in any case.
 """
 
 from __future__ import annotations
@@ -81,9 +81,9 @@ def same(
         values: ``[n]`` one number for each subject.
         paper: The paper's number.
         margin: How far from it counts as the same.
-        visits: If the numbers are shares of visits, of how many in all. Where all subjects agree,
-            as on none of few visits, the bootstrap sees no doubt; so the interval is at least
-            Wilson's for so many visits.
+        visits: If the numbers are shares of visits, of how many in all. Where all subjects are
+            equal, as with no success in few visits, the bootstrap interval has no width; so the
+            interval is at least Wilson's for so many visits.
 
     Returns:
         Their mean, the ends of its interval, and the verdict.
@@ -172,7 +172,7 @@ def transfer_order(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
         return np.stack([kendall(means, paper), *(means[a] - means[b] for a, b in pairs)])
 
     rows: list[tuple[Any, ...]] = []
-    for who, cases in played.items():
+    for group, cases in played.items():
         if not all(case in cases for case in TRANSFERS):
             continue
         samples = [cases[case] for case in TRANSFERS]
@@ -180,7 +180,7 @@ def transfer_order(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
         lows, highs = bootstrap_interval(order, samples, np.random.default_rng(SEED))
         (tau, *ours), (low, *lows), (high, *highs) = order(*samples), lows, highs
         verdict = AGREES if low > 0 else DISAGREES if high <= 0 else UNDECIDED
-        rows.append((*who, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
+        rows.append((*group, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
         for (a, b), value, low, high in zip(pairs, ours, lows, highs, strict=True):
             published_gap = paper[a] - paper[b]
             if abs(published_gap) < MARGIN:
@@ -190,7 +190,7 @@ def transfer_order(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
                 alike, apart = (low > 0, high < 0) if published_gap > 0 else (high < 0, low > 0)
             verdict = AGREES if alike else DISAGREES if apart else UNDECIDED
             pair = f"{TRANSFERS[a]} − {TRANSFERS[b]}"
-            row = (*who, pair, value, low, high, published_gap, UNDECIDED if few else verdict)
+            row = (*group, pair, value, low, high, published_gap, UNDECIDED if few else verdict)
             rows.append(row)
     return pd.DataFrame(rows, columns=ORDER_COLUMNS)
 
@@ -252,8 +252,8 @@ def baseline_points(parts: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
         blocks = [published_shares(block) for block in counts]
         other = matrix(mine, ELSE)
         gain = other[:, -1] - other[:, 0]
-        told = blocks[-1][ELSE] - blocks[0][ELSE]
-        growth = (float(gain.mean()), *interval(gain), told, MARGIN, grows(gain))
+        published_gain = blocks[-1][ELSE] - blocks[0][ELSE]
+        growth = (float(gain.mean()), *interval(gain), published_gain, MARGIN, grows(gain))
         rows.append((*group, "else grows", *growth))
         for measure in (OPENS, FINDS_ALL, ELSE):
             share = matrix(mine, measure)

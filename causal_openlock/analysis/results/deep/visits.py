@@ -33,7 +33,7 @@ SHARES = {
 """What is measured of a part, by the name of its column."""
 
 LEAST_SUBJECTS = 4
-"""Of fewer subjects the bootstrap interval is no more than from the lowest to the highest."""
+"""With fewer subjects the bootstrap interval is hardly narrower than from lowest to highest."""
 
 
 class Group(NamedTuple):

@@ -1,8 +1,8 @@
-"""What in an experiment is the paper's own, so that published results can stand beside it.
+"""Which learners and conditions of an experiment can be compared with published results.
 
-A record holds names only, and nothing keeps a schema of one's own from being called ``CC4``. What
-the names stood for is in the experiment: there the rooms and the budgets are
-compared with the paper's, and where they differ no published result is shown.
+A record holds names only, and a schema of one's own may be called ``CC4`` too. So the rooms and
+budgets of the experiment are compared with the paper's; where they differ, no published result is
+shown.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Pairs = Collection[tuple[str, str]]
 
 
 def comparable(experiment: Experiment) -> Pairs:
-    """The learners, each with a condition, that did what people did.
+    """The learners, each with a condition, that played as people did.
 
     Returns:
         Each learner that plays under the protocol ``human``, as this package has it, with each
