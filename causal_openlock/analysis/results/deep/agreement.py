@@ -172,15 +172,15 @@ def transfer_order(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
         return np.stack([kendall(means, paper), *(means[a] - means[b] for a, b in pairs)])
 
     rows: list[tuple[Any, ...]] = []
-    for group, cases in played.items():
+    for names, cases in played.items():
         if not all(case in cases for case in TRANSFERS):
             continue
         samples = [cases[case] for case in TRANSFERS]
         few = min(map(len, samples)) < LEAST_SUBJECTS
-        lows, highs = bootstrap_interval(order, samples, np.random.default_rng(SEED))
-        (tau, *ours), (low, *lows), (high, *highs) = order(*samples), lows, highs
+        ends = bootstrap_interval(order, samples, np.random.default_rng(SEED))
+        (tau, *ours), (low, *lows), (high, *highs) = order(*samples), *ends
         verdict = AGREES if low > 0 else DISAGREES if high <= 0 else UNDECIDED
-        rows.append((*group, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
+        rows.append((*names, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
         for (a, b), value, low, high in zip(pairs, ours, lows, highs, strict=True):
             published_gap = paper[a] - paper[b]
             if abs(published_gap) < MARGIN:
@@ -190,7 +190,7 @@ def transfer_order(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
                 alike, apart = (low > 0, high < 0) if published_gap > 0 else (high < 0, low > 0)
             verdict = AGREES if alike else DISAGREES if apart else UNDECIDED
             pair = f"{TRANSFERS[a]} − {TRANSFERS[b]}"
-            row = (*group, pair, value, low, high, published_gap, UNDECIDED if few else verdict)
+            row = (*names, pair, value, low, high, published_gap, UNDECIDED if few else verdict)
             rows.append(row)
     return pd.DataFrame(rows, columns=ORDER_COLUMNS)
 
