@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from causal_openlock.analysis.report.difference_page import said_of_changes
-from causal_openlock.analysis.report.sections.paper_findings import _on_power
+from causal_openlock.analysis.report.difference_page import sentence_on_changes
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.what_was_run import budgets
 from causal_openlock.analysis.report.writing import make_report
 from causal_openlock.contract.registry import create
@@ -35,8 +35,10 @@ def test_sentences_with_numbers_are_right_for_one(tmp_path: Path) -> None:
     assert "An attempt has at most 1 action." in budgets(once)
     going_on = replace(once, stop_when_solved=False)
     assert budgets(going_on).startswith("1 attempt in every trial")
-    assert "With 1 subject in each" in _on_power(1)
-    assert said_of_changes(pd.DataFrame({"what": ["seed"]})).startswith("1 thing differs in")
+    found = dict.fromkeys(("families", "undefined", "lost", "alpha", "effects", "power"), ())
+    text = Prose("paper_findings").sentence("text", **found, subjects=1, weak=0)
+    assert "With 1 subject in each" in text
+    assert sentence_on_changes(pd.DataFrame({"what": ["seed"]})).startswith("1 thing differs in")
     assert repr(Schema("x", ["A"], {"A": ["door"]})) == "<Schema x: 1 lever, 1 solution>"
     path = tmp_path / "e.yaml"
     path.write_text(

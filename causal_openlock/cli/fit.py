@@ -155,7 +155,7 @@ def _print(fitted: Fit, found: FittedLearner, console: Console) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from rich.table import Table
 
-    from causal_openlock.analysis.report.sections.human_likeness import CLEAR, signs
+    from causal_openlock.analysis.plots.points import CLEAR, signs
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.outcome import entry
 

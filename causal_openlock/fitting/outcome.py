@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.report.sections.human_likeness import draw_points
+from causal_openlock.analysis.plots.points import draw_points
 from causal_openlock.analysis.results.people.human_likeness import (
     effects_of,
     points_of,
@@ -104,6 +104,6 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
     for name, text in texts.items():
         write_text(folder / name, text)
     own = found.points.drop(columns="held_out")
-    drawing = draw_points([own, points_of_model()], effects={found.label: found.effects})
-    style.save(drawing.figure, folder / "fit")
+    plot = draw_points([own, points_of_model()], effects={found.label: found.effects})
+    style.save(plot.figure, folder / "fit")
     return [*(folder / name for name in texts), folder / "fit.svg", folder / "fit.png"]

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
-from causal_openlock.analysis.report.sections.agreement import budgets, section
+from causal_openlock.analysis.report.sections.agreement import _short, section
 from causal_openlock.analysis.results.deep.agreement import (
     AGREES,
     DISAGREES,
@@ -304,6 +304,6 @@ def test_shorter_budgets_are_named(tmp_path: Path) -> None:
         "protocols: {quick: {based_on: rl, test_loops: 9}, long: {based_on: rl, test_loops: 99}}\n"
     )
     experiment = described(tmp_path, text)
-    (said,) = budgets(experiment, {"rl", "quick", "long"})
-    assert said.startswith("Protocol quick: shorter than the paper's")
-    assert budgets(experiment, {"rl", "long"}) == []
+    assert _short(experiment, {"rl", "quick", "long"}) == {
+        "long": False, "quick": True, "rl": False,
+    }  # fmt: skip

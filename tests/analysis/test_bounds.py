@@ -16,6 +16,7 @@ from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.course import attempts_by_trial
 from causal_openlock.analysis.plots.figures import baseline_attempts, draw_all, transfer_attempts
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results import bounds
 from causal_openlock.analysis.results.bounds import (
@@ -24,6 +25,7 @@ from causal_openlock.analysis.results.bounds import (
     ideal_attempts,
     ideal_bounds,
 )
+from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.formats.schema_file import find_schema
@@ -50,8 +52,8 @@ def played(conditions: str = ALL, learner: str = "random", protocol: str = "huma
     rows = []
     for condition in conditions.split(", "):
         phases = {"train": 2, "test": 1} if "-" in condition else {"train": 2}
-        for phase, count in phases.items():
-            for trial in range(1, count + 1):
+        for phase, trials in phases.items():
+            for trial in range(1, trials + 1):
                 named = {"condition": condition, "learner": learner, "protocol": protocol}
                 rows += trial_rows([0, 0, 1, 2, 3], phase=phase, trial=trial, **named)
     return table(rows)
@@ -134,15 +136,13 @@ def test_a_number_is_worked_out_once(tmp_path: Path) -> None:
 
 def test_figure_3_has_a_line_in_every_panel(tmp_path: Path) -> None:
     found = ideal_bounds(described(tmp_path))
-    drawing = baseline_attempts(attempts_to_solve(played()), bounds=found)
-    assert drawing is not None
-    for axes in drawing.figure.axes:
+    plot = baseline_attempts(attempts_to_solve(played()), bounds=found)
+    assert plot is not None
+    for axes in plot.figure.axes:
         ((height, start, end),) = lines(axes)
         assert (height, (start, end)) == (pytest.approx(3.75), axes.get_xlim())
-    assert drawing.caption.endswith(
-        "Dashed: ideal observer (schema known), 3.75 in rooms of CC4 and CE4."
-    )
-    (legend,) = drawing.figure.legends
+    assert Prose("figures").plot(plot).caption.endswith("3.75 in rooms of CC4 and CE4.")
+    (legend,) = plot.figure.legends
     assert [text.get_text() for text in legend.get_texts()].count(style.IDEAL) == 1
 
 
@@ -150,44 +150,44 @@ def test_figure_4_has_a_line_for_each_test(tmp_path: Path) -> None:
     found = dict(ideal_bounds(described(tmp_path)))
     for condition in ("CC3-CE4", "CE3-CE4"):
         found[condition, "human", "test"] = Bound("CE4", 5.0)
-    drawing = transfer_attempts(attempts_to_solve(played()), bounds=found)
-    assert drawing is not None
-    for axes in drawing.figure.axes:
+    plot = transfer_attempts(attempts_to_solve(played()), bounds=found)
+    assert plot is not None
+    for axes in plot.figure.axes:
         assert lines(axes) == [(pytest.approx(3.75), -0.45, 0.45), (5.0, 0.55, 1.45)]
 
 
 def test_the_course_has_a_line_over_each_phase(tmp_path: Path) -> None:
     found = ideal_bounds(described(tmp_path))
-    drawing = attempts_by_trial(attempts_to_solve(played()), "human", bounds=found)
-    assert drawing is not None
-    baseline, *transfers = [axes for axes in drawing.figure.axes if axes.axison]
+    plot = attempts_by_trial(attempts_to_solve(played()), "human", bounds=found)
+    assert plot is not None
+    baseline, *transfers = [axes for axes in plot.figure.axes if axes.axison]
     assert lines(baseline) == [(pytest.approx(3.75), 0.5, 2.5)]
     for axes in transfers:
         assert lines(axes) == [
             (pytest.approx(8 / 3), 0.5, 2.5),
             (pytest.approx(3.75), 2.5, 3.5),
         ]
-    assert "2.67 in rooms of CC3 and CE3, 3.75 in rooms of CC4 and CE4." in drawing.caption
-    (legend,) = drawing.figure.legends
+    assert plot.facts["ideal"] == "2.67 in rooms of CC3 and CE3, 3.75 in rooms of CC4 and CE4"
+    (legend,) = plot.figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [style.IDEAL]
 
 
 def test_a_line_above_all_data_lies_in_its_panel(tmp_path: Path) -> None:
     found = ideal_bounds(described(tmp_path, "CC4"))
     quick = table(trial_rows([1, 2, 3], learner="random"))
-    drawing = attempts_by_trial(attempts_to_solve(quick), "human", bounds=found)
-    assert drawing is not None
-    (axes,) = [axes for axes in drawing.figure.axes if axes.axison]
+    plot = attempts_by_trial(attempts_to_solve(quick), "human", bounds=found)
+    assert plot is not None
+    (axes,) = [axes for axes in plot.figure.axes if axes.axison]
     assert axes.get_ylim()[1] > 3.75
 
 
 def test_without_a_number_there_is_no_line_and_no_word(tmp_path: Path) -> None:
     for experiment in (None, described(tmp_path, "noisy_CC3")):
-        for drawing in draw_all(played("CC4, noisy_CC3"), experiment=experiment):
-            assert not any(lines(axes) for axes in drawing.figure.axes)
-            assert "ideal" not in drawing.caption
+        for plot in draw_all(count(played("CC4, noisy_CC3")), experiment=experiment):
+            assert not any(lines(axes) for axes in plot.figure.axes)
+            assert "ideal" not in Prose("figures").plot(plot).caption
             assert not [
-                text for legend in drawing.figure.legends for text in legend.get_texts()
+                text for legend in plot.figure.legends for text in legend.get_texts()
                 if text.get_text() == style.IDEAL
             ]  # fmt: skip
 

@@ -11,6 +11,7 @@ import pytest
 
 from causal_openlock.analysis.plots.figures import draw_all
 from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.people.comparable import comparable, paper_conditions
 from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS
 from causal_openlock.analysis.results.summary import headline_table, summary_table
@@ -122,12 +123,12 @@ def test_tables_and_figures_leave_out_what_does_not_compare(tmp_path: Path) -> N
     for column in PUBLISHED_COLUMNS:
         assert headline[column].isna().to_dict() == {"CC4": True, "CC3-CC4": False}
         assert set(summary.loc[summary[column].notna(), "condition"]) == {"CC3-CC4"}
-    assert [drawing.name for drawing in draw_all(played(), experiment=own)] == [
+    assert [plot.name for plot in draw_all(count(played()), experiment=own)] == [
         "transfer_attempts",
         "attempts_by_trial_human",
     ]
     # The paper's DDQN has no place beside other rooms either.
-    assert [drawing.name for drawing in draw_all(played("rl"), experiment=own)] == [
+    assert [plot.name for plot in draw_all(count(played("rl")), experiment=own)] == [
         "transfer_categories",
         "attempts_by_trial_rl",
     ]

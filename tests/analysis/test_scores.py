@@ -126,7 +126,7 @@ def test_the_section_shows_people_first_and_says_who_is_helped(played: Material)
     assert section is not None
     names = ["transfer_congruency_human", "transfer_savings_human"]
     assert [one.name for one in section.tables] == [*names, "transfer_scores_human"]
-    assert [one.name for one in section.drawings] == names
+    assert [one.name for one in section.plots] == names
     for shown in section.tables[:2]:
         assert shown.frame["learner"].tolist() == [
             "People", "Published model", "good", "never", "always",

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.protocol import Protocol, Trials
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.wording import counted
 from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_PROSE = Prose("what_was_run")
 
 
 def what_was_run(experiment: StoredExperiment) -> dict[str, Any]:
@@ -42,8 +44,8 @@ def what_was_run(experiment: StoredExperiment) -> dict[str, Any]:
         "conditions": [
             {
                 "name": one.name,
-                "train": "; ".join(map(_rooms, one.train)),
-                "test": "; ".join(map(_rooms, one.test)),
+                "train": _PROSE.sentence("rooms", group=one.train),
+                "test": _PROSE.sentence("rooms", group=one.test),
             }
             for one in conditions
         ],
@@ -60,29 +62,11 @@ def what_was_run(experiment: StoredExperiment) -> dict[str, Any]:
 def budgets(protocol: Protocol) -> str:
     """The budgets of a protocol in sentences.
 
-    For instance: "At most 30 attempts in a trial, which ends as soon as it is solved. Baseline: 5
-    trials. Transfer: 6 training trials, then 1 test trial. Fewer where fewer layouts are published;
-    a condition may say otherwise."
+    >>> from causal_openlock.experiment.protocol import PROTOCOLS
+    >>> budgets(PROTOCOLS["human"])[:71]
+    'At most 30 attempts in a trial, which ends as soon as it is solved. Bas'
     """
-    most = counted(protocol.attempt_limit, "attempt")
-    if protocol.stop_when_solved:
-        parts = [f"At most {most} in a trial, which ends as soon as it is solved."]
-    else:
-        parts = [f"{most} in every trial, also after it is solved."]
-    fixed = protocol.test_layout
-    base = _loops(protocol.baseline_trials, protocol.baseline_loops, "")
-    training = _loops(protocol.training_trials, protocol.train_loops, "training ")
-    test = _loops(1 if fixed else protocol.test_trials, protocol.test_loops, "test ")
-    parts.append(f"Baseline: {base}. Transfer: {training}, then {test}.")
-    if protocol.layouts == "random":
-        parts.append("A condition may say otherwise. Layouts are drawn at random.")
-    else:
-        parts.append("Fewer where fewer layouts are published; a condition may say otherwise.")
-    if fixed:
-        parts.append(f"The test is in layout {fixed}.")
-    if protocol.action_limit:
-        parts.append(f"An attempt has at most {counted(protocol.action_limit, 'action')}.")
-    return " ".join(parts)
+    return _PROSE.sentence("budgets", protocol=protocol)
 
 
 def trials_played(trials: pd.DataFrame) -> dict[str, str]:
@@ -95,19 +79,17 @@ def trials_played(trials: pd.DataFrame) -> dict[str, str]:
         By condition a text such as ``5 training trials, then 1 test trial``, for each protocol if
         there are several.
     """
-    grouped = trials.groupby(["condition", "protocol", "phase"], observed=True)
-    counts = grouped[["trial", "loop"]].max().reset_index()
+    keys = ["condition", "protocol", "phase"]
+    counts = trials.groupby(keys, observed=True)[["trial", "loop"]].max().reset_index()
     several = counts["protocol"].nunique() > 1
-    texts: dict[str, list[str]] = {}
-    for (condition, protocol), phases in counts.groupby(["condition", "protocol"], observed=True):
-        kinds = {"train": "training " if "test" in set(phases["phase"]) else "", "test": "test "}
-        parts = [
-            _loops(row["trial"], row["loop"], kinds[row["phase"]])
-            for row in phases.to_dict("records")
-        ]
-        text = (f"{protocol}: " if several else "") + ", then ".join(parts)
-        texts.setdefault(str(condition), []).append(text)
-    return {condition: "; ".join(parts) for condition, parts in texts.items()}
+    found: dict[str, dict[str, dict[str, tuple[int, int]]]] = {}
+    for condition, protocol, phase, number, loops in counts.itertuples(index=False):
+        phases = found.setdefault(str(condition), {}).setdefault(str(protocol), {})
+        phases[str(phase)] = number, loops
+    return {
+        condition: _PROSE.sentence("played", protocols=protocols, several=several)
+        for condition, protocols in found.items()
+    }
 
 
 def edges(schema: Schema) -> str:
@@ -166,21 +148,3 @@ def in_words(value: Any) -> str:
     if isinstance(value, Iterable) and not isinstance(value, str):
         return ", ".join(map(in_words, value))
     return str(value)
-
-
-def _rooms(trials: Trials) -> str:
-    """The schema of some trials, with what the condition itself says about them."""
-    parts = []
-    if trials.number:
-        parts.append(counted(trials.number, "trial"))
-    if isinstance(trials.layouts, str):
-        parts.append(f"{trials.layouts} layouts")
-    elif trials.layouts:
-        parts.append("layouts " + "; ".join(in_words(one.places) for one in trials.layouts))
-    if not trials.shuffle:
-        parts.append("in this order")
-    return f"{trials.schema.name} ({', '.join(parts)})" if parts else trials.schema.name
-
-
-def _loops(trials: int, loops: int, kind: str) -> str:
-    return counted(trials, f"{kind}trial") + (f", gone through {loops} times" if loops > 1 else "")

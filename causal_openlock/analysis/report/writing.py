@@ -1,4 +1,4 @@
-"""All of it in one page: the report of a record.
+"""The report of a record: counts become sections, sections become a page and files beside it.
 
 ``report.html`` is a single file: its style, its figures and its tables are inside it, and it
 fetches nothing. Beside it lie ``summary.csv``, the figures as PNG, SVG and PDF (``figures/``) and
@@ -20,13 +20,14 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.figures import draw_counted
+from causal_openlock.analysis.plots.figures import draw_all
 from causal_openlock.analysis.report.cautions import warnings_of
+from causal_openlock.analysis.report.learner_pages import learner_pages
+from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Material
-from causal_openlock.analysis.report.section_registry import PROVIDERS, sections_of
-from causal_openlock.analysis.report.sections.missing import missing_cells, with_missing
-from causal_openlock.analysis.report.sections.per_learner import learner_pages
+from causal_openlock.analysis.report.sections import ORDER, sections_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.bounds import ideal_bounds
 from causal_openlock.analysis.results.counting import count
@@ -36,7 +37,6 @@ from causal_openlock.analysis.results.summary import headline, summarise, write_
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.whole import write_text
-from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -63,7 +63,7 @@ def write_report(
     record: pa.Table,
     out_dir: Path | str,
     experiment: StoredExperiment,
-    providers: Sequence[str] = PROVIDERS,
+    sections: Sequence[str] = ORDER,
 ) -> Path:
     """Write the report of a record.
 
@@ -77,8 +77,8 @@ def write_report(
             beside the record. Learners appear in its order; the page opens with the cells that are
             missing. Published results are shown beside learners that did what people did; see
             :mod:`~causal_openlock.analysis.results.people.comparable`.
-        providers: What makes its sections; see
-            :mod:`~causal_openlock.analysis.report.section_registry`.
+        sections: The modules that make its sections; see
+            :mod:`~causal_openlock.analysis.report.sections`.
 
     Returns:
         The path of ``report.html``.
@@ -87,53 +87,46 @@ def write_report(
         StoreError: If the record has attempts missing or twice.
         OpenLockError: If a file cannot be written; those that were there stay whole.
     """
-    return make_report(record, out_dir, experiment, providers).path
+    return make_report(record, out_dir, experiment, sections).path
 
 
 def make_report(
     record: pa.Table,
     out_dir: Path | str,
     experiment: StoredExperiment,
-    providers: Sequence[str] = PROVIDERS,
+    sections: Sequence[str] = ORDER,
 ) -> Report:
-    """Write the report of a record, as :func:`write_report` does, and tell what it opens with."""
+    """Write the report of a record, as :func:`write_report` does, and return what it opens with."""
     folder = Path(out_dir)
+    path = folder / "report.html"
+    earlier = files_of(path)
     counts = count(record)
     trials = counts.trials
     learners = ordered(trials["learner"], [spec.name for spec in experiment.learners])
-    pairs = comparable(experiment)
-    bounds = ideal_bounds(experiment)
-    described = what_was_run(experiment)
-    summary = summarise(trials, pairs, bounds)
-    heads = headline(trials, pairs, bounds)
-    material = Material(record, experiment, trials, learners, pairs, bounds)
-    path = folder / "report.html"
-    earlier = files_of(path)
-    written = Written(folder)
-
+    pairs, bounds = comparable(experiment), ideal_bounds(experiment)
+    summary, heads = summarise(trials, pairs, bounds), headline(trials, pairs, bounds)
     missing = missing_cells(experiment)
+    described = what_was_run(experiment)
+    material = Material(record, experiment, trials, learners, pairs, bounds)
+
     write_table(with_missing(summary, missing), folder / "summary.csv")
-    figures = [written.drawing(one) for one in draw_counted(counts, learners, experiment)]
-    sections = [written.section(one) for one in sections_of(material, providers)]
-    pages = [
-        written.section(one) for one in learner_pages(trials, heads, learners, experiment.learners)
-    ]
+    prose, written = Prose("figures"), Written(folder)
+    plots = [prose.plot(plot) for plot in draw_all(counts, learners, experiment)]
+    pages = learner_pages(trials, heads, learners, described["learners"])
     page = render(
         "report.html.j2",
         title=experiment.title or experiment.name,
-        name=experiment.name,
-        seed=experiment.seed,
-        command=experiment.command,
-        attempts=counted(record.num_rows, "attempt"),
-        trials=counted(len(trials), "trial"),
+        experiment=experiment,
+        attempts=record.num_rows,
+        trials=len(trials),
         people_size=style.sizes(people()),
         model_size=style.sizes(model()),
-        missing=[one.told for one in missing],
-        failed=sum(one.failed for one in missing),
+        missing=[cell.text for cell in missing],
+        failed=sum(cell.failed for cell in missing),
         headline=_headline_blocks(heads, learners, described["protocols"]),
-        figures=figures,
-        sections=sections,
-        learners=pages,
+        figures=[written.plot(plot) for plot in plots],
+        sections=[written.section(one) for one in sections_of(material, sections)],
+        learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners),
         described=described,
         played=trials_played(trials),
@@ -148,8 +141,8 @@ def make_report(
 def files_of(path: Path) -> set[str]:
     """The figures and tables that belong to a report that is there already."""
     with suppress(OSError, ValueError), path.open(encoding="utf-8") as page:
-        if told := _FILES.search(page.read(100_000)):
-            return {name for name in told[1].split() if _FILE.fullmatch(name)}
+        if listed := _FILES.search(page.read(100_000)):
+            return {name for name in listed[1].split() if _FILE.fullmatch(name)}
     return set()
 
 
@@ -174,15 +167,7 @@ def _headline_blocks(
         rows = table[table["protocol"] == protocol]
         cells = {(str(cell["learner"]), str(cell["condition"])): cell for cell in _records(rows)}
         conditions = ordered(rows["condition"])
-        columns = [
-            {
-                "condition": condition,
-                "measured": " or ".join(
-                    dict.fromkeys(rows.loc[rows["condition"] == condition, "measured"])
-                ),
-            }
-            for condition in conditions
-        ]
+        measured = rows.groupby("condition", observed=True)["measured"].unique()
         compared, ideal = [], []
         for condition in conditions:
             of = [cell for (_, name), cell in cells.items() if name == condition]
@@ -194,7 +179,7 @@ def _headline_blocks(
             {
                 "protocol": protocol,
                 "budgets": budgets.get(protocol),
-                "columns": columns,
+                "columns": [(name, " or ".join(measured[name])) for name in conditions],
                 "published": compared if any(compared) else None,
                 "ideal": ideal if any(ideal) else None,
                 "rows": [
@@ -213,15 +198,12 @@ def _headline_blocks(
 
 def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict[str, Any]]:
     """The summary by learner and protocol; ``starts`` marks a row where a condition begins."""
+    starts = summary["condition"] != summary["condition"].shift()
     blocks = []
     for learner in learners:
-        own = summary[summary["learner"] == learner]
+        own = summary.assign(starts=starts)[summary["learner"] == learner]
         for protocol in ordered(own["protocol"], ("human",)):
             part = own[own["protocol"] == protocol]
-            rows = _records(part)
-            before: Any = None
-            for row in rows:
-                row["starts"], before = row["condition"] != before, row["condition"]
             blocks.append(
                 {
                     "learner": learner,
@@ -229,7 +211,7 @@ def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict
                     "size": style.sizes(part),
                     "compared": bool(part["human_attempts"].notna().any()),
                     "bounded": bool(part["ideal_attempts"].notna().any()),
-                    "rows": rows,
+                    "rows": _records(part),
                 }
             )
     return blocks

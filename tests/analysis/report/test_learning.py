@@ -10,6 +10,7 @@ import pyarrow as pa
 import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections.learning import (
     FALLS,
@@ -18,9 +19,9 @@ from causal_openlock.analysis.report.sections.learning import (
     NOT,
     SOME,
     UNDECIDED,
+    by_verdict,
     judge,
     progress,
-    said,
     section,
 )
 from causal_openlock.analysis.results.bounds import ideal_bounds
@@ -256,6 +257,10 @@ def test_section_has_both_tables_and_says_the_verdicts(tmp_path: Path) -> None:
             assert all(format(value, how) for value in one.frame[column])
     human = course(around([0.3] * 5), protocol="human")
     assert section(material(human, experiment)) is None
+
+
+def said(rows: pd.DataFrame) -> str:
+    return Prose("learning").sentence("verdicts", found=by_verdict(rows))
 
 
 def test_verdicts_in_sentences_name_protocols_only_if_there_are_several() -> None:

@@ -20,8 +20,8 @@ from causal_openlock.analysis.report.difference_page import (
     UNKNOWN,
     changes,
     compared,
-    said_of_changes,
-    said_of_noise,
+    sentence_on_changes,
+    sentence_on_noise,
     write_difference,
 )
 from causal_openlock.analysis.results.counting import count
@@ -94,7 +94,7 @@ def test_what_is_there_only_once_is_one_line() -> None:
         ["learner random", "there", "–"],
         ["condition CE3-CC4", "–", "there"],
     ]
-    assert said_of_changes(told).startswith("3 things differ in what was run: name")
+    assert sentence_on_changes(told).startswith("3 things differ in what was run: name")
 
 
 def test_equal_experiments_differ_in_nothing() -> None:
@@ -118,7 +118,7 @@ def test_verdicts_tell_noise_from_more() -> None:
     moved = told.set_index("learner").loc["moved"]
     assert moved["difference"] == pytest.approx(np.mean(far) - np.mean(near))
     assert moved["ci_low"] < moved["difference"] < moved["ci_high"]
-    said = said_of_noise(told)
+    said = sentence_on_noise(told)
     assert said.startswith("1 of 4 means differ by more than noise (moved in CC4)")
 
 

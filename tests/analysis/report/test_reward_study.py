@@ -65,7 +65,7 @@ def test_what_the_paper_says_is_recognised(tmp_path: Path) -> None:
     unique, best, _ = found.text
     assert "Here: the same, in every condition. Does not learn: unique (CC4, CE4); u" in unique
     assert "best in CC4 opens the door in " in best
-    assert best.count("and nobody more often") == 2
+    assert best.count("none of the others more often") == 2
     (told,) = found.tables
     assert told.frame["learner"].tolist() == ["best", "basic", "unique", "unique18"]
     assert told.frame["door CC4"].tolist()[:2] == ["learns"] * 2

@@ -14,8 +14,8 @@ import pytest
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report import table_files
-from causal_openlock.analysis.report.section import Material, Table
-from causal_openlock.analysis.report.section_registry import PROVIDERS, columns_of, sections_of
+from causal_openlock.analysis.report.section import Material, SectionTable
+from causal_openlock.analysis.report.sections import ORDER, columns_of, sections_of
 from causal_openlock.analysis.report.writing import write_report
 from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
@@ -60,7 +60,7 @@ def test_sections_stand_between_the_figures_and_the_learners(folder: Path) -> No
     assert places == sorted(places)
 
 
-def test_tables_and_drawings_lie_beside_the_page(folder: Path) -> None:
+def test_tables_and_plots_lie_beside_the_page(folder: Path) -> None:
     with (folder / "tables" / "paid.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["learner"] for row in rows] == ["a", "b"]
@@ -118,10 +118,9 @@ def test_columns_that_sections_ask_for_are_told() -> None:
     assert columns_of([OURS]) == ["reward"]
 
 
-def test_every_provider_is_there_and_says_nothing_of_an_empty_record() -> None:
+def test_every_section_is_there_and_says_nothing_of_an_empty_record() -> None:
     record = table([])
-    material = material_of(record, NOBODY)
-    assert sections_of(material, PROVIDERS) == []
+    assert sections_of(material_of(record, NOBODY), ORDER) == []
 
 
 @pytest.mark.parametrize(
@@ -147,16 +146,19 @@ def test_values_are_printed_as_a_reader_expects(
 
 
 def test_long_tables_are_closed_on_the_page() -> None:
-    from causal_openlock.analysis.report.page import LONG, render
+    from causal_openlock.analysis.report.page import render
+    from causal_openlock.analysis.report.prose import LONG
 
     frame = pd.DataFrame({"name": [f"n{i}" for i in range(LONG + 1)], "value": 1.0})
-    told = [table_files.described(Table("t", "T", part)) for part in (frame, frame.head(LONG))]
+    told = [
+        table_files.described(SectionTable("t", "T", part)) for part in (frame, frame.head(LONG))
+    ]
     pages = [
         render(
             "difference.html.j2",
             title="t",
             names=("a", "b"),
-            told=("", ""),
+            results=[{"attempts": 1, "trials": 1, "seed": 1, "missing": 0}] * 2,
             files=[],
             sections=[{"name": "s", "title": "S", "text": (), "tables": [one], "figures": []}],
         )
@@ -188,7 +190,7 @@ def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> N
 
     shown = made(6)
     assert shown is not None
-    assert [drawing.name for drawing in shown.drawings] == ["belief_bayes"]
+    assert [plot.name for plot in shown.plots] == ["belief_bayes"]
     (told,) = shown.tables
     played = record.filter(pc.and_(pc.equal(record["subject"], 3), pc.equal(record["trial"], 1)))
     many = [len(actions) for actions in played.sort_by("attempt")["actions"].to_pylist()]

@@ -8,17 +8,17 @@ the learner is no longer the one that was run, nothing is shown.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from causal_openlock.analysis.plots.style import Drawing
-from causal_openlock.analysis.report.section import Material, Section, Table
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Material, Section
 from causal_openlock.analysis.results.information import information_per_action, mean_information
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.wording import file_names
 from causal_openlock.world.room import action_names
 
 if TYPE_CHECKING:
@@ -35,17 +35,19 @@ LONGEST = 60
 COLUMNS = ("actions",)
 """Columns of the record that are read for this section."""
 
-_TOLD = ("learner", "condition", "protocol", "phase")
+_PROSE = Prose("belief_traces")
+_CELL = ("learner", "condition", "protocol", "phase")
 
 
 def section(material: Material) -> Section | None:
-    """A trace of each of the first learners that hold beliefs; None if none does."""
-    drawings: list[Drawing] = []
-    traces: list[Trace] = []
+    """A trace of each of the first learners that hold beliefs; None if there are none."""
+    from causal_openlock.analysis.plots.belief import draw_trace
+
+    traces: dict[str, Trace] = {}
     changed: list[str] = []
     more = 0
     for spec in _believers(material):
-        if len(drawings) >= MOST or spec.protocol.attempt_limit > LONGEST:
+        if len(traces) >= MOST or spec.protocol.attempt_limit > LONGEST:
             more += 1
             continue
         try:
@@ -54,21 +56,23 @@ def section(material: Material) -> Section | None:
             trace = None  # its parameters are not those of the learner as it is now
         if trace is None:
             changed.append(spec.name)
-            continue
-        traces.append(trace)
-        drawings.append(_drawing(trace, spec.name))
-    if not drawings:
+        else:
+            traces[spec.name] = trace
+    if not traces:
         return None
-    text = [
-        "What the first subject believed in the first trial of the first condition, action by "
-        "action: it has played the trial once more, and done what is on record. "
-        "causal-openlock trace shows any other trial."
-    ]
-    if more:
-        text.append(f"Learners that hold beliefs, too, and are not shown here: {more}.")
-    if changed:
-        text.append(f"Not what they were when they were run, and not shown: {', '.join(changed)}.")
-    return Section("beliefs", "Beliefs", tuple(text), (_information(traces),), tuple(drawings))
+    information = information_per_action(list(traces.values()))
+    means = mean_information(information, ["learner", "attempt"]).drop(columns="subjects")
+    formats = {"predicted": ".2f", "obtained": "+.2f"}
+    return _PROSE.section(
+        "beliefs",
+        [_PROSE.table("belief_information", means, formats)],
+        [
+            _PROSE.plot(draw_trace(traces[name]), f"belief_{part}")
+            for name, part in file_names(traces).items()
+        ],
+        more=more,
+        changed=changed,
+    )
 
 
 def _believers(material: Material) -> Iterator[LearnerSpec]:
@@ -91,7 +95,7 @@ def _believers(material: Material) -> Iterator[LearnerSpec]:
 
 
 def _replayed(spec: LearnerSpec, material: Material) -> Trace | None:
-    """The trace, if it tells of what is on record."""
+    """The trace, if it agrees with the record."""
     from causal_openlock.belief.trace import trace_trial
     from causal_openlock.contract.registry import create
     from causal_openlock.world.rewards import PAPER_REWARD
@@ -110,7 +114,7 @@ def _replayed(spec: LearnerSpec, material: Material) -> Trace | None:
         spec.protocol,
         subject=int(first["subject"]),
         seed=int(first["seed"]),
-        # Code of one's own is not run to read results, and those who believe do not heed rewards.
+        # A user's own code is not run to read results; learners with beliefs ignore rewards.
         reward=PAPER_REWARD if spec.reward.heeds_everything else spec.reward,
         label=spec.name,
     )
@@ -129,29 +133,6 @@ def _recorded(record: pa.Table, trial: pd.Series) -> list[list[int]]:
 
     # Numbers first: they leave few rows, in which names are cheap to compare.
     here = pc.and_(*(pc.equal(record[name], int(trial[name])) for name in ("subject", "trial")))
-    few = record.filter(here).select([*_TOLD, "loop", "attempt", "actions"]).to_pylist()
-    mine = [row for row in few if all(row[name] == trial[name] for name in (*_TOLD, "loop"))]
+    few = record.filter(here).select([*_CELL, "loop", "attempt", "actions"]).to_pylist()
+    mine = [row for row in few if all(row[name] == trial[name] for name in (*_CELL, "loop"))]
     return [row["actions"] for row in sorted(mine, key=lambda row: row["attempt"])]
-
-
-def _information(traces: list[Trace]) -> Table:
-    """What an action told, attempt by attempt."""
-    means = mean_information(information_per_action(traces), ["learner", "attempt"])
-    return Table(
-        "belief_information",
-        "Information gained per action",
-        means.drop(columns="subjects"),
-        {"predicted": ".2f", "obtained": "+.2f"},
-        "Bits that an action was expected to tell and that it told, on average over the actions of "
-        "an attempt: by how much less is missing to certainty after it. Below nothing where an "
-        "answer left the subject less certain. Actions after which hypotheses were drawn anew do "
-        "not count as having told anything.",
-    )
-
-
-def _drawing(trace: Trace, name: str) -> Drawing:
-    from causal_openlock.analysis.plots.belief import draw_trace
-
-    drawn = draw_trace(trace)
-    label = "belief_" + re.sub(r"\W+", "_", name.lower(), flags=re.ASCII)
-    return Drawing(label, f"What {name} believed", drawn.caption, drawn.figure)

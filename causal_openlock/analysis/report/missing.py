@@ -1,8 +1,7 @@
 """What is missing from the results of a folder, and why.
 
-Cells may not have been played yet, or have failed. Whatever is said about the others is said
-without them, so every place that gives numbers names them: the page, the terminal and
-``summary.csv``.
+Cells may not have been played yet, or have failed. All numbers are without them, so every place
+that gives numbers names them: the page, the terminal and ``summary.csv``.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ class Missing:
         condition: Its condition.
         protocol: Its protocol.
         subjects: How many subjects it is of.
-        told: Which it is, and why it is missing, in a line.
+        text: Which it is, and why it is missing, in a line.
         failed: Whether it was played, and failed.
     """
 
@@ -39,7 +38,7 @@ class Missing:
     condition: str
     protocol: str
     subjects: int
-    told: str
+    text: str
     failed: bool
 
 
@@ -60,10 +59,10 @@ def _missing(
     learner, condition, protocol = known.get(name, ("", "", ""))
     among = _CELL.fullmatch(f"{numbers}_{identity}")
     subjects = int(among[2]) - int(among[1]) + 1 if among else 0
-    told = f"{learner} in {condition}, subjects {numbers}" if learner and among else cell
+    where = f"{learner} in {condition}, subjects {numbers}" if learner and among else cell
     why = failures.get(cell)
     return Missing(
-        cell, learner, condition, protocol, subjects, why or f"{told}: {NOT_PLAYED}", bool(why)
+        cell, learner, condition, protocol, subjects, why or f"{where}: {NOT_PLAYED}", bool(why)
     )
 
 
@@ -86,7 +85,7 @@ def with_missing(summary: pd.DataFrame, missing: Sequence[Missing]) -> pd.DataFr
     for one in missing:
         key = one.learner, one.condition, one.protocol
         subjects[key] = subjects.get(key, 0) + one.subjects
-        reasons.setdefault(key, {})[one.told] = None
+        reasons.setdefault(key, {})[one.text] = None
     keys = ["learner", "condition", "protocol"]
     there = [tuple(map(str, row)) for row in summary[keys].itertuples(index=False)]
     table = summary.assign(
