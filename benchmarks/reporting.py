@@ -100,7 +100,7 @@ def _record(cell: Cell, number: int, chance: float) -> pa.Table:
     from causal_openlock.experiment.record import AttemptLog, assemble
 
     rng = np.random.default_rng(number)
-    protocol = cell.entry.protocol
+    protocol = cell.spec.protocol
     visits = [plan(cell.condition, protocol, rng) for _ in range(cell.subjects)]
     trials, limit = len(visits[0]), protocol.attempt_limit
     solutions = np.array([[len(v.schema.solutions) for v in row] for row in visits])
@@ -150,7 +150,7 @@ def _record(cell: Cell, number: int, chance: float) -> pa.Table:
         },
         {
             "experiment": cell.experiment,
-            "learner": cell.entry.name,
+            "learner": cell.spec.name,
             "condition": cell.condition.name,
             "protocol": protocol.name,
             "seed": cell.seed,

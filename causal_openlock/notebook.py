@@ -112,7 +112,7 @@ def experiment_html(experiment: Experiment) -> str:
             str(entry.subjects),
             escape(", ".join(f"{name} {value}" for name, value in _changed(entry).items())),
         ]
-        for entry in experiment.entries
+        for entry in experiment.learners
     ]
     names = ", ".join(condition.name for condition in experiment.conditions)
     cells = counted(len([*experiment.cells()]), "cell")

@@ -69,7 +69,7 @@ class RL2(Learner):
     parameters: RL2Parameters
 
     @classmethod
-    def material(cls, parameters: RL2Parameters) -> str:
+    def artifact_hash(cls, parameters: RL2Parameters) -> str:
         """A hash of the trained network."""
         from learners.networks.network_file import BUNDLED, MOST_BYTES
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from causal_openlock.analysis.report.difference_page import said_of_changes
-from causal_openlock.analysis.report.sections.paper_findings import _on_power
+from causal_openlock.analysis.report.difference_page import sentence_on_changes
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.what_was_run import budgets
 from causal_openlock.analysis.report.writing import make_report
-from causal_openlock.analysis.results.description import budgets
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
@@ -18,6 +18,7 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.wording import counted
 from causal_openlock.world.schema import Schema
 from support.html_page import Page
+from support.made_up_experiments import stored
 
 
 def test_one_is_one() -> None:
@@ -30,12 +31,14 @@ def test_one_is_one() -> None:
 
 def test_sentences_with_numbers_are_right_for_one(tmp_path: Path) -> None:
     once = replace(PROTOCOLS["human"], attempt_limit=1, action_limit=1)
-    assert budgets(once.as_dict()).startswith("At most 1 attempt in a trial")
-    assert "An attempt has at most 1 action." in budgets(once.as_dict())
+    assert budgets(once).startswith("At most 1 attempt in a trial")
+    assert "An attempt has at most 1 action." in budgets(once)
     going_on = replace(once, stop_when_solved=False)
-    assert budgets(going_on.as_dict()).startswith("1 attempt in every trial")
-    assert "With 1 subject in each" in _on_power(1)
-    assert said_of_changes(pd.DataFrame({"what": ["seed"]})).startswith("1 thing differs in")
+    assert budgets(going_on).startswith("1 attempt in every trial")
+    found = dict.fromkeys(("families", "undefined", "lost", "alpha", "effects", "power"), ())
+    text = Prose("paper_findings").sentence("text", **found, subjects=1, weak=0)
+    assert "With 1 subject in each" in text
+    assert sentence_on_changes(pd.DataFrame({"what": ["seed"]})).startswith("1 thing differs in")
     assert repr(Schema("x", ["A"], {"A": ["door"]})) == "<Schema x: 1 lever, 1 solution>"
     path = tmp_path / "e.yaml"
     path.write_text(
@@ -47,6 +50,6 @@ def test_sentences_with_numbers_are_right_for_one(tmp_path: Path) -> None:
     (caution,) = experiment.cautions()
     assert "gives 1 attempt, so" in caution
     (cell,) = experiment.cells()
-    record = Session(cell.condition, cell.entry.protocol, 1).play(create("random"))
-    made = make_report(record, tmp_path, {**experiment.as_dict(), "title": "One"})
+    record = Session(cell.condition, cell.spec.protocol, 1).play(create("random"))
+    made = make_report(record, tmp_path, stored(replace(experiment, title="One")))
     assert "1 attempt in 1 trial." in Page(made.path.read_text(encoding="utf-8")).text

@@ -6,31 +6,35 @@ significant: what compares them with people are sizes of effects.
 
 Comparisons of learners follow Agarwal et al., *Deep Reinforcement Learning at the Edge of the
 Statistical Precipice* (NeurIPS 2021): the interquartile mean, which a few hopeless subjects do not
-move, and the probability of improvement, which asks nothing but who was better.
+move, and the probability of improvement, which depends only on which of two subjects was better.
 """
 
 from __future__ import annotations
 
+import gc
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, percentile_interval
+from causal_openlock.analysis.statistics import RESAMPLES, bootstrap_interval
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 ALPHA = 0.05
 """Significance level."""
 
 POWER = 0.8
-"""Probability with which an effect that exists is to be found."""
+"""Wanted probability of finding an effect that exists."""
 
 MOST_SUBJECTS = 1_000_000
-"""More subjects in a group than this are not looked for."""
+"""The largest group whose power is computed."""
 
 
 def hedges_g(d: float, df: int) -> float:
     """Hedges' g: Cohen's d without the bias that it has in small samples.
+
+    >>> round(hedges_g(0.8, 10), 3)
+    0.738
 
     Args:
         d: Cohen's d.
@@ -50,31 +54,41 @@ def partial_eta_squared(f: float, df_effect: int, df_error: int) -> float:
     """Partial η² of an F: the share of the variance left by other effects that this one explains.
 
     Of the multivariate test of trials it is 1 − Wilks' Λ.
+
+    >>> round(partial_eta_squared(24.94, 1, 156), 3)
+    0.138
     """
     return float(f * df_effect / (f * df_effect + df_error))
 
 
 def holm(p: FloatArray) -> FloatArray:
-    """Holm's correction: p values such that in a whole family the first error has the usual odds.
+    """Holm's correction of the p values of a family of tests.
+
+    >>> holm(np.array([0.04, 0.01, np.nan])).tolist()
+    [0.04, 0.02, nan]
 
     Args:
-        p: ``[N]`` p values of a family of tests; NaN for those that are not defined, which do not
-            count as tests.
+        p: ``[N]`` p values; NaN for tests that are not defined, which do not count as tests.
 
     Returns:
         ``[N]`` corrected, at most 1.
     """
-    p = np.asarray(p, float)
-    defined = np.flatnonzero(~np.isnan(p))
-    order = defined[np.argsort(p[defined], kind="stable")]
-    steps = p[order] * np.arange(len(order), 0, -1)
+    from statsmodels.stats.multitest import multipletests
+
+    defined = ~np.isnan(p)
     corrected = np.full(len(p), np.nan)
-    corrected[order] = np.minimum(1, np.maximum.accumulate(steps))
+    if defined.any():
+        gc.freeze()  # multipletests collects garbage, 0.1 s each time where much is loaded
+        corrected[defined] = multipletests(p[defined], method="holm")[1]
+        gc.unfreeze()
     return corrected
 
 
 def interquartile_mean(scores: FloatArray) -> FloatArray:
     """Mean of the middle half: a quarter of the values is left out at either end.
+
+    >>> float(interquartile_mean(np.array([1.0, 4, 5, 6, 7, 30, 30, 30])))
+    12.0
 
     Args:
         scores: ``[..., N]`` values; where N is no multiple of four, fewer are left out.
@@ -89,39 +103,36 @@ def interquartile_mean(scores: FloatArray) -> FloatArray:
 
 
 def interquartile_interval(
-    strata: Sequence[FloatArray],
-    rng: np.random.Generator,
-    *,
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
-) -> tuple[float, float]:
+    strata: Sequence[FloatArray], rng: np.random.Generator, *, resamples: int = RESAMPLES
+) -> tuple[FloatArray, FloatArray]:
     """Bootstrap interval of the interquartile mean of several groups together, stratified.
 
-    As :func:`~causal_openlock.analysis.statistics.stratified_interval` would give it. Only how
-    often each value was drawn matters, so that is what is drawn.
-
     Args:
-        strata: ``[n_g]`` values of the subjects of each group, who are resampled among themselves.
-        rng: Where the resampling takes its random numbers from.
-        level: Probability that the interval is to cover.
+        strata: ``[n_g]`` values of the subjects of each group, resampled among themselves.
+        rng: Generator of the resampling.
         resamples: How many times to resample.
 
     Returns:
         Low and high; NaN if a group has fewer than two subjects.
     """
-    if not strata or min(map(len, strata)) < 2:
-        return float("nan"), float("nan")
     values = np.unique(np.concatenate(strata))
-    counts = sum(_drawn(_counts(one, values), rng, resamples) for one in strata)
     many = sum(map(len, strata))
     cut = many // 4
-    reached = np.clip(np.cumsum(counts, axis=-1), cut, many - cut)
-    kept = np.diff(reached, axis=-1, prepend=cut)
-    return percentile_interval(kept @ values / (many - 2 * cut), level)
+
+    def middle(*counts: IntArray) -> FloatArray:
+        reached = np.clip(np.cumsum(sum(counts), axis=-1), cut, many - cut)
+        mean: FloatArray = np.diff(reached, axis=-1, prepend=cut) @ values / (many - 2 * cut)
+        return mean
+
+    groups = [_counts(one, values) for one in strata]
+    return bootstrap_interval(middle, groups, rng, counted=True, resamples=resamples)
 
 
 def probability_of_improvement(first: Sequence[FloatArray], second: Sequence[FloatArray]) -> float:
     """How probable it is that a subject of one learner scores more than one of another.
+
+    >>> probability_of_improvement([np.array([3, 5])], [np.array([1, 5])])
+    0.625
 
     Args:
         first: ``[n_c]`` scores of one learner in each of C conditions; more is better.
@@ -130,9 +141,7 @@ def probability_of_improvement(first: Sequence[FloatArray], second: Sequence[Flo
     Returns:
         P(first > second), ties counting half, averaged over conditions; 0.5 for equals.
     """
-    return float(
-        np.mean([_wins(*_counted(a, b)) for a, b in zip(first, second, strict=True)], dtype=float)
-    )
+    return float(_mean_wins(*_counted(first, second)))
 
 
 def improvement_interval(
@@ -140,59 +149,54 @@ def improvement_interval(
     second: Sequence[FloatArray],
     rng: np.random.Generator,
     *,
-    level: float = LEVEL,
     resamples: int = RESAMPLES,
-) -> tuple[float, float]:
+) -> tuple[FloatArray, FloatArray]:
     """Bootstrap interval of :func:`probability_of_improvement`, stratified over conditions.
-
-    The subjects of each learner in each condition are resampled among themselves. Only how often
-    each score was drawn matters, so that is what is drawn.
 
     Args:
         first: As there.
         second: As there.
-        rng: Where the resampling takes its random numbers from.
-        level: Probability that the interval is to cover.
+        rng: Generator of the resampling.
         resamples: How many times to resample.
 
     Returns:
         Low and high; NaN where a learner has fewer than two subjects in a condition.
     """
-    if min(len(scores) for scores in (*first, *second)) < 2:
-        return float("nan"), float("nan")
-    total = np.zeros(resamples)
-    for scores in zip(first, second, strict=True):
-        total += _wins(*(_drawn(counts, rng, resamples) for counts in _counted(*scores)))
-    return percentile_interval(total / len(first), level)
+    groups = _counted(first, second)
+    return bootstrap_interval(_mean_wins, groups, rng, counted=True, resamples=resamples)
 
 
-def _counted(first: FloatArray, second: FloatArray) -> tuple[IntArray, IntArray]:
-    """``[U]`` how often each of the U values that occur is taken, for either group."""
-    values = np.unique(np.concatenate([first, second]))
-    return _counts(first, values), _counts(second, values)
+def _counted(first: Sequence[FloatArray], second: Sequence[FloatArray]) -> list[IntArray]:
+    """``[U]`` counts of both learners in each condition, of the U scores that occur there."""
+    return [
+        _counts(scores, np.unique(np.concatenate(both)))
+        for both in zip(first, second, strict=True)
+        for scores in both
+    ]
 
 
 def _counts(scores: FloatArray, values: FloatArray) -> IntArray:
-    """``[U]`` how often each of U sorted values is taken."""
+    """``[U]`` how often each of U sorted values occurs."""
     counts = np.bincount(np.searchsorted(values, scores), minlength=len(values))
     return counts.astype(np.int64)
 
 
-def _drawn(counts: IntArray, rng: np.random.Generator, resamples: int) -> IntArray:
-    """``[R, U]`` how often each value is taken when subjects are drawn with replacement."""
-    return rng.multinomial(counts.sum(), counts / counts.sum(), size=resamples)
-
-
-def _wins(first: IntArray, second: IntArray) -> FloatArray:
-    """``[...]`` share of pairs in which the first is larger, from ``[..., U]`` counts."""
-    below = np.cumsum(second, axis=-1) - second / 2
-    pairs = first.sum(axis=-1) * second.sum(axis=-1)
-    share: FloatArray = (first * below).sum(axis=-1) / pairs
-    return share
+def _mean_wins(*counts: IntArray) -> FloatArray:
+    """``[...]`` share of pairs in which the first is larger, the mean over pairs of groups."""
+    shares = [
+        (one * (np.cumsum(other, axis=-1) - other / 2)).sum(axis=-1)
+        / (one.sum(axis=-1) * other.sum(axis=-1))
+        for one, other in zip(counts[::2], counts[1::2], strict=True)
+    ]
+    mean: FloatArray = np.asarray(sum(shares) / len(shares))
+    return mean
 
 
 def power_of_t(d: float, subjects: int, *, alpha: float = ALPHA) -> float:
     """Probability that a two-sided t test of two groups finds an effect.
+
+    >>> round(power_of_t(0.5, 64), 2)
+    0.8
 
     Args:
         d: Cohen's d of the effect.
@@ -215,29 +219,29 @@ def power_of_contrast(
         groups: How many groups the contrast is among.
         alpha: Significance level.
     """
-    from scipy.stats import f, ncf
+    from statsmodels.stats.power import ftest_power_f2
 
-    df = (1, groups * (subjects - 1))
-    return float(ncf.sf(f.isf(alpha, *df), *df, noncentrality * subjects))
+    error = groups * (subjects - 1)
+    f2 = noncentrality * subjects / (error + 2)
+    return float(ftest_power_f2(f2, 1, error, alpha, ncc=1))
 
 
 def subjects_needed(d: float, *, power: float = POWER, alpha: float = ALPHA) -> int | None:
     """The fewest subjects in each group with which a t test has the wanted power.
 
+    >>> subjects_needed(0.8)
+    26
+
     Args:
         d: Cohen's d of the effect.
-        power: Probability with which it is to be found.
+        power: Wanted probability of finding it.
         alpha: Significance level.
 
     Returns:
         The number, or None if it is beyond :data:`MOST_SUBJECTS`, as for no effect at all, or if
         the effect is not known (NaN).
     """
-    if np.isnan(d):
-        return None
-    sizes = range(2, MOST_SUBJECTS + 1)
-    place = bisect_left(sizes, power, key=lambda size: power_of_t(d, size, alpha=alpha))
-    return sizes[place] if place < len(sizes) else None
+    return None if np.isnan(d) else _fewest(lambda n: power_of_t(d, n, alpha=alpha), power)
 
 
 def contrast_subjects_needed(
@@ -246,10 +250,10 @@ def contrast_subjects_needed(
     """The fewest subjects in each group for a contrast; see :func:`power_of_contrast`."""
     if np.isnan(noncentrality):
         return None
+    return _fewest(lambda n: power_of_contrast(noncentrality, n, groups, alpha=alpha), power)
+
+
+def _fewest(power_at: Callable[[int], float], power: float) -> int | None:
     sizes = range(2, MOST_SUBJECTS + 1)
-    place = bisect_left(
-        sizes,
-        power,
-        key=lambda size: power_of_contrast(noncentrality, size, groups, alpha=alpha),
-    )
+    place = bisect_left(sizes, power, key=power_at)
     return sizes[place] if place < len(sizes) else None

@@ -1,9 +1,9 @@
 """What happened, counted: attempts to solve each trial, and attempts in each category.
 
-A record has a row for every attempt, perhaps millions; a trial is a run of such rows. So the first
+A record has a row for every attempt, perhaps millions; a trial is a run of such rows. The first
 step finds the runs with NumPy, in one pass over the columns, and everything after it works on a
-table with one row for each trial. Rows are put in their place by what they say (phase, loop, trial
-and attempt), never by where they stand, so the order in which cells are read makes no difference.
+table with one row for each trial. Rows are sorted by their values (phase, loop, trial, attempt), so
+the order in which cells are read makes no difference.
 """
 
 from __future__ import annotations
@@ -29,29 +29,37 @@ BASELINES, TRANSFERS = PAPER_CONDITIONS[:2], PAPER_CONDITIONS[2:]
 """The paper's six conditions; tables and figures show them in this order, before any others."""
 
 CELL = ["learner", "condition", "protocol"]
-"""What is compared: columns that a group of subjects has in common."""
+"""Columns that a group of subjects has in common."""
 
 SUBJECT = ["experiment", "seed", "subject"]
-"""What tells the subjects of such a group apart."""
+"""Columns that identify a subject within its group."""
 
 VISIT = ["phase", "loop", "trial"]
-"""What tells the trials of a subject apart, in the order of time."""
+"""Columns that identify a trial of a subject, in the order of time."""
+
+START = 10
+"""The start of a trial are the first attempts, one in so many of them, and at least one."""
 
 _FIRST = {"condition": PAPER_CONDITIONS, "protocol": ("human",), "phase": PHASES}
 _NEVER = np.iinfo(np.int32).max
 
 
 def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
-    """How many attempts every trial took.
+    """How many attempts every trial took, and what they came to.
+
+    >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
+    >>> session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 2)
+    >>> trials = attempts_to_solve(session.play(create("oracle")))
+    >>> trials[["subject", "trial", "attempts", "solved"]].head(2).values.tolist()
+    [[0, 1, 3, True], [0, 2, 3, True]]
 
     Args:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
             order.
 
     Returns:
-        One row for each trial that a subject visited, sorted by the columns ``learner``,
-        ``condition``, ``protocol``, ``experiment``, ``seed``, ``subject``, ``phase``, ``loop`` and
-        ``trial`` (names are categorical, the paper's come first). Further columns:
+        One row for each trial that a subject visited, sorted by :data:`CELL`, :data:`SUBJECT` and
+        :data:`VISIT` (names are categorical, the paper's come first), with these columns and:
 
         - ``schema``, ``layout``: of the room.
         - ``attempts``: number of the attempt that found the last solution; for a trial that was
@@ -59,78 +67,13 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
         - ``last_attempt``: number of its last attempt; a trial may go on after it is solved.
         - ``solved``: whether every solution was found.
         - ``solutions_found``, ``solutions``: how many were found and how many there are.
+        - for each of :data:`~causal_openlock.experiment.record.CATEGORIES`, how many attempts.
+        - ``opened_at_start``: how many attempts opened the door at its :data:`START`.
 
     Raises:
         StoreError: If a trial has attempts missing or twice.
     """
     return _Trials.of(record).table
-
-
-def attempts_to_find(record: pa.Table, most: int = 3) -> pd.DataFrame:
-    """How many attempts the first solution of every trial took, and the second, and so on.
-
-    Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
-        most: How many solutions of a trial to tell of; those after them are left out.
-
-    Returns:
-        The rows and columns of :func:`attempts_to_solve`, each row once for every solution that
-        the room has, up to ``most``, in order, with ``nth`` (from 1), ``found`` (whether so many
-        were found) and ``attempts``: the number of the attempt that found it, or that of the
-        trial's last attempt if it was not found.
-
-    Raises:
-        StoreError: If a trial has attempts missing or twice.
-        ValueError: If ``most`` is not positive.
-    """
-    if most < 1:
-        raise ValueError(f"most is {most}; it must be at least 1")
-    trials = _Trials.of(record)
-    new = np.flatnonzero(record["new_solution"].to_numpy())
-    nth = record["solutions_found"].to_numpy()[new].astype(np.int64) - 1
-    kept = nth < most
-    new, nth = new[kept], nth[kept]
-    reached = np.full((len(trials.table), most), _NEVER, np.int64)
-    reached[trials.row_trial[new], nth] = record["attempt"].to_numpy()[new]
-
-    solutions = np.minimum(trials.table["solutions"].to_numpy(), most)
-    index = np.repeat(np.arange(len(trials.table)), solutions)
-    number = np.arange(len(index)) - np.repeat(np.cumsum(solutions) - solutions, solutions)
-    table = trials.table.iloc[index].reset_index(drop=True)
-    attempts = reached[index, number]
-    return table.assign(
-        nth=number + 1,
-        found=attempts != _NEVER,
-        attempts=np.minimum(attempts, table["last_attempt"].to_numpy()),
-    )
-
-
-def solutions_per_attempt(record: pa.Table) -> pd.DataFrame:
-    """How often an attempt came to a solution, in every trial.
-
-    Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
-
-    Returns:
-        The rows and columns of :func:`attempts_to_solve` with two shares, from 0 to 1:
-
-        - ``new_per_attempt``: new solutions for each attempt until the last of them was found, or
-          until the trial ended if it was not solved.
-        - ``opened_per_attempt``: attempts of the whole trial that opened the door, with a new
-          solution or one that was known; the paper's share of attempts that are solutions.
-
-    Raises:
-        StoreError: If a trial has attempts missing or twice.
-    """
-    trials = _Trials.of(record)
-    table = trials.table
-    opened = np.bincount(trials.row_trial[record["opened"].to_numpy()], minlength=len(table))
-    return table.assign(
-        new_per_attempt=table["solutions_found"] / table["attempts"],
-        opened_per_attempt=opened / table["last_attempt"],
-    )
 
 
 def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
@@ -140,8 +83,7 @@ def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
     shares (equal up to one attempt); the counts of the subjects are added up.
 
     Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
+        record: As in :func:`attempts_to_solve`.
         blocks: How many shares; 1 counts the whole phase.
 
     Returns:
@@ -156,6 +98,11 @@ def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
         StoreError: If a trial has attempts missing or twice.
         ValueError: If ``blocks`` is not positive.
     """
+    return trials_and_categories(record, blocks)[1]
+
+
+def trials_and_categories(record: pa.Table, blocks: int = 5) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """:func:`attempts_to_solve` and :func:`category_counts` in one go."""
     if blocks < 1:
         raise ValueError(f"blocks is {blocks}; it must be at least 1")
     trials = _Trials.of(record)
@@ -174,26 +121,32 @@ def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
     # In the order of time, attempt i of n lies in block floor(i * blocks / n).
     time = before[row_trial] + record["attempt"].to_numpy() - 1
     block = time * blocks // total[subject_phase][row_trial]
-    category, names = _encode(record, "category", CATEGORIES)
-    code = (phase[row_trial] * blocks + block) * len(names) + category
-    counts = np.bincount(code, minlength=len(groups) * blocks * len(names))
+    code = (phase[row_trial] * blocks + block) * len(CATEGORIES) + trials.category
+    counts = np.bincount(code, minlength=len(groups) * blocks * len(CATEGORIES))
 
     subjects = np.bincount(phase[first], minlength=len(groups))
     mean_total = np.bincount(phase[first], total, len(groups)) / np.maximum(subjects, 1)
     until = np.outer(mean_total, np.arange(1, blocks + 1) / blocks).ravel()
-    category_codes = np.tile(np.arange(len(names)), len(groups) * blocks)
-    counted = groups.loc[groups.index.repeat(blocks * len(names))].reset_index(drop=True)
-    return counted.assign(
-        block=np.tile(np.repeat(np.arange(1, blocks + 1), len(names)), len(groups)),
-        category=pd.Categorical.from_codes(category_codes, list(names)),
+    category_codes = np.tile(np.arange(len(CATEGORIES)), len(groups) * blocks)
+    each = groups.loc[groups.index.repeat(blocks * len(CATEGORIES))].reset_index(drop=True)
+    return table, each.assign(
+        block=np.tile(np.repeat(np.arange(1, blocks + 1), len(CATEGORIES)), len(groups)),
+        category=pd.Categorical.from_codes(category_codes, list(CATEGORIES)),
         count=counts,
-        subjects=np.repeat(subjects, blocks * len(names)),
-        until=np.repeat(until, len(names)),
+        subjects=np.repeat(subjects, blocks * len(CATEGORIES)),
+        until=np.repeat(until, len(CATEGORIES)),
     )
 
 
 def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     """Average each subject's trials, so that every subject counts once however often it looped.
+
+    >>> trials = pd.DataFrame(
+    ...     {"learner": "a", "condition": "CC4", "protocol": "rl", "experiment": "e", "seed": 1,
+    ...      "subject": [0, 0, 1], "attempts": [3, 5, 8], "solved": [True, True, False]}
+    ... )
+    >>> by_subject(trials, [])[["subject", "attempts", "visits"]].values.tolist()
+    [[0.0, 4.0, 2.0], [1.0, 8.0, 1.0]]
 
     Args:
         trials: From :func:`attempts_to_solve`.
@@ -243,10 +196,11 @@ def number_visits(trials: pd.DataFrame) -> IntArray:
 
 @dataclass(frozen=True)
 class _Trials:
-    """The trials of a record, and which of them every row belongs to."""
+    """The trials of a record, and of each row the number of its trial and its category."""
 
     table: pd.DataFrame
     row_trial: IntArray
+    category: IntArray
 
     @classmethod
     def of(cls, record: pa.Table) -> _Trials:
@@ -298,7 +252,16 @@ class _Trials:
 
         run_trial = np.empty(len(starts), np.int64)
         run_trial[order] = np.repeat(np.arange(len(joins)), np.diff(joins, append=len(starts)))
-        return cls(table, np.repeat(run_trial, length))
+        row_trial = np.repeat(run_trial, length)
+        category, _ = _encode(record, "category", CATEGORIES)
+        size = len(CATEGORIES)
+        counts = np.bincount(row_trial * size + category, minlength=len(table) * size)
+        start = np.maximum(last // START, 1)[row_trial]
+        opened = category >= CATEGORIES.index("open1")
+        early = row_trial[opened & (attempt <= start)]
+        counted = dict(zip(CATEGORIES, counts.reshape(-1, size).T, strict=True))
+        counted["opened_at_start"] = np.bincount(early, minlength=len(table))
+        return cls(table.assign(**counted), row_trial, category)
 
 
 def _check_complete(table: pd.DataFrame, rows: IntArray) -> None:
@@ -316,7 +279,7 @@ def _check_complete(table: pd.DataFrame, rows: IntArray) -> None:
 def _encode(
     record: pa.Table, column: str, known: tuple[str, ...] = ()
 ) -> tuple[IntArray, tuple[str, ...]]:
-    """``[N]`` codes of a text column, and the names they stand for, in a fixed order."""
+    """``[N]`` codes of a text column, and their names, in a fixed order."""
     import pyarrow as pa
 
     chunks = record[column].chunks
@@ -331,7 +294,7 @@ def _encode(
             f"one of {', '.join(names)}; was it written by another version?"
         )
     place = {name: code for code, name in enumerate(names)}
-    kind = np.min_scalar_type(len(names))  # ten million codes of eight bytes would be felt
+    kind = np.min_scalar_type(len(names))  # eight bytes each would be much for millions of codes
     codes = [
         np.array([place[name] for name in dictionary], kind)[chunk.indices.to_numpy()]
         for chunk, dictionary in zip(chunks, dictionaries, strict=True)
@@ -341,7 +304,11 @@ def _encode(
 
 
 def ordered(names: Iterable[str], first: Sequence[str] = PAPER_CONDITIONS) -> tuple[str, ...]:
-    """Names in the order of tables and figures: those in ``first``, then the rest by alphabet."""
+    """Names in the order of tables and figures: those in ``first``, then the rest by alphabet.
+
+    >>> ordered({"mine", "CE4", "CC4"})
+    ('CC4', 'CE4', 'mine')
+    """
     have = set(names)
     return (*(name for name in first if name in have), *sorted(have.difference(first)))
 

@@ -1,26 +1,104 @@
-"""How certain a mean over subjects is: bootstrap intervals.
+"""How certain a result over subjects is: percentile bootstrap intervals.
 
-A percentile bootstrap draws as many subjects as there are, with replacement, over and over, and
-reports between which values the middle 95% of the means lie. It assumes no distribution, which
-suits attempts: they are bounded by a limit that many subjects hit. A stratified one draws within
-each of several groups, for whatever is computed from all of them.
+A bootstrap draws as many subjects as there are, with replacement, over and over, and reports
+between which values the middle 95% of the results lie. It assumes no distribution, which suits
+attempts: they are bounded by a limit that many subjects hit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.fsm import FloatArray, IntArray
 
 LEVEL = 0.95
 RESAMPLES = 2000
 SEED = 2018
-"""Seed of the resampling unless told; the same for every table, so that tables agree."""
+"""Default seed of the resampling; the same for every table, so that tables agree."""
 
 _BATCH = 4_000_000  # resampled values in memory at once: 32 MB
+
+Generators = np.random.Generator | Sequence[np.random.Generator]
+
+
+def bootstrap_interval(
+    statistic: Callable[..., FloatArray],
+    groups: Sequence[FloatArray | IntArray],
+    rng: Generators,
+    *,
+    counted: bool = False,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
+) -> tuple[FloatArray, FloatArray]:
+    """Percentile bootstrap interval of what is computed from independent groups of subjects.
+
+    The subjects of each group are resampled among themselves.
+
+    >>> groups = [np.array([3.0, 5, 4, 6]), np.array([9.0, 8, 7])]
+    >>> low, high = bootstrap_interval(
+    ...     lambda a, b: a.mean(axis=-1) - b.mean(axis=-1), groups, np.random.default_rng(0)
+    ... )
+    >>> float(low) < 4.5 - 8 < float(high)
+    True
+
+    Args:
+        statistic: From ``[..., R, n]`` resampled values of each group to ``[..., R]``.
+        groups: ``[..., n]`` the values of each group's n subjects. All rows of leading axes are
+            resampled with the same indices, so that a row's interval does not depend on the others.
+        rng: A generator for all groups in turn, or one for each.
+        counted: Whether groups are given as ``[U]`` counts instead: how many subjects have each of
+            U values. Resamples are then drawn as such counts, ``[R, U]``, which takes as long for a
+            million subjects as for forty.
+        level: Probability that the interval is to cover.
+        resamples: How many times to resample.
+
+    Returns:
+        ``[...]`` low and ``[...]`` high; NaN if a group has fewer than two subjects.
+    """
+    # Where all subjects of a group are equal, one of them stands for all, without rounding.
+    alone = statistic(*(one[..., None, :] if counted else one[..., None, :1] for one in groups))
+    if min(int(one.sum()) if counted else one.shape[-1] for one in groups) < 2:
+        low, high = np.full((2, *alone.shape[:-1]), np.nan)
+        return low, high
+    each = [rng] * len(groups) if isinstance(rng, np.random.Generator) else rng
+    draw = _resampled_counts if counted else _resampled
+    batch = max(1, _BATCH // sum(one.size for one in groups))
+    drawn = [
+        statistic(*(draw(one, own, int(number)) for one, own in zip(groups, each, strict=True)))
+        for number in np.diff([*range(0, resamples, batch), resamples])
+    ]
+    tail = (1 - level) / 2
+    ordered = np.sort(np.concatenate(drawn, axis=-1), axis=-1)
+    varies = ordered[..., 0] < ordered[..., -1]
+    low, high = np.where(varies, _quantiles(ordered, np.array([tail, 1 - tail])), alone[..., 0])
+    return low, high
+
+
+def _resampled(values: Any, rng: np.random.Generator, number: int) -> Any:
+    """``[..., number, n]`` values of subjects drawn with replacement."""
+    subjects = values.shape[-1]
+    return values[..., rng.integers(subjects, size=(number, subjects))]
+
+
+def _resampled_counts(counts: Any, rng: np.random.Generator, number: int) -> Any:
+    """``[number, U]`` how many of the subjects drawn have each value."""
+    return rng.multinomial(counts.sum(), counts / counts.sum(), size=number)
+
+
+def _quantiles(ordered: FloatArray, p: FloatArray) -> FloatArray:
+    """``[2, ...]`` quantiles of ``[..., R]`` sorted values, for two p.
+
+    Interpolated as SciPy 1.17 does: ``numpy.quantile`` differs in the last bit, which rounding to
+    six digits can show.
+    """
+    place = p * ordered.shape[-1] + (1 - p)
+    above, part = place.astype(int), place % 1
+    ends = (1 - part) * ordered[..., above - 1] + part * ordered[..., above]
+    return np.moveaxis(ends, -1, 0)
 
 
 def mean_interval(
@@ -30,118 +108,49 @@ def mean_interval(
     level: float = LEVEL,
     resamples: int = RESAMPLES,
 ) -> tuple[FloatArray, FloatArray]:
-    """Percentile bootstrap interval of the mean, for many groups of equal size at once.
+    """Bootstrap interval of the mean, for many groups of equal size at once.
 
-    Every group is resampled with the same indices, so a group's interval does not depend on which
-    other groups it shares the call with.
+    >>> low, high = mean_interval(np.array([[4.0, 4, 4], [3, 5, 10]]), np.random.default_rng(0))
+    >>> low.tolist(), high.tolist()
+    ([4.0, 3.0], [4.0, 10.0])
 
     Args:
         samples: ``[G, n]`` one value for each subject of each of G groups.
-        rng: Where the resampling takes its random numbers from.
-        level: Probability that the interval is to cover.
-        resamples: How many times to resample.
+        rng: As in :func:`bootstrap_interval`, as the rest.
+        level: As there.
+        resamples: As there.
 
     Returns:
-        ``[G]`` low and ``[G]`` high. A group whose values are all equal has an interval of that
-        value alone; groups of fewer than two subjects have NaN.
+        ``[G]`` low and ``[G]`` high; NaN for fewer than two subjects.
     """
-    from scipy.stats import bootstrap
-
-    groups, subjects = samples.shape
-    if subjects < 2 or not groups:
-        return np.full(groups, np.nan), np.full(groups, np.nan)
-    result = bootstrap(
-        (samples,),
-        np.mean,
-        axis=-1,
-        vectorized=True,
-        method="percentile",
-        confidence_level=level,
-        n_resamples=resamples,
-        batch=max(1, _BATCH // samples.size),
-        rng=rng,
-    )
-    low, high = result.confidence_interval
-    # Means of equal values may differ in the last digit.
-    constant = (samples == samples[:, :1]).all(axis=1)
-    return np.where(constant, samples[:, 0], low), np.where(constant, samples[:, 0], high)
+    return bootstrap_interval(_mean, [samples], rng, level=level, resamples=resamples)
 
 
-def mean_intervals(
-    frame: pd.DataFrame,
-    by: Sequence[str],
-    value: str,
-    *,
-    generator: Callable[[], np.random.Generator] = lambda: np.random.default_rng(SEED),
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
-) -> pd.DataFrame:
+def _mean(values: FloatArray) -> FloatArray:
+    mean: FloatArray = values.mean(axis=-1)
+    return mean
+
+
+def mean_intervals(frame: pd.DataFrame, by: Sequence[str], value: str) -> pd.DataFrame:
     """Bootstrap intervals of the mean of ``value`` in every group.
 
     Args:
         frame: One row for each subject of each group, subjects in a fixed order.
         by: Columns that make up a group.
         value: The column to average.
-        generator: Makes the generator to resample with, afresh for each size of group.
-        level: Probability that an interval is to cover.
-        resamples: How many times to resample.
 
     Returns:
         One row for each group, sorted: ``by``, ``ci_low`` and ``ci_high``.
     """
     grouped = frame.groupby(list(by), observed=True, sort=True)
     sizes = grouped.size()
-    number = grouped.ngroup().to_numpy()
-    values = frame[value].to_numpy(dtype=float)[np.argsort(number, kind="stable")]
+    values = frame[value].to_numpy(float)[np.argsort(grouped.ngroup().to_numpy(), kind="stable")]
     size = sizes.to_numpy()
     first = np.cumsum(size) - size
-    low, high = np.empty(len(size)), np.empty(len(size))
+    ends = np.empty((2, len(size)))
     for subjects in np.unique(size):
         which = np.flatnonzero(size == subjects)
         samples = values[first[which, None] + np.arange(subjects)]
-        low[which], high[which] = mean_interval(
-            samples, generator(), level=level, resamples=resamples
-        )
+        ends[:, which] = mean_interval(samples, np.random.default_rng(SEED))
     result = sizes.reset_index()[list(by)]
-    return result.assign(ci_low=low, ci_high=high)
-
-
-def stratified_interval(
-    strata: Sequence[FloatArray],
-    statistic: Callable[[Sequence[FloatArray]], FloatArray],
-    rng: np.random.Generator,
-    *,
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
-) -> tuple[float, float]:
-    """Percentile bootstrap interval of what is computed from several independent groups.
-
-    Args:
-        strata: ``[n_g]`` values of the subjects of each group, who are resampled among themselves.
-        statistic: From ``[R, n_g]`` values of each group to ``[R]``.
-        rng: Where the resampling takes its random numbers from.
-        level: Probability that the interval is to cover.
-        resamples: How many times to resample.
-
-    Returns:
-        Low and high; NaN if a group has fewer than two subjects. Where all subjects of every group
-        are equal both are the statistic itself.
-    """
-    if not strata or min(map(len, strata)) < 2:
-        return float("nan"), float("nan")
-    values = [np.asarray(one, float) for one in strata]
-    if all((one == one[0]).all() for one in values):
-        alone = float(statistic([one[None] for one in values])[0])
-        return alone, alone
-    batch = max(1, _BATCH // sum(map(len, values)))
-    drawn = [
-        statistic([one[rng.integers(len(one), size=(count, len(one)))] for one in values])
-        for count in np.diff([*range(0, resamples, batch), resamples])
-    ]
-    return percentile_interval(np.concatenate(drawn), level)
-
-
-def percentile_interval(drawn: FloatArray, level: float = LEVEL) -> tuple[float, float]:
-    """Between which values the middle of ``[R]`` resampled values lies."""
-    low, high = np.quantile(drawn, [(1 - level) / 2, (1 + level) / 2])
-    return float(low), float(high)
+    return result.assign(ci_low=ends[0], ci_high=ends[1])

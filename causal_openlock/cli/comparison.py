@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.text import Text
 
-    from causal_openlock.analysis.report.sections.missing import Missing
+    from causal_openlock.analysis.report.missing import Missing
     from causal_openlock.cli.terminal import Console
     from causal_openlock.experiment.experiment import Cell, Experiment
     from causal_openlock.experiment.store import Store
@@ -182,33 +182,31 @@ def _warn(console: Console, sentence: str) -> None:
 
 
 def _report(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
-    from causal_openlock.analysis.report.section_registry import columns_of
-    from causal_openlock.analysis.report.sections.missing import missing_cells
+    from causal_openlock.analysis.report.missing import missing_cells
+    from causal_openlock.analysis.report.sections import columns_of
     from causal_openlock.analysis.report.writing import make_report
-    from causal_openlock.analysis.results.people.beside import beside
-    from causal_openlock.analysis.results.reading import read_results
+    from causal_openlock.analysis.results.reading import beside, read_results
 
     columns = columns_of()
-    record, description = beside([read_results(one, columns) for one in (store, *others)])
-    made = make_report(record, store.folder, description)
-    learners = [learner["name"] for learner in description["learners"]]
-    conditions = [condition["name"] for condition in description["conditions"]]
+    record, experiment = beside([read_results(one, columns) for one in (store, *others)])
+    made = make_report(record, store.folder, experiment)
+    learners = [spec.name for spec in experiment.learners]
+    conditions = [condition.name for condition in experiment.conditions]
     _print_headline(made.headline, learners, conditions, console)
-    _print_missing(missing_cells(description), console)
+    _print_missing(missing_cells(experiment), console)
     console.print(f"report: {made.path}", soft_wrap=True, highlight=False)
 
 
 def _print_missing(missing: Sequence[Missing], console: Console) -> None:
     """What none of the numbers is about, a line for each cell."""
-    from causal_openlock.wording import counted
+    from causal_openlock.analysis.report.prose import Prose
 
     if missing:
-        console.print(
-            f"\nunfinished: without {counted(len(missing), 'cell')}; compare plays what is missing",
-            style="yellow",
-        )
+        failed = sum(one.failed for one in missing)
+        text = Prose("report").sentence("unfinished", cells=len(missing), failed=failed)
+        console.print(f"\n{text}", style="yellow", soft_wrap=True, highlight=False)
     for one in missing[:MOST_TOLD]:
-        console.print(f"  {one.told}", soft_wrap=True, highlight=False, markup=False)
+        console.print(f"  {one.text}", soft_wrap=True, highlight=False, markup=False)
     if len(missing) > MOST_TOLD:
         console.print(f"  and {len(missing) - MOST_TOLD} more")
 
@@ -218,6 +216,8 @@ def _print_headline(
 ) -> None:
     """The headline, for each protocol a row for each learner and a column for each condition."""
     from rich.table import Table
+
+    from causal_openlock.analysis.report.prose import Prose
 
     for protocol in table["protocol"].unique():
         rows = table[table["protocol"] == protocol]
@@ -242,11 +242,8 @@ def _print_headline(
                 cells = [_cell(own[own["condition"] == condition]) for condition in order]
                 shown.add_row(learner, *cells)
         console.print_whole(shown)
-    console.print(
-        "\nMeans over subjects, the solving attempt included, with 95% bootstrap intervals; a "
-        "trial not solved counts as its limit.",
-        style="dim",
-    )
+    text = Prose("report").sentence("measure")
+    console.print(f"\n{text} With 95% bootstrap intervals.", style="dim", highlight=False)
 
 
 def _first(rows: pd.DataFrame, condition: str, column: str) -> str:

@@ -24,8 +24,8 @@ def difference(first: Path, second: Path, out: Path, console: Console) -> None:
         console: Where to print.
     """
     from causal_openlock.analysis.report.difference_page import (
-        said_of_changes,
-        said_of_noise,
+        sentence_on_changes,
+        sentence_on_noise,
         write_difference,
     )
     from causal_openlock.analysis.results.reading import read_results
@@ -39,9 +39,9 @@ def difference(first: Path, second: Path, out: Path, console: Console) -> None:
     if len(changed):
         _print_changes(changed, names, console)
     else:
-        console.print(said_of_changes(changed))
+        console.print(sentence_on_changes(changed))
     _print_differences(table, names, console)
-    console.print(said_of_noise(table), soft_wrap=True, highlight=False)
+    console.print(sentence_on_noise(table), soft_wrap=True, highlight=False)
     console.print(f"report: {path}", soft_wrap=True, highlight=False)
 
 

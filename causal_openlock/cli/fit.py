@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from causal_openlock.cli.terminal import Console
-    from causal_openlock.fitting.outcome import Outcome
+    from causal_openlock.fitting.outcome import FittedLearner
     from causal_openlock.fitting.study import Fit, Plan
 
 
@@ -61,7 +61,7 @@ def fit(
     from causal_openlock.errors import LearnerError
     from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.objective import conditions_to_fit
-    from causal_openlock.fitting.outcome import outcome, write_outcome
+    from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
     from causal_openlock.fitting.search import bundled_search, changed, read_search
     from causal_openlock.fitting.study import Plan, require_optuna
 
@@ -80,8 +80,8 @@ def fit(
     console = Console()
     with goes_on():
         fitted, trials = _fit(plan, folder, workers or available_cores(), console)
-    found = outcome(fitted, trials)
-    files = write_outcome(fitted, found, folder)
+    found = fitted_learner(fitted, trials)
+    files = write_fitted_learner(fitted, found, folder)
     _print(fitted, found, console)
     console.print(f"\nto play it: causal-openlock compare {files[0]}", soft_wrap=True)
     console.print(f"figure: {folder / 'fit.svg'}", soft_wrap=True, highlight=False)
@@ -145,17 +145,17 @@ def _fit(plan: Plan, folder: Path, workers: int, console: Console) -> tuple[Fit,
     with bar:
         task = bar.add_task("searching", total=plan.candidates)
 
-        def tell(done: int, total: int, what: str) -> None:
+        def report(done: int, total: int, what: str) -> None:
             bar.update(task, completed=done, total=total, description=what)
 
-        return run(plan, folder, workers=workers, tell=tell)
+        return run(plan, folder, workers=workers, report=report)
 
 
-def _print(fitted: Fit, found: Outcome, console: Console) -> None:
+def _print(fitted: Fit, found: FittedLearner, console: Console) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from rich.table import Table
 
-    from causal_openlock.analysis.report.sections.human_likeness import CLEAR, signs
+    from causal_openlock.analysis.plots.points import CLEAR, signs
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.outcome import entry
 

@@ -45,7 +45,7 @@ def one_trial(
     changes = Changes([condition], [learner], protocol, None, seed)
     tell = partial(say, error=True)
     chosen = read_experiment(find_experiment(experiment), changes, tell)
-    (entry,), (played,) = chosen.entries, chosen.conditions
+    (entry,), (played,) = chosen.learners, chosen.conditions
     who = (create(entry.learner, entry.parameters), played, entry.protocol)
     return who, {
         "trial": trial,

@@ -153,11 +153,11 @@ class Learner(ABC):
         self.parameters = self.Parameters() if parameters is None else parameters
 
     @classmethod
-    def material(cls, parameters: Any) -> str:
-        """What it plays by besides code and parameters, as a hash; empty if there is nothing.
+    def artifact_hash(cls, parameters: Any) -> str:
+        """Hash of what it plays by besides code and parameters; empty if there is nothing.
 
-        A learner that reads a file of weights names the file's content here, so that results of
-        other weights are told apart.
+        A learner that reads a file of weights returns a hash of the file's content, so that
+        results of other weights are told apart.
         """
         return ""
 

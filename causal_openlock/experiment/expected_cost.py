@@ -71,7 +71,7 @@ def expected_cost(
 def cost_cautions(experiment: Experiment) -> Iterator[str]:
     """A sentence for each learner and schema of an experiment that are dear together."""
     schemas = dict.fromkeys(s for c in experiment.conditions for s in c.schemas)
-    for entry in experiment.entries:
+    for entry in experiment.learners:
         for schema in schemas:
             limit = entry.protocol.actions_for(schema)
             try:

@@ -21,18 +21,37 @@ from causal_openlock.version import __version__
 from causal_openlock.wording import counted
 from causal_openlock.world.rewards import RewardFunction
 
+RANDOM_CLASS = "learners.random:RandomLearner"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Which code a learner is, so that results of other code are told apart.
+
+    Attributes:
+        class_name: Its class, ``module:Class``.
+        package: The package that it comes with and its version, or its file and a hash of that.
+        artifact_hash: Hash of files that its parameters name, such as trained weights; or empty.
+    """
+
+    class_name: str
+    package: str
+    artifact_hash: str = ""
+
 
 @dataclass(frozen=True)
 class LearnerSpec:
-    """A learner as it takes part.
+    """A learner as it takes part in an experiment.
 
     Attributes:
         name: Its label.
-        learner: Its registered name.
+        learner: Its registered name, or ``module:Class``.
         parameters: All its hyper-parameters, defaults included.
         protocol: How it plays.
         reward: What its actions pay.
         subjects: How many subjects it plays in each condition.
+        recorded: Its origin, if it is read from a results folder: then its code need not be
+            installed and is not loaded.
     """
 
     name: str
@@ -41,24 +60,33 @@ class LearnerSpec:
     protocol: Protocol
     reward: RewardFunction
     subjects: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """The entry as plain data, with the class and package that the name stands for."""
-        return dict(self._described)
+    recorded: Origin | None = None
 
     @cached_property
-    def _described(self) -> dict[str, Any]:
-        # Which package a learner is from is asked of all that are installed: once is enough.
+    def origin(self) -> Origin:
+        """Its origin as recorded, or that of what is installed."""
+        if self.recorded is not None:
+            return self.recorded
         kind = learner_class(self.learner)
-        material = ""
+        artifacts = ""
         if issubclass(kind, Learner):
-            material = kind.material(parse_parameters(self.learner, self.parameters))
+            artifacts = kind.artifact_hash(parse_parameters(self.learner, self.parameters))
+        return Origin(f"{kind.__module__}:{kind.__qualname__}", origin(self.learner), artifacts)
+
+    @property
+    def is_random(self) -> bool:
+        """Whether it draws every action at random."""
+        return self.learner == "random" or self.origin.class_name == RANDOM_CLASS
+
+    def as_dict(self) -> dict[str, Any]:
+        """The learner as plain data, with its origin."""
+        made_of = self.origin.artifact_hash
         return {
             "name": self.name,
             "learner": self.learner,
-            "class": f"{kind.__module__}:{kind.__qualname__}",
-            "package": origin(self.learner),
-            **({"material": material} if material else {}),
+            "class": self.origin.class_name,
+            "package": self.origin.package,
+            **({"material": made_of} if made_of else {}),
             "parameters": self.parameters,
             "protocol": self.protocol.as_dict(),
             "reward": self.reward.as_dict(),
@@ -73,7 +101,7 @@ class Cell:
     Attributes:
         experiment: Name of the experiment, for the record.
         seed: Its seed.
-        entry: The learner.
+        spec: The learner.
         condition: The condition.
         first_subject: Number of the first subject.
         subjects: How many subjects.
@@ -81,7 +109,7 @@ class Cell:
 
     experiment: str
     seed: int
-    entry: LearnerSpec
+    spec: LearnerSpec
     condition: Condition
     first_subject: int
     subjects: int
@@ -89,14 +117,14 @@ class Cell:
     @cached_property
     def identity(self) -> str:
         """A hash of everything that determines the cell's record."""
-        entry = self.entry.as_dict()
-        del entry["subjects"]
+        learner = self.spec.as_dict()
+        del learner["subjects"]
         return _digest(
             {
                 "version": __version__,
                 "experiment": self.experiment,
                 "seed": self.seed,
-                "entry": entry,
+                "entry": learner,
                 "condition": self.condition.as_dict(),
                 "subjects": [self.first_subject, self.subjects],
             }
@@ -107,13 +135,13 @@ class Cell:
         """The cell in words, such as ``ddqn in CC4, subjects 0-19``."""
         first, last = self.first_subject, self.first_subject + self.subjects - 1
         who = f"subject {first}" if first == last else f"subjects {first}-{last}"
-        return f"{self.entry.name} in {self.condition.name}, {who}"
+        return f"{self.spec.name} in {self.condition.name}, {who}"
 
     @property
     def name(self) -> str:
         """The cell in words that fit into a file name."""
         last = self.first_subject + self.subjects - 1
-        return f"{self.entry.name}_{self.condition.name}_{self.first_subject}-{last}"
+        return f"{self.spec.name}_{self.condition.name}_{self.first_subject}-{last}"
 
     @property
     def file_name(self) -> str:
@@ -131,8 +159,9 @@ class Experiment:
         seed: All randomness comes from it.
         cell_size: Most subjects in a cell.
         conditions: What is played.
-        entries: Who plays.
+        learners: The learners that play.
         command: What to type to run it again.
+        version: Version of this package that declared it.
     """
 
     name: str
@@ -140,8 +169,9 @@ class Experiment:
     seed: int
     cell_size: int
     conditions: tuple[Condition, ...]
-    entries: tuple[LearnerSpec, ...]
+    learners: tuple[LearnerSpec, ...]
     command: str = ""
+    version: str = __version__
 
     def cells(self) -> Iterator[Cell]:
         """The units of work, always in the same order."""
@@ -152,23 +182,33 @@ class Experiment:
         return tuple(self._cut())
 
     def _cut(self) -> Iterator[Cell]:
-        for entry in self.entries:
+        for spec in self.learners:
             for condition in self.conditions:
-                for first in range(0, entry.subjects, self.cell_size):
-                    many = min(self.cell_size, entry.subjects - first)
-                    yield Cell(self.name, self.seed, entry, condition, first, many)
+                for first in range(0, spec.subjects, self.cell_size):
+                    many = min(self.cell_size, spec.subjects - first)
+                    yield Cell(self.name, self.seed, spec, condition, first, many)
+
+    @property
+    def protocols(self) -> tuple[Protocol, ...]:
+        """The protocols played under, each once."""
+        return tuple(dict.fromkeys(spec.protocol for spec in self.learners))
+
+    @property
+    def random_learners(self) -> set[str]:
+        """Labels of the learners that draw every action at random."""
+        return {spec.name for spec in self.learners if spec.is_random}
 
     def as_dict(self) -> dict[str, Any]:
         """The experiment as plain data, schemas and defaults included."""
         return {
-            "version": __version__,
+            "version": self.version,
             "name": self.name,
             "title": self.title,
             "command": self.command,
             "seed": self.seed,
             "cell_size": self.cell_size,
             "conditions": [condition.as_dict() for condition in self.conditions],
-            "learners": [entry.as_dict() for entry in self.entries],
+            "learners": [spec.as_dict() for spec in self.learners],
         }
 
     def cautions(self) -> list[str]:
@@ -176,7 +216,7 @@ class Experiment:
         return [
             f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
             f"gives {counted(protocol.attempt_limit, 'attempt')}, so nobody can solve its trials"
-            for protocol in dict.fromkeys(entry.protocol for entry in self.entries)
+            for protocol in self.protocols
             for schema in dict.fromkeys(s for c in self.conditions for s in c.schemas)
             if len(schema.solutions) > protocol.attempt_limit
         ]

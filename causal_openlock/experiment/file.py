@@ -367,7 +367,7 @@ class _Builder:
             seed=file.seed if changes.seed is None else changes.seed,
             cell_size=file.cell_size,
             conditions=tuple(conditions),
-            entries=tuple(entries),
+            learners=tuple(entries),
         )
 
     @staticmethod

@@ -35,8 +35,8 @@ _seen: set[str] = set()
 
 def check_new_learner(cell: Cell) -> list[str]:
     """What is found of a cell's learner, if this process has not looked at it before."""
-    name = f"{cell.entry.learner} {cell.entry.parameters}"
-    if name in _seen or is_ours(cell.entry.learner):
+    name = f"{cell.spec.learner} {cell.spec.parameters}"
+    if name in _seen or is_ours(cell.spec.learner):
         return []
     _seen.add(name)
     return check_learner(cell)
@@ -81,10 +81,10 @@ def check_learner(cell: Cell) -> list[str]:
 def _play(cell: Cell, show: Callable[[Callable[[Any], Any], Any], Any]) -> None:
     """Play a few steps; ``show`` hands a view or a step to a method of the learner."""
     short = replace(
-        cell.entry.protocol, attempt_limit=ATTEMPTS, baseline_loops=1, train_loops=1, test_loops=1
+        cell.spec.protocol, attempt_limit=ATTEMPTS, baseline_loops=1, train_loops=1, test_loops=1
     )
-    learner = create(cell.entry.learner, cell.entry.parameters)
-    session = Session(cell.condition, short, SUBJECTS, reward=cell.entry.reward)
+    learner = create(cell.spec.learner, cell.spec.parameters)
+    session = Session(cell.condition, short, SUBJECTS, reward=cell.spec.reward)
     session.begin(learner)
     for _ in range(STEPS):
         if session.over:

@@ -151,7 +151,7 @@ class _Run:
                     cell = self._pending.popleft()
                     folder = str(self._store.folder.resolve())
                     # What code that is not ours changes in its process stays with its own cell.
-                    alone = not is_ours(cell.entry.learner)
+                    alone = not is_ours(cell.spec.learner)
                     future = crew.submit(play_cell, cell, folder, self._watching, alone=alone)
                     self._running[future] = cell
                     if crew.begun(future):

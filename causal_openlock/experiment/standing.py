@@ -102,7 +102,7 @@ class Course:
         """A cell is done, or has failed; it may have been done before."""
         begun = self._begun.pop(cell.file_name, None)
         if begun and not failed:
-            spent = self._spent.setdefault(cell.entry.name, [0.0, 0.0])
+            spent = self._spent.setdefault(cell.spec.name, [0.0, 0.0])
             spent[0] += now - begun.since
             spent[1] += (1 - begun.first) * self._work[cell.file_name]
         del self._left[cell.file_name]
@@ -125,14 +125,14 @@ class Course:
         """
         spent = {name: list(both) for name, both in self._spent.items()}
         for name, one in self._begun.items():
-            mine = spent.setdefault(one.cell.entry.name, [0.0, 0.0])
+            mine = spent.setdefault(one.cell.spec.name, [0.0, 0.0])
             mine[0] += now - one.since
             mine[1] += (one.share - one.first) * self._work[name]
         rates = {name: both[0] / both[1] for name, both in spent.items() if both[1] > 0}
         mean = sum(b[0] for b in spent.values()) / max(sum(b[1] for b in spent.values()), 1e-9)
 
         def cost(cell: Cell, share: float) -> float:
-            return (1 - share) * self._work[cell.file_name] * rates.get(cell.entry.name, mean)
+            return (1 - share) * self._work[cell.file_name] * rates.get(cell.spec.name, mean)
 
         costs = [cost(one.cell, one.share) for one in self._begun.values()]
         costs += [cost(cell, 0.0) for cell in pending]
@@ -154,7 +154,7 @@ class Course:
 
 def work(cell: Cell) -> int:
     """How much there is to do in a cell: the attempts that it may have at most."""
-    protocol = cell.entry.protocol
+    protocol = cell.spec.protocol
     return cell.subjects * _trials(cell.condition, protocol) * protocol.attempt_limit
 
 

@@ -26,13 +26,15 @@ import platform
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.experiment import Cell, Experiment
+from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.inside import check_inside
+from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.checksums import (
     ChecksumError,
     json_bytes,
@@ -45,6 +47,8 @@ from causal_openlock.version import __version__
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from causal_openlock.experiment.stored import StoredExperiment
 
 IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
@@ -106,7 +110,7 @@ class Store:
         self._take_lock()
         files = {cell.file_name for cell in experiment.cells()}
         if self._is_of(experiment, files, changed):
-            self.declare(_described(experiment))
+            self.declare(experiment, experiment.cells())
         self.cells.mkdir(exist_ok=True)
         sweep(self.folder)
         sweep(self.cells)
@@ -125,7 +129,7 @@ class Store:
         if not (self.folder / "experiment.json").exists():
             return True
         try:
-            held = self.description()
+            held = self.experiment()
         except StoreError:
             if not changed and (self.folder / LOG).exists():
                 return False  # the log tells what it is of
@@ -133,14 +137,14 @@ class Store:
             if not done or done & files:
                 return True
             raise
-        if held["identity"] == experiment.identity:
+        if held.identity == experiment.identity:
             return False
         # Where nothing is done yet, nothing is lost by another experiment.
         if not done or (changed and (done & files or _akin(held, experiment))):
             return True
-        made = f", made with version {held['version']}" * (held["version"] != __version__)
+        made = f", made with version {held.version}" * (held.version != __version__)
         raise StoreError(
-            f"{self.folder} holds another experiment ({held['name']}, seed {held['seed']}{made}), "
+            f"{self.folder} holds another experiment ({held.name}, seed {held.seed}{made}), "
             "or this one with other settings, schemas or learners, and no cell of what is asked "
             "for; choose another folder"
         )
@@ -149,19 +153,28 @@ class Store:
     def name(self) -> str | None:
         """The name of the experiment that the folder is of, if it is of one."""
         try:
-            return str(self.description()["name"])
+            return self.experiment().name
         except OpenLockError:
             return None
 
-    def declare(self, held: dict[str, Any]) -> None:
+    def declare(
+        self, experiment: Experiment, cells: Iterable[Cell], identity: str | None = None
+    ) -> None:
         """Write ``experiment.json``, if that is not what it holds.
 
         Args:
-            held: As :meth:`description` gives it.
+            experiment: The experiment that the folder is of.
+            cells: The cells that it lists.
+            identity: The identity that it states; by default the experiment's own.
 
         Raises:
             OpenLockError: If it cannot be written.
         """
+        held = {
+            "identity": identity or experiment.identity,
+            **experiment.as_dict(),
+            "cells": [cell.file_name for cell in cells],
+        }
         path, content = self.folder / "experiment.json", json_bytes(held)
         with suppress(OSError):
             if path.read_bytes() == content:
@@ -197,28 +210,26 @@ class Store:
             ) from None
         self._lock = lock
 
-    def description(self) -> dict[str, Any]:
-        """The content of ``experiment.json``.
+    def experiment(self) -> StoredExperiment:
+        """The experiment that the folder is of, from ``experiment.json``.
 
         Raises:
-            StoreError: If the folder holds no results, or the file is damaged.
+            StoreError: If the folder holds no results, or the file is damaged or malformed.
         """
-        from causal_openlock.experiment.described import description_fault
+        from causal_openlock.experiment.stored import parse_experiment
 
         path = self.folder / "experiment.json"
         try:
-            held = read_json(path.read_bytes())
+            found = parse_experiment(read_json(path.read_bytes()))
         except OSError:
             raise StoreError(
                 f"{self.folder} holds no results (there is no experiment.json); give the folder "
                 "that compare wrote to"
             ) from None
-        except ChecksumError as error:
+        except (ChecksumError, StoreError) as error:
             raise self._damaged(path, str(error)) from None
-        if (fault := description_fault(held)) is not None:
-            raise self._damaged(path, f"{fault} is not what it should be")
-        check_inside(self.folder, held["cells"])
-        return held
+        check_inside(self.folder, found.files)
+        return found
 
     # -- its cells ------------------------------------------------------------------------------
 
@@ -356,7 +367,7 @@ class Store:
 
     def record(
         self, columns: Sequence[str] | None = None, *, small: bool = False
-    ) -> tuple[pa.Table, dict[str, Any]]:
+    ) -> tuple[pa.Table, StoredExperiment]:
         """The records of all cells as one, and what they are the record of.
 
         Args:
@@ -364,10 +375,9 @@ class Store:
             small: Whether it is to be :func:`~causal_openlock.experiment.record.compact`.
 
         Returns:
-            The record, in the order of the cells; and :meth:`description` without the list of
-            files, but with ``versions`` of the packages that the cells were made with (a list
-            where they differ) and, if some cells are not there, ``missing_cells``, and why those
-            of them that failed did: ``failures``, by the name of the cell.
+            The record, in the order of the cells; and :meth:`experiment` with the versions of the
+            packages that the cells were made with, the cells that are missing, and why those of
+            them that failed did.
 
         Raises:
             StoreError: If there is no cell, or one is damaged.
@@ -376,21 +386,21 @@ class Store:
 
         from causal_openlock.experiment.record import compact
 
-        description = self.description()
-        there, missing = self.files()
-        del description["identity"], description["cells"]
+        experiment = self.experiment()
+        there, absent = self._split(experiment)
         tables, made_with = [], []
         for path in there:
             table = self.read(path, columns=columns)
             made_with.append(versions_of(table, path))
             table = table.replace_schema_metadata(None)
             tables.append(compact(table) if small else table)
-        if missing:
-            description["missing_cells"] = names = [path.stem for path in missing]
-            if failed := self.failures(names):
-                description["failures"] = failed
-        description["versions"] = merged_versions(made_with)
-        return pa.concat_tables(tables), description
+        missing = tuple(path.stem for path in absent)
+        return pa.concat_tables(tables), replace(
+            experiment,
+            versions=merged_versions(made_with),
+            missing=missing,
+            failures=self.failures(missing),
+        )
 
     def files(self) -> tuple[list[Path], list[Path]]:
         """The files of the cells that are there, in order, and of those that are not.
@@ -398,7 +408,10 @@ class Store:
         Raises:
             StoreError: If the folder holds no results, or no cell.
         """
-        paths = [self.cells / name for name in self.description()["cells"]]
+        return self._split(self.experiment())
+
+    def _split(self, experiment: StoredExperiment) -> tuple[list[Path], list[Path]]:
+        paths = [self.cells / name for name in experiment.files]
         there = [path for path in paths if path.exists()]
         if not there:
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
@@ -454,31 +467,21 @@ def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {package: one[0] if len(one) == 1 else one for package, one in found.items()}
 
 
-def _described(experiment: Experiment) -> dict[str, Any]:
-    """What ``experiment.json`` holds, as it reads back."""
-    held = {
-        "identity": experiment.identity,
-        **experiment.as_dict(),
-        "cells": [cell.file_name for cell in experiment.cells()],
-    }
-    return json.loads(json.dumps(held))
-
-
-def _akin(held: Mapping[str, Any], experiment: Experiment) -> bool:
+def _akin(held: Experiment, experiment: Experiment) -> bool:
     """Whether an experiment is another form of one that a folder holds.
 
     Code is left out: a learner that was mended is to take its place again.
     """
-    mine = _described(experiment)
 
-    def learners(of: Mapping[str, Any]) -> list[Any]:
-        told = ("name", "learner", "parameters", "protocol", "reward")
-        return [{key: one[key] for key in told} for one in of["learners"]]
+    def settings(parts: Iterable[LearnerSpec | Condition]) -> set[str]:
+        code = ("class", "package", "material", "subjects")
+        data = ({k: v for k, v in part.as_dict().items() if k not in code} for part in parts)
+        return {json.dumps(one, sort_keys=True) for one in data}
 
     return (
-        all(held[key] == mine[key] for key in ("name", "seed", "version"))
-        and any(one in learners(mine) for one in learners(held))
-        and any(one in mine["conditions"] for one in held["conditions"])
+        (held.name, held.seed, held.version) == (experiment.name, experiment.seed, __version__)
+        and not settings(held.learners).isdisjoint(settings(experiment.learners))
+        and not settings(held.conditions).isdisjoint(settings(experiment.conditions))
     )
 
 

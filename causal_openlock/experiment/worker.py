@@ -87,7 +87,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> Played:
     store.write(cell, record)
     store.clear(cell)
     store.forgive(cell)
-    warnings = (f"{cell.entry.name}: {warning}" for warning in checkpoint.warnings)
+    warnings = (f"{cell.spec.name}: {warning}" for warning in checkpoint.warnings)
     return Played(int(record.num_rows), tuple(warnings))
 
 
@@ -130,14 +130,14 @@ def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
 def _made(cell: Cell) -> tuple[Session, Learner]:
     session = Session(
         cell.condition,
-        cell.entry.protocol,
+        cell.spec.protocol,
         range(cell.first_subject, cell.first_subject + cell.subjects),
         seed=cell.seed,
-        reward=cell.entry.reward,
-        learner=cell.entry.name,
+        reward=cell.spec.reward,
+        learner=cell.spec.name,
         experiment=cell.experiment,
     )
-    return session, create(cell.entry.learner, cell.entry.parameters)
+    return session, create(cell.spec.learner, cell.spec.parameters)
 
 
 def _teller(session: Session, path: Path) -> Callable[[], None]:

@@ -13,23 +13,21 @@ import copy
 import importlib.util
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.from_description import (
-    condition_from_dict,
-    protocol_from_dict,
-    reward_from_dict,
-)
+from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.export.replay import Steps, replay, trial_numbers
 from causal_openlock.formats.schema_file import bundled_schemas
 from causal_openlock.version import __version__
 from causal_openlock.wording import nearest
+from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.room import positions_for
 
 if TYPE_CHECKING:
@@ -70,17 +68,14 @@ def write_minari(
     from gymnasium import spaces
     from minari.dataset.minari_storage import MinariStorage
 
-    description = store.description()
-    entries = _chosen(description["learners"], learners, "learner")
-    played = {
-        name: condition_from_dict(told)
-        for name, told in _chosen(description["conditions"], conditions, "condition").items()
-    }
-    for name, entry in entries.items():
-        if "function" in entry["reward"]:  # results may be somebody else's: no code of theirs runs
+    experiment = store.experiment()
+    specs: dict[str, LearnerSpec] = _chosen(experiment.learners, learners, "learner")
+    played: dict[str, Condition] = _chosen(experiment.conditions, conditions, "condition")
+    for spec in specs.values():
+        if isinstance(spec.reward, OwnReward):  # results may be somebody else's: it does not run
             raise OpenLockError(
-                f"what each action of {name} was paid is decided by {entry['reward']['function']}, "
-                "code that an export does not run; choose others with --learner, or export to CSV"
+                f"what each action of {spec.name} was paid is decided by {spec.reward.name}, code "
+                "that an export does not run; choose others with --learner, or export to CSV"
             )
     positions = {name: max(map(positions_for, one.schemas)) for name, one in played.items()}
     if len(set(positions.values())) > 1:
@@ -90,7 +85,7 @@ def write_minari(
             "choose some of them with --condition"
         )
     (width,) = set(positions.values())
-    label = f"{re.sub(r'[^A-Za-z0-9_-]+', '-', description['name'])}-{episodes}-v0"
+    label = f"{re.sub(r'[^A-Za-z0-9_-]+', '-', experiment.name)}-{episodes}-v0"
     folder = Path(out) / label
     if folder.exists():
         raise OpenLockError(f"{folder} is there already; remove it, or choose another folder")
@@ -105,13 +100,21 @@ def write_minari(
             data.resolve(),
             observation_space=spaces.MultiBinary(2 * width + 2),
             action_space=spaces.Discrete(2 * width + 1),
-            env_spec=_environment(entries, played, episodes, width),
+            env_spec=_environment(specs.values(), played.values(), episodes, width),
         )
         made = _Made()
-        storage.update_episodes(made.episodes(store, entries, played, episodes))
+        storage.update_episodes(made.episodes(store, specs, played, episodes))
         if made.told:
             storage.update_episode_metadata(made.told)
-        storage.update_metadata(_about(label, description, entries))
+        storage.update_metadata(
+            {
+                "dataset_id": label,
+                "minari_version": version("minari"),
+                "algorithm_name": ", ".join(specs),
+                "description": experiment.title or experiment.name,
+                "requirements": [f"causal-openlock=={__version__}"],
+            }
+        )
         if made.told:
             partial.rename(folder)
     except BaseException as error:
@@ -143,7 +146,7 @@ def require_minari() -> None:
 
 
 def _chosen(listed: Sequence[Any], names: Sequence[str], what: str) -> dict[str, Any]:
-    known = {one["name"]: one for one in listed}
+    known = {one.name: one for one in listed}
     for name in names:
         if name not in known:
             raise OpenLockError(f"there is no {what} {name!r} here; {nearest(name, known)}")
@@ -159,7 +162,7 @@ class _Made:
     def episodes(
         self,
         store: Store,
-        entries: Mapping[str, Any],
+        specs: Mapping[str, LearnerSpec],
         conditions: Mapping[str, Condition],
         kind: str,
     ) -> Iterator[Any]:
@@ -168,16 +171,15 @@ class _Made:
             if not record.num_rows:
                 continue
             names = [record[column][0].as_py() for column in ("learner", "condition")]
-            if names[0] in entries and names[1] in conditions:
-                yield from self._of_cell(record, entries[names[0]], conditions[names[1]], kind)
+            if names[0] in specs and names[1] in conditions:
+                yield from self._of_cell(record, specs[names[0]], conditions[names[1]], kind)
 
     def _of_cell(
-        self, record: pa.Table, entry: Mapping[str, Any], condition: Condition, kind: str
+        self, record: pa.Table, spec: LearnerSpec, condition: Condition, kind: str
     ) -> Iterator[Any]:
         from minari.data_collector import EpisodeBuffer
 
-        protocol = protocol_from_dict(entry["protocol"])
-        steps = replay(record, condition, protocol, reward_from_dict(entry["reward"]))
+        steps = replay(record, condition, spec.protocol, spec.reward)
         attempts = np.arange(record.num_rows)
         number = trial_numbers(record) if kind == "trial" else attempts
         starts = np.flatnonzero(np.diff(number, prepend=-1))
@@ -192,7 +194,7 @@ class _Made:
                 del about["attempt"]
             news = int(np.count_nonzero(new[begin:end]))
             self.told.append({**about, "new_solutions": news, "solved": solved})
-            over = kind == "attempt" or (solved and protocol.stop_when_solved)
+            over = kind == "attempt" or (solved and spec.protocol.stop_when_solved)
             yield EpisodeBuffer(**_buffer(steps, slice(begin, end), over, kind == "trial"))
 
 
@@ -223,8 +225,8 @@ def why_no_environment(store: Store, episodes: str, learners: Sequence[str] = ()
         episodes: ``trial`` or ``attempt``.
         learners: Labels of the learners that are in it; by default all.
     """
-    entries = _chosen(store.description()["learners"], learners, "learner")
-    going_on = [n for n, one in entries.items() if not one["protocol"]["stop_when_solved"]]
+    specs = _chosen(store.experiment().learners, learners, "learner")
+    going_on = [name for name, one in specs.items() if not one.protocol.stop_when_solved]
     if episodes == "trial" and going_on:
         return (
             f"trials of {', '.join(going_on)} go on after they are solved, and an environment's "
@@ -234,48 +236,35 @@ def why_no_environment(store: Store, episodes: str, learners: Sequence[str] = ()
 
 
 def _environment(
-    entries: Mapping[str, Any], conditions: Mapping[str, Condition], episodes: str, positions: int
+    specs: Collection[LearnerSpec],
+    conditions: Collection[Condition],
+    episodes: str,
+    positions: int,
 ) -> Any:
     """The environment that all of it was played in, as far as an environment can be that."""
     import gymnasium
 
-    if episodes == "trial" and not all(
-        one["protocol"]["stop_when_solved"] for one in entries.values()
-    ):
+    if episodes == "trial" and not all(spec.protocol.stop_when_solved for spec in specs):
         return None
     known = bundled_schemas()
     rooms: list[dict[str, Any]] = []
-    for entry in entries.values():
-        for schema in dict.fromkeys(s for one in conditions.values() for s in one.schemas):
+    for spec in specs:
+        for schema in dict.fromkeys(s for one in conditions for s in one.schemas):
             room = {
                 "schema": schema.name if known.get(schema.name) == schema else schema.as_dict(),
-                "reward": reward_from_dict(entry["reward"]).written(),
+                "reward": spec.reward.written(),
                 "episode": episodes,
-                "attempt_limit": entry["protocol"]["attempt_limit"],
-                "action_limit": entry["protocol"]["action_limit"],
+                "attempt_limit": spec.protocol.attempt_limit,
+                "action_limit": spec.protocol.action_limit,
                 "positions": positions,
             }
             if room not in rooms:
                 rooms.append(room)
     if len(rooms) == 1:
         # A copy: the registry's own would be changed for everybody.
-        spec = copy.deepcopy(gymnasium.spec("causal_openlock/OpenLock-v0"))
-        spec.kwargs = rooms[0]
+        environment = copy.deepcopy(gymnasium.spec("causal_openlock/OpenLock-v0"))
+        environment.kwargs = rooms[0]
     else:
-        spec = copy.deepcopy(gymnasium.spec("causal_openlock/MixedRooms-v0"))
-        spec.kwargs = {"rooms": rooms}
-    return spec
-
-
-def _about(
-    label: str, description: Mapping[str, Any], entries: Mapping[str, Any]
-) -> dict[str, Any]:
-    from importlib.metadata import version
-
-    return {
-        "dataset_id": label,
-        "minari_version": version("minari"),
-        "algorithm_name": ", ".join(entries),
-        "description": description.get("title") or description["name"],
-        "requirements": [f"causal-openlock=={__version__}"],
-    }
+        environment = copy.deepcopy(gymnasium.spec("causal_openlock/MixedRooms-v0"))
+        environment.kwargs = {"rooms": rooms}
+    return environment

@@ -28,16 +28,18 @@ import re
 import shlex
 import tempfile
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
+from dataclasses import replace
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.analysis.report.writing import files_of
-from causal_openlock.analysis.results.reading import made_with
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.from_description import condition_from_dict, experiment_file
+from causal_openlock.experiment.stored import StoredExperiment, Versions
+from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.export.local_modules import local_modules
 from causal_openlock.files.module_source import module_source
 from causal_openlock.files.whole import replacing, write_bytes
@@ -45,6 +47,7 @@ from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.formats.schema_file import dump_schema
 from causal_openlock.play.person import LEARNER as PERSON
 from causal_openlock.version import __version__
+from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 if TYPE_CHECKING:
@@ -59,7 +62,6 @@ COMMAND = "causal-openlock compare experiment.yaml --out again"
 _THEN = (1980, 1, 1, 0, 0, 0)  # the date of every file in a bundle
 _PACKED = (".parquet", ".png")  # these cannot be made any smaller
 _MOST_BYTES = 1 << 28  # of a file that a parameter names
-_STOOD_IN = ("learner", "class", "package", "material", "parameters")
 _HASH = re.compile(r"[0-9a-f]{16,64}")
 _RESERVED = re.compile(r"(CON|PRN|AUX|NUL|COM\d|LPT\d)(\.|$)", re.IGNORECASE)  # by Windows
 _REQUIREMENT = re.compile(r"[A-Za-z0-9][\w.-]*( [\w.+!-]+| not installed)", re.ASCII)
@@ -79,7 +81,7 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
         StoreError: If the folder holds no results, not all of them, or no report.
         OpenLockError: If a learner's file is not what it was, or the bundle cannot be written.
     """
-    description = store.description()
+    experiment = store.experiment()
     cells, missing = store.files()
     if missing:
         raise StoreError(
@@ -92,16 +94,17 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
             f"{store.folder} has no report; write it first, with: causal-openlock report "
             f"{store.folder}"
         )
-    versions = made_with(cells)
-    again = any(entry.get("learner") != PERSON for entry in description["learners"])
-    contents, cautions = _experiment(description, versions) if again else ({}, [])
-    contents["requirements.txt"] = _requirements(description, versions).encode()
-    contents["README.md"] = _readme(description, versions, again, cautions).encode()
+    versions = store.record([])[1].versions
+    packages = _packages(experiment, versions)
+    again = any(spec.learner != PERSON for spec in experiment.learners)
+    contents, cautions = _experiment(experiment, packages) if again else ({}, [])
+    contents["requirements.txt"] = _requirements(packages).encode()
+    contents["README.md"] = _readme(experiment, versions, again, cautions).encode()
     results = [store.folder / "experiment.json", report, store.folder / "summary.csv", *cells]
     results += [store.folder / name for name in files_of(report)]
     for one in filter(Path.is_file, results):
         contents[f"results/{one.relative_to(store.folder).as_posix()}"] = one.read_bytes()
-    name = _part(description["name"])
+    name = _part(experiment.name)
     with replacing(path) as file, zipfile.ZipFile(file, "w") as bundle:
         for inside, content in sorted(contents.items()):
             about = zipfile.ZipInfo("/".join([name, *map(_part, inside.split("/"))]), _THEN)
@@ -119,38 +122,33 @@ def _part(name: Any) -> str:
     return f"_{plain}" if not plain or _RESERVED.match(plain) else plain
 
 
-def _experiment(
-    description: Mapping[str, Any], versions: Mapping[str, Any]
-) -> tuple[Contents, list[str]]:
+def _experiment(experiment: StoredExperiment, packages: Versions) -> tuple[Contents, list[str]]:
     """The experiment file and all that it names, and why it may not run as it did."""
     contents: Contents = {}
-    for condition in description["conditions"]:
-        for schema in condition_from_dict(condition).schemas:
+    for condition in experiment.conditions:
+        for schema in condition.schemas:
             contents[f"schemas/{schema.name}.yaml"] = dump_schema(schema).encode()
-    entries, moved, cautions = [], False, []
-    places = _places(description)
-    for entry in description["learners"]:
-        if ":" in entry["learner"]:
-            found, warned = _module(entry, places, set(_packages(description, versions)))
+    learners, moved, cautions = [], False, []
+    places = _places(experiment)
+    for spec in experiment.learners:
+        if ":" in spec.learner:
+            found, warned = _module(spec, places, set(packages))
             contents.update(found)
             cautions += [one for one in warned if one not in cautions]
-        files = _files(entry)
+        files = _files(spec)
         moved |= bool(files)
         contents.update(files.values())
-        parameters = {
-            name: files[name][0] if name in files else value
-            for name, value in entry["parameters"].items()
-        }
-        entries.append({**entry, "parameters": parameters})
-    declared = experiment_file({**description, "learners": entries})
+        inside = {name: path for name, (path, _) in files.items()}
+        learners.append(replace(spec, parameters={**spec.parameters, **inside}))
+    declared = experiment_file(replace(experiment, learners=tuple(learners)))
     contents["experiment.yaml"] = dump_yaml(declared).encode()
-    return contents, cautions if moved else cautions + _checked(contents, description)
+    return contents, cautions if moved else cautions + _checked(contents, experiment)
 
 
-def _places(description: Mapping[str, Any]) -> list[Path]:
+def _places(experiment: StoredExperiment) -> list[Path]:
     """Where learners may have been found: here, and beside the experiment file where it was."""
     try:
-        command = shlex.split(str(description.get("command", "")))
+        command = shlex.split(experiment.command)
         found = len(command) > 2 and Path(command[2]).is_file()
     except (ValueError, OSError):
         found = False
@@ -158,19 +156,19 @@ def _places(description: Mapping[str, Any]) -> list[Path]:
 
 
 def _module(
-    entry: Mapping[str, Any], places: Iterable[Path], packages: set[str]
+    spec: LearnerSpec, places: Iterable[Path], packages: set[str]
 ) -> tuple[Contents, list[str]]:
     """The files of a learner that comes with no package, and what is to be known of them."""
-    name = entry["learner"]
+    name, package = spec.learner, spec.origin.package
     if name.startswith("causal_openlock."):
         return {}, []
     # The class may be in another module than the one that it is named by.
-    source = module_source(str(entry["class"]).partition(":")[0], places)
+    source = module_source(spec.origin.class_name.partition(":")[0], places)
     now = f"{source.name} {_hash(source.read_bytes())[:16]}" if source else "not found"
-    if now != entry["package"]:
+    if now != package:
         raise OpenLockError(
-            f"{name} is not what the results were made with (that was {entry['package']}, and "
-            f"this is {now}); restore it, or compare again"
+            f"{name} is not what the results were made with (that was {package}, and this is "
+            f"{now}); restore it, or compare again"
         )
     module = name.partition(":")[0]
     found = local_modules(module, places)
@@ -203,28 +201,28 @@ def _normal(package: str) -> str:
     return re.sub(r"[-_.]+", "-", package).lower()
 
 
-def _files(entry: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
+def _files(spec: LearnerSpec) -> dict[str, tuple[str, bytes]]:
     """Files that a learner's parameters name: by parameter, where it is in the bundle, and content.
 
     Raises:
         OpenLockError: If none of them is what the results were made with.
     """
-    hashes = _HASH.findall(str(entry.get("material", "")))
+    hashes = _HASH.findall(spec.origin.artifact_hash)
     named = {
         name: Path(value)
-        for name, value in entry["parameters"].items()
-        if isinstance(value, str) and entry.get("material") and _is_file(value)
+        for name, value in spec.parameters.items()
+        if isinstance(value, str) and spec.origin.artifact_hash and _is_file(value)
     }
     files = {}
     for name, path in named.items():
         content = path.read_bytes() if path.stat().st_size <= _MOST_BYTES else b""
         if any(map(_hash(content).startswith, hashes)):
-            inside = "/".join(["files", *map(_part, (entry["name"], name, path.name))])
+            inside = "/".join(["files", *map(_part, (spec.name, name, path.name))])
             files[name] = inside, content
     if named and not files:
         name, path = next(iter(named.items()))
         raise OpenLockError(
-            f"{path}, which the parameter {name} of {entry['name']} names, is not the file that "
+            f"{path}, which the parameter {name} of {spec.name} names, is not the file that "
             "the results were made with; restore it, or compare again"
         )
     return files
@@ -237,23 +235,18 @@ def _is_file(value: str) -> bool:
         return False
 
 
-def _checked(contents: Contents, description: Mapping[str, Any]) -> list[str]:
+def _checked(contents: Contents, experiment: StoredExperiment) -> list[str]:
     """Why reading the experiment file does not give the experiment that was run, if it does not."""
-    foreign = {one["name"]: one for one in description["learners"] if ":" in one["learner"]}
     # No code runs for this: another learner stands in for those that come with no package, whose
     # source has been found to be what it was, and the paper's reward for functions of one's own.
-    paid = {
-        one["name"]: {"reward": one["reward"]}
-        for one in description["learners"]
-        if "function" in one["reward"]
-    }
-    entries = [
-        one
-        | ({"learner": "random", "parameters": {}} if one["name"] in foreign else {})
-        | ({"reward": find_reward(PAPER_REWARD).as_dict()} if one["name"] in paid else {})
-        for one in description["learners"]
-    ]
-    declared = experiment_file({**description, "learners": entries})
+    stand_ins = []
+    for spec in experiment.learners:
+        if ":" in spec.learner:
+            spec = replace(spec, learner="random", parameters={})
+        if isinstance(spec.reward, OwnReward):
+            spec = replace(spec, reward=find_reward(PAPER_REWARD))
+        stand_ins.append(spec)
+    declared = experiment_file(replace(experiment, learners=tuple(stand_ins)))
     with tempfile.TemporaryDirectory() as folder:
         for inside, content in contents.items():
             if inside.startswith("schemas/"):
@@ -261,47 +254,59 @@ def _checked(contents: Contents, description: Mapping[str, Any]) -> list[str]:
         path = Path(folder) / "experiment.yaml"
         write_bytes(path, dump_yaml(declared).encode())
         try:
-            read = read_experiment(path).as_dict()
+            read = read_experiment(path)
+            learners = tuple(map(_put_back, read.learners, experiment.learners))
+            now = replace(read, title=experiment.title, command="", learners=learners)
+            data = _plain(now)
         except OpenLockError as error:
-            said = str(error).splitlines()[0].replace(f"{path}:", "experiment.yaml:")
-            return [f"Nobody could check that it runs again ({said})."]
-    # As plain data, in which a tuple is a list.
-    now = json.loads(json.dumps(read, default=str))
-    for one in now["learners"]:
-        as_it_was = foreign.get(one["name"], {})
-        one.update({key: value for key, value in as_it_was.items() if key in _STOOD_IN})
-        one.update(paid.get(one["name"], {}))
-    if all(now[key] == description[key] for key in now.keys() - {"title", "command"}):
-        codes = sorted({one["reward"]["function"] for one in paid.values()})
+            message = str(error).splitlines()[0].replace(f"{path}:", "experiment.yaml:")
+            return [f"Nobody could check that it runs again ({message})."]
+    then = _plain(replace(experiment, command=""))
+    if data == then:
+        codes = {spec.reward.name for spec in learners if isinstance(spec.reward, OwnReward)}
         return [
             f"The reward {code} is not in the bundle; put its file beside experiment.yaml."
-            for code in codes
+            for code in sorted(codes)
         ]
-    if description["version"] != __version__:
-        why = f"the results were made with version {description['version']}, and this is"
+    if experiment.version != __version__:
+        why = f"the results were made with version {experiment.version}, and this is"
         return [f"Nobody could check that it runs again: {why} {__version__}."]
-    again = {entry["name"]: entry for entry in now["learners"]}
-    other = [entry["name"] for entry in description["learners"] if entry != again[entry["name"]]]
+    pairs = zip(data["learners"], then["learners"], strict=True)
+    other = [one["name"] for one, before in pairs if one != before]
     return [
         "It may not run as it did, because what it was run with is not what is installed now "
         f"({', '.join(other) or 'its conditions'})."
     ]
 
 
-def _packages(description: Mapping[str, Any], versions: Mapping[str, Any]) -> dict[str, Any]:
+def _put_back(read: LearnerSpec, spec: LearnerSpec) -> LearnerSpec:
+    """What was read, with the code that another stood in for."""
+    if ":" in spec.learner:
+        parts = {"learner": spec.learner, "parameters": spec.parameters, "recorded": spec.recorded}
+        read = replace(read, **parts)  # type: ignore[arg-type]
+    return replace(read, reward=spec.reward) if isinstance(spec.reward, OwnReward) else read
+
+
+def _plain(experiment: Experiment) -> dict[str, Any]:
+    """As plain data, in which a tuple is a list."""
+    data: dict[str, Any] = json.loads(json.dumps(experiment.as_dict(), default=str))
+    return data
+
+
+def _packages(experiment: StoredExperiment, versions: Versions) -> dict[str, str | list[str]]:
     """The packages that cells were run with, and those that learners come from."""
     known = dict(versions)
-    for entry in description["learners"]:
-        package, _, version = str(entry.get("package", "")).partition(" ")
+    for spec in experiment.learners:
+        package, _, version = spec.origin.package.partition(" ")
         if version and not package.endswith(".py"):
             known.setdefault(package, version)
     return known
 
 
-def _requirements(description: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
+def _requirements(packages: Versions) -> str:
     """What pip needs to install the packages that cells were run with."""
     lines = []
-    for package, version in _packages(description, versions).items():
+    for package, version in packages.items():
         for one in version if isinstance(version, list) else [version]:
             if not _REQUIREMENT.fullmatch(f"{package} {one}"):
                 raise StoreError(
@@ -319,14 +324,14 @@ def _requirements(description: Mapping[str, Any], versions: Mapping[str, Any]) -
 
 
 def _readme(
-    description: Mapping[str, Any],
-    versions: Mapping[str, Any],
+    experiment: StoredExperiment,
+    versions: Versions,
     again: bool,
     cautions: list[str],
 ) -> str:
     """What the bundle says of itself."""
     python = versions.get("Python", "3")
-    said = [f"# {' '.join(str(description.get('title') or description['name']).split())}", ""]
+    said = [f"# {' '.join((experiment.title or experiment.name).split())}", ""]
     if again:
         said += [
             "This command, in this folder, runs the experiment again:",
@@ -349,7 +354,7 @@ def _readme(
             "- `experiment.yaml`: the experiment, every default written out",
             "- `schemas/`: the schemas that it plays",
         ]
-        if any(":" in entry["learner"] for entry in description["learners"]):
+        if any(":" in spec.learner for spec in experiment.learners):
             said += [
                 "- `*.py` and their packages: learners, and what these import from beside them; "
                 "not files",

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.from_description import recorded_layout
 from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.stored import recorded_layout
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.rewards import RewardFunction

@@ -1,14 +1,14 @@
 """What a candidate plays, and how far it is from people: on what it is fitted to, and on the rest.
 
-A fit that is judged by what it was fitted to says little. Some of people's fourteen points are
-therefore held out of the search, which does not even play them if it can do without:
+A fit that is judged by what it was fitted to says little. So some of people's fourteen points are
+held out of the search, which plays only the conditions that it needs:
 
 * ``transfer``: fitted to the ten points of the baselines; the four transfer tests are predicted.
 * ``alternate``: fitted to every other point, seven of them.
 * ``none``: fitted to all.
 
-All candidates meet the same rooms and the same random numbers, so that they differ by their
-parameters rather than by luck.
+All candidates meet the same rooms and the same random numbers, so that their parameters alone make
+the difference.
 """
 
 from __future__ import annotations
@@ -16,13 +16,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.results.people.human_likeness import (
+    POINT,
     distance,
-    points_of,
     published_points,
 )
 from causal_openlock.contract.registry import create
@@ -54,12 +53,9 @@ def held_out(points: pd.DataFrame, how: str) -> BoolArray:
     tests: BoolArray = points["condition"].isin(list(TRANSFERS)).to_numpy(bool)
     if how == "transfer":
         return tests
-    place = {
-        (row.condition, row.trial): index
-        for index, row in enumerate(published_points().itertuples())
-    }
-    odd = [place[row.condition, row.trial] % 2 == 1 for row in points.itertuples()]
-    return np.array(odd, dtype=bool) & (how == "alternate")
+    every_other = published_points()[POINT].iloc[1::2].apply(tuple, axis=1)
+    odd: BoolArray = points[POINT].apply(tuple, axis=1).isin(every_other).to_numpy(bool)
+    return odd & (how == "alternate")
 
 
 def conditions_to_fit(how: str) -> tuple[str, ...]:
@@ -97,7 +93,7 @@ def jobs(
     subjects: int,
     seed: int,
 ) -> list[Job]:
-    """All that one candidate plays."""
+    """The jobs of one candidate."""
     return [
         Job(learner, parameters, name, first, min(CHUNK, subjects - first), seed)
         for name in conditions
@@ -146,13 +142,13 @@ class Score:
     all: float
 
 
-def score(trials: pd.DataFrame, how: str) -> Score:
-    """How far somebody is from people.
+def score(points: pd.DataFrame, how: str) -> Score:
+    """How far means are from people's.
 
     Args:
-        trials: What was played.
+        points: From :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`, of
+            one learner.
         how: Which points are held out, one of :data:`HOLD_OUT`.
     """
-    points = points_of(trials)
     out = held_out(points, how)
     return Score(distance(points[~out])[0], distance(points[out])[0], distance(points)[0])

@@ -1,4 +1,4 @@
-"""What came of a fit: tables, a figure, and an experiment that plays the fitted learner."""
+"""The result of a fit: tables, a figure, and an experiment that plays the fitted learner."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from typing import Any
 import pandas as pd
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.report.sections.human_likeness import draw_points
+from causal_openlock.analysis.plots.points import draw_points
 from causal_openlock.analysis.results.people.human_likeness import (
-    POINT,
-    distance,
     effects_of,
     points_of,
     points_of_model,
@@ -26,16 +24,16 @@ from causal_openlock.fitting.study import Fit
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """The fitted learner.
+class FittedLearner:
+    """The learner with the parameters that a fit found.
 
     Attributes:
-        label: What it is called.
+        label: Its name.
         parameters: Those that differ from the learner's defaults.
         score: Its distance from people, on a seed that nothing was chosen by.
         model: The same of the published model, of which nothing was fitted here.
-        points: Its means at people's points; ``held_out`` says which it was not fitted to.
-        effects: Differences that people show, tested; ``like_people`` says whether its sign is
+        points: Its means at people's points; ``held_out``: whether it was not fitted to them.
+        effects: Differences that people show, tested; ``like_people``: whether the sign is
             people's.
     """
 
@@ -47,7 +45,7 @@ class Outcome:
     effects: pd.DataFrame
 
 
-def outcome(fitted: Fit, trials: pd.DataFrame) -> Outcome:
+def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
     """The fitted learner, from what it did in all six conditions.
 
     Args:
@@ -57,32 +55,28 @@ def outcome(fitted: Fit, trials: pd.DataFrame) -> Outcome:
     plan = fitted.plan
     label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
     points = points_of(trials)
-    published = points_of_model()
-    out = held_out(published, plan.hold_out)
-    return Outcome(
+    return FittedLearner(
         label=label,
         parameters=plan.space.parameters(fitted.best.chosen),
-        score=score(trials, plan.hold_out),
-        model=Score(
-            distance(published[~out])[0], distance(published[out])[0], distance(published)[0]
-        ),
+        score=score(points, plan.hold_out),
+        model=score(points_of_model(), plan.hold_out),
         points=points.assign(learner=label, held_out=held_out(points, plan.hold_out)),
         effects=effects_of(points, trials),
     )
 
 
-def entry(found: Outcome, learner: str) -> dict[str, Any]:
+def entry(found: FittedLearner, learner: str) -> dict[str, Any]:
     """The fitted learner as an entry of an experiment file."""
     return {"learner": learner, "name": found.label, "parameters": found.parameters}
 
 
-def write_outcome(fitted: Fit, found: Outcome, folder: Path | str) -> list[Path]:
-    """Write what came of a fit.
+def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) -> list[Path]:
+    """Write the result of a fit.
 
     Args:
         fitted: The fit.
-        found: From :func:`outcome`.
-        folder: Where to.
+        found: From :func:`fitted_learner`.
+        folder: Where to write it.
 
     Returns:
         The files: ``experiment.yaml``, which plays the fitted learner beside the plain one,
@@ -109,10 +103,7 @@ def write_outcome(fitted: Fit, found: Outcome, folder: Path | str) -> list[Path]
     }
     for name, text in texts.items():
         write_text(folder / name, text)
-    own = found.points[["learner", *POINT, *_NUMBERS]]
-    drawing = draw_points([own, points_of_model()], effects={found.label: found.effects})
-    style.save(drawing.figure, folder / "fit")
+    own = found.points.drop(columns="held_out")
+    plot = draw_points([own, points_of_model()], effects={found.label: found.effects})
+    style.save(plot.figure, folder / "fit")
     return [*(folder / name for name in texts), folder / "fit.svg", folder / "fit.png"]
-
-
-_NUMBERS = ("subjects", "mean", "se", "people_mean", "people_se")

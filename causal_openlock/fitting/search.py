@@ -1,4 +1,4 @@
-"""Which parameters of a learner are searched, and between what.
+"""Which parameters of a learner are searched, and between what bounds.
 
 A search space is a YAML file, or options of the command line::
 
@@ -8,8 +8,8 @@ A search space is a YAML file, or options of the command line::
       forgetting: {low: 0.5, high: 0.95}
       concentration: {low: 1.0, high: 200.0, log: true}
 
-``fixed`` holds parameters that are set and not searched; all others keep their defaults. Every name
-and every bound is checked against what the learner declares before anything is played.
+``fixed`` holds parameters that are set and not searched; all others keep their defaults. Names and
+bounds are checked against the learner's parameters before anything is played.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ FORM = "name=low:high, or name=low:high:log"
 
 @dataclass(frozen=True)
 class Range:
-    """Between what a parameter is searched.
+    """The bounds of a parameter.
 
     Attributes:
         low: The least value.
-        high: The greatest.
+        high: The greatest value.
         log: Whether its logarithm is searched evenly.
-        whole: Whether only whole numbers count.
+        whole: Whether it takes whole numbers only.
     """
 
     low: float
@@ -69,17 +69,15 @@ class SearchSpace:
 
     def parameters(self, chosen: Mapping[str, float]) -> dict[str, Any]:
         """All parameters that differ from the defaults, for a choice of those searched."""
-        return {
-            **self.fixed,
-            **{
-                name: int(chosen[name]) if one.whole else float(chosen[name])
-                for name, one in self.ranges.items()
-            },
+        searched = {
+            name: int(chosen[name]) if one.whole else float(chosen[name])
+            for name, one in self.ranges.items()
         }
+        return {**self.fixed, **searched}
 
 
 class RangeFile(StrictModel):
-    """Between what a parameter is searched."""
+    """The bounds of a parameter."""
 
     low: Annotated[float, Field(description="The least value.")]
     high: Annotated[float, Field(description="The greatest value.")]
@@ -112,7 +110,7 @@ def search_space(
     """
     fixed = dict(fixed or {})
     if not ranges:
-        raise LearnerError(f"nothing is searched; say which parameters of {learner}: {FORM}")
+        raise LearnerError(f"nothing is searched; choose parameters of {learner}: {FORM}")
     defaults = {info.name: info.default for info in parameter_table(learner)}
     checked = {}
     for name, one in ranges.items():

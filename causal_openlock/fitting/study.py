@@ -1,13 +1,12 @@
 """The search for the candidate that is most like people; it goes on where it was stopped.
 
-Candidates are proposed by Optuna's tree-structured Parzen estimator, in rounds of a fixed size: a
-round is proposed from what all rounds before it came to, with a seed of its own, and is told only
-when the whole round is played. So what is proposed depends neither on the number of workers, nor on
-who finishes first, nor on how often the fit was killed: what each candidate came to is kept in one
-file, which is replaced whole, and a round that was cut short is proposed again, the same, and
-played to its end.
+Optuna's tree-structured Parzen estimator proposes candidates in rounds of a fixed size: each round
+from the results of all rounds before it, with a seed of its own. So the proposals depend neither on
+the number of workers, nor on which candidate finishes first, nor on how often the fit was killed:
+results are kept in one file, which is replaced whole, and a round that was cut short is proposed
+again, the same, and played to its end.
 
-Distances are means over subjects, and the least of many noisy numbers flatters. So the best few
+Distances are means over subjects, and the least of many noisy numbers is too good. So the best few
 candidates are played again with more subjects and another seed, which decides between them; and the
 numbers that are reported come from a third seed that nothing was chosen by.
 """
@@ -27,7 +26,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
+from pydantic import TypeAdapter
 
+from causal_openlock.analysis.results.people.human_likeness import points_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.workers import worker_pool
@@ -43,22 +44,18 @@ FILE = "fit.json"
 ROUND = 4
 """Candidates that are proposed at a time."""
 
-Played = Callable[[], pd.DataFrame]
-"""Waits until a job is played, and gives its trials."""
+AwaitTrials = Callable[[], pd.DataFrame]
+"""Waits until a job is played, and returns its trials."""
 
-Submit = Callable[[Job], Played]
-"""Has a job played."""
+Submit = Callable[[Job], AwaitTrials]
+"""Starts to play a job."""
 
 RANDOM_FIRST = 12
 """Candidates that are drawn at random before the search learns from them."""
 
 
 def require_optuna() -> None:
-    """Make sure that there is something to search with.
-
-    Raises:
-        OpenLockError: If Optuna is not installed.
-    """
+    """Raise an OpenLockError if Optuna is not installed."""
     if importlib.util.find_spec("optuna") is None:
         raise OpenLockError(
             "a fit needs the package optuna; install it with: pip install 'causal-openlock[fit]'"
@@ -67,7 +64,7 @@ def require_optuna() -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be done.
+    """The settings of a fit.
 
     Attributes:
         space: What is searched.
@@ -88,7 +85,7 @@ class Plan:
     seed: int = 2018
 
     def as_dict(self) -> dict[str, Any]:
-        """All that determines what candidates come to."""
+        """All that determines the results of candidates."""
         whole = {**asdict(self), "space": self.space.as_dict(), "version": __version__}
         # More candidates may be tried later.
         del whole["candidates"]
@@ -97,26 +94,26 @@ class Plan:
 
 @dataclass(frozen=True)
 class Candidate:
-    """What was tried, and what it came to.
+    """Parameters that were tried, and how near to people they come.
 
     Attributes:
         number: In the order of the proposals, from 0.
-        chosen: The parameters that are searched.
+        chosen: Values of the parameters that are searched.
         rmse: Distance from people on the points that it is fitted to, in attempts.
     """
 
     number: int
-    chosen: dict[str, float]
+    chosen: dict[str, int | float]
     rmse: float
 
 
 @dataclass
 class Fit:
-    """How far a fit has come.
+    """The state of a fit.
 
     Attributes:
-        plan: What is to be done.
-        done: What was tried, by number.
+        plan: Its settings.
+        done: Candidates that were tried, by number.
         again: Distances of the best, played again with more subjects and another seed.
     """
 
@@ -146,15 +143,15 @@ def fit(
     folder: Path | str,
     *,
     workers: int = 1,
-    tell: Callable[[int, int, str], None] | None = None,
+    report: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> tuple[Fit, pd.DataFrame]:
-    """Do what is not yet done of a fit.
+    """Run a fit, or the rest of one that was stopped.
 
     Args:
-        plan: What is to be done.
+        plan: Its settings.
         folder: Where it is kept; one that holds a part of the same fit is completed.
         workers: How many processes play; with one it is this process.
-        tell: Called with how many candidates are done, of how many, and what is going on.
+        report: Called with how many candidates are done, of how many, and what is going on.
 
     Returns:
         The fit, and what the best candidate did in all six conditions with a fresh seed, as
@@ -168,7 +165,6 @@ def fit(
     require_optuna()
     path = Path(folder) / FILE
     state = _opened(plan, path)
-    told = tell or (lambda done, total, what: None)
     conditions = conditions_to_fit(plan.hold_out)
     with _players(workers) as submit:
         for first in range(0, plan.candidates, ROUND):
@@ -176,28 +172,21 @@ def fit(
             numbers = [number for number in range(first, first + size) if number not in state.done]
             if not numbers:
                 continue
-            proposed = _proposals(state, first)
-            pending = {
-                number: _submitted(submit, plan, proposed[number - first], conditions, plan.seed)
-                for number in numbers
-            }
-            for number, awaited in pending.items():
-                told(len(state.done), plan.candidates, "searching")
-                trials = joined([trials() for trials in awaited])
-                rmse = score(trials, plan.hold_out).fitted
-                state.done[number] = Candidate(number, proposed[number - first], rmse)
+            proposed = dict(enumerate(_proposals(state, first), first))
+            pending = [
+                (n, _submit(submit, plan, proposed[n], conditions, plan.seed, plan.subjects))
+                for n in numbers
+            ]
+            for number, awaited in pending:
+                report(len(state.done), plan.candidates, "searching")
+                rmse = score(points_of(_trials(awaited)), plan.hold_out).fitted
+                state.done[number] = Candidate(number, proposed[number], rmse)
                 _keep(state, path)
-        _play_again(state, path, submit, conditions, told)
-        told(len(state.done), plan.candidates, "the best, on a fresh seed")
-        awaited = _submitted(
-            submit,
-            plan,
-            state.best.chosen,
-            PAPER_CONDITIONS,
-            plan.seed + 2,
-            subjects=plan.final_subjects,
-        )
-        return state, joined([trials() for trials in awaited])
+        _play_again(state, path, submit, conditions, report)
+        report(len(state.done), plan.candidates, "the best, on a fresh seed")
+        best = state.best.chosen
+        awaited = _submit(submit, plan, best, PAPER_CONDITIONS, plan.seed + 2, plan.final_subjects)
+        return state, _trials(awaited)
 
 
 def _play_again(
@@ -205,47 +194,46 @@ def _play_again(
     path: Path,
     submit: Submit,
     conditions: tuple[str, ...],
-    told: Callable[[int, int, str], None],
+    report: Callable[[int, int, str], None],
 ) -> None:
-    """Let the best few play again, with more subjects and another seed."""
+    """Play the best few again, with more subjects and another seed."""
     plan = state.plan
-    tried = sorted(
-        (one for one in state.done.values() if one.number < plan.candidates),
-        key=lambda one: (one.rmse, one.number),
-    )
-    chosen = tried[: plan.finalists]
+    tried = [one for one in state.done.values() if one.number < plan.candidates]
+    chosen = sorted(tried, key=lambda one: (one.rmse, one.number))[: plan.finalists]
     for number in set(state.again) - {one.number for one in chosen}:
         del state.again[number]  # others are among the best since more were tried
     waiting = {
-        one.number: _submitted(
-            submit, plan, one.chosen, conditions, plan.seed + 1, subjects=plan.final_subjects
+        one.number: _submit(
+            submit, plan, one.chosen, conditions, plan.seed + 1, plan.final_subjects
         )
         for one in chosen
         if one.number not in state.again
     }
     for number, awaited in waiting.items():
-        told(len(state.done), plan.candidates, "the best few again")
-        trials = joined([trials() for trials in awaited])
-        state.again[number] = score(trials, plan.hold_out).fitted
+        report(len(state.done), plan.candidates, "the best few again")
+        state.again[number] = score(points_of(_trials(awaited)), plan.hold_out).fitted
         _keep(state, path)
 
 
-def _submitted(
+def _submit(
     submit: Submit,
     plan: Plan,
     chosen: Mapping[str, float],
     conditions: tuple[str, ...],
     seed: int,
-    subjects: int | None = None,
-) -> list[Played]:
+    subjects: int,
+) -> list[AwaitTrials]:
     parameters = plan.space.parameters(chosen)
-    many = subjects or plan.subjects
-    return [submit(job) for job in jobs(plan.space.learner, parameters, conditions, many, seed)]
+    return [submit(job) for job in jobs(plan.space.learner, parameters, conditions, subjects, seed)]
+
+
+def _trials(awaited: list[AwaitTrials]) -> pd.DataFrame:
+    return joined([trials() for trials in awaited])
 
 
 @contextmanager
 def _players(workers: int) -> Iterator[Submit]:
-    """Something that plays jobs: this process once it is asked, or several others at once."""
+    """How jobs are played: in this process, or by several others at once."""
     if workers == 1:
         yield lambda job: partial(play, job)
         return
@@ -257,7 +245,7 @@ def _players(workers: int) -> Iterator[Submit]:
 # -- what to try next -----------------------------------------------------------------------------
 
 
-def _proposals(state: Fit, first: int) -> list[dict[str, float]]:
+def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
     """The candidates of the round that begins with a number, whatever came after it."""
     import optuna
 
@@ -295,45 +283,39 @@ def _distributions(space: SearchSpace) -> dict[str, BaseDistribution]:
 # -- what is kept ---------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class _Kept:
+    """The content of the file."""
+
+    plan: dict[str, Any]
+    done: list[Candidate]
+    again: dict[int, float]
+
+
 def _opened(plan: Plan, path: Path) -> Fit:
-    """What a folder holds of a fit."""
-    state = Fit(plan)
+    """The fit that a folder holds, or a new one."""
     sweep(path.parent)
     if not path.exists():
-        return state
+        return Fit(plan)
     try:
-        kept = json.loads(path.read_text(encoding="utf-8"))
-        same = kept["plan"] == json.loads(json.dumps(plan.as_dict()))
-        done = [Candidate(**one) for one in kept["done"]]
-        again = {int(number): float(rmse) for number, rmse in kept["again"].items()}
-        if same and not all(_is_of(plan, one) for one in done):
-            raise ValueError
-    except (ValueError, KeyError, TypeError, AttributeError, OSError):
-        raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
+        kept = TypeAdapter(_Kept).validate_json(path.read_bytes())
+    except (ValueError, OSError):
+        kept = None
+    same = kept is not None and kept.plan == json.loads(json.dumps(plan.as_dict()))
+    if kept is None or (
+        same and any(set(one.chosen) != set(plan.space.ranges) for one in kept.done)
+    ):
+        raise StoreError(f"{path}: this is no fit; choose another folder with --out")
     if not same:
         raise StoreError(
             f"{path.parent} holds another fit (its search space, seed, subjects, held-out points "
             "or version differ); choose another folder with --out"
         )
-    state.done = {one.number: one for one in done}
-    state.again = again
-    return state
-
-
-def _is_of(plan: Plan, one: Candidate) -> bool:
-    """Whether a candidate that was read has a number, a distance and a value of each range."""
-    if not isinstance(one.chosen, dict) or set(one.chosen) != set(plan.space.ranges):
-        return False
-    return isinstance(one.number, int) and all(
-        isinstance(value, int | float) for value in (one.rmse, *one.chosen.values())
-    )
+    return Fit(plan, {one.number: one for one in kept.done}, kept.again)
 
 
 def _keep(state: Fit, path: Path) -> None:
-    done = [
-        {"number": one.number, "chosen": one.chosen, "rmse": one.rmse}
-        for one in sorted(state.done.values(), key=lambda one: one.number)
-    ]
+    done = [asdict(state.done[number]) for number in sorted(state.done)]
     again = {str(number): rmse for number, rmse in sorted(state.again.items())}
     whole = {"plan": state.plan.as_dict(), "done": done, "again": again}
     write_text(path, json.dumps(whole, indent=1) + "\n")

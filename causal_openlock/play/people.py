@@ -72,7 +72,7 @@ class _Person:
         self.number, self.cell, self.joined = number, cell, joined
         self.lock = threading.Lock()
         self.game = Game(
-            cell.condition, cell.entry.protocol, cell.first_subject, cell.seed, practice
+            cell.condition, cell.spec.protocol, cell.first_subject, cell.seed, practice
         )
         self.kept = self.kept_trials = 0  # how many actions and ended trials are in the files
 
@@ -256,7 +256,7 @@ class People:
         subject, place = divmod(number, len(conditions))
         generator = np.random.default_rng([self.experiment.seed, subject])
         which = int(generator.permutation(len(conditions))[place])
-        (entry,) = self.experiment.entries
+        (entry,) = self.experiment.learners
         return Cell(EXPERIMENT, self.experiment.seed, entry, conditions[which], subject, 1)
 
     def _resume(self) -> None:
@@ -343,15 +343,9 @@ class People:
             if person.kept_trials
         ]
         many = max(1, *(cell.first_subject + 1 for cell in cells)) if cells else 1
-        (entry,) = self.experiment.entries
-        declared = replace(self.experiment, entries=(replace(entry, subjects=many),))
-        self.store.declare(
-            {
-                "identity": self.experiment.identity,
-                **declared.as_dict(),
-                "cells": [cell.file_name for cell in cells],
-            }
-        )
+        (spec,) = self.experiment.learners
+        declared = replace(self.experiment, learners=(replace(spec, subjects=many),))
+        self.store.declare(declared, cells, self.experiment.identity)
 
     def close(self) -> None:
         """Write the record and let others work in the folder."""

@@ -334,7 +334,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _brief(self) -> dict[str, Any]:
         experiment = self.people.experiment
-        (entry,) = experiment.entries
+        (entry,) = experiment.learners
         schemas = [schema for condition in experiment.conditions for schema in condition.schemas]
         return {
             "positions": max(map(positions_for, schemas)),

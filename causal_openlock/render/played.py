@@ -13,13 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.from_description import (
-    condition_from_dict,
-    protocol_from_dict,
-    recorded_layout,
-)
+from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
 from causal_openlock.experiment.session import Session
+from causal_openlock.experiment.stored import recorded_layout
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import compile_schema
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
@@ -158,11 +155,11 @@ def recorded_trial(
     from causal_openlock.experiment.store import Store
 
     store = Store(folder)
-    held = store.description()
-    entry = _named(held["learners"], learner, f"{folder} holds no learner")
-    told = _named(held["conditions"], condition, f"{folder} holds no condition")
+    experiment = store.experiment()
+    spec: LearnerSpec = _named(experiment.learners, learner, f"{folder} holds no learner")
+    played: Condition = _named(experiment.conditions, condition, f"{folder} holds no condition")
     begins = f"{learner}_{condition}_"
-    for name in held["cells"]:
+    for name in experiment.files:
         path = store.cells / name
         if not (name.startswith(begins) and path.exists()):
             continue
@@ -176,17 +173,16 @@ def recorded_trial(
     else:
         raise StoreError(
             f"{folder} holds no subject {subject} of {learner} in {condition}; subjects are 0 to "
-            f"{entry.get('subjects', 1) - 1}, and compare completes what is missing"
+            f"{spec.subjects - 1}, and compare completes what is missing"
         )
     check_trial(trial, len(trials), f"subject {subject} of {learner} in {condition}")
-    schemas = {schema.name: schema for schema in condition_from_dict(told).schemas}
-    protocol = protocol_from_dict(entry["protocol"])
+    schemas = {schema.name: schema for schema in played.schemas}
     rows = trials[trial - 1]
-    return _played(rows, learner, condition, protocol, subject, trial, len(trials), schemas)
+    return _played(rows, learner, condition, spec.protocol, subject, trial, len(trials), schemas)
 
 
-def _named(entries: Sequence[dict[str, Any]], name: str, otherwise: str) -> dict[str, Any]:
-    known = {entry["name"]: entry for entry in entries}
+def _named(parts: Sequence[Any], name: str, otherwise: str) -> Any:
+    known = {part.name: part for part in parts}
     if name not in known:
         raise StoreError(f"{otherwise} {name!r}; {nearest(name, known)}")
     return known[name]

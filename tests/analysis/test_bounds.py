@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pytest
@@ -16,37 +16,44 @@ from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.course import attempts_by_trial
 from causal_openlock.analysis.plots.figures import baseline_attempts, draw_all, transfer_attempts
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results import bounds
-from causal_openlock.analysis.results.bounds import Bound, ideal_attempts, ideal_bounds, said
+from causal_openlock.analysis.results.bounds import (
+    Bound,
+    bounds_in_words,
+    ideal_attempts,
+    ideal_bounds,
+)
+from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.summary import headline_table, summary_table
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.world.schema import Schema
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
+from support.made_up_experiments import declared
 
 ALL = "CC4, CE4, CC3-CC4, CE3-CC4, CC3-CE4, CE3-CE4"
 
 
-def described(folder: Path, conditions: str = ALL, learners: str = "random") -> dict[str, Any]:
-    """The description of an experiment, as its results folder keeps it."""
-    path = folder / "own.yaml"
-    path.write_text(
-        f"name: own\nconditions: [{conditions}]\nlearners: [{learners}]\n"
+def described(folder: Path, conditions: str = ALL, learners: str = "random") -> StoredExperiment:
+    """An experiment, as its results folder holds it."""
+    return declared(
+        folder,
+        f"conditions: [{conditions}]\nlearners: [{learners}]\n"
         "protocols:\n"
         "  roomy: {based_on: human, action_limit: 5}\n"
-        "  short: {based_on: human, attempt_limit: 3}\n"
+        "  short: {based_on: human, attempt_limit: 3}\n",
     )
-    return read_experiment(path).as_dict()
 
 
 def played(conditions: str = ALL, learner: str = "random", protocol: str = "human") -> pa.Table:
     rows = []
     for condition in conditions.split(", "):
         phases = {"train": 2, "test": 1} if "-" in condition else {"train": 2}
-        for phase, count in phases.items():
-            for trial in range(1, count + 1):
+        for phase, trials in phases.items():
+            for trial in range(1, trials + 1):
                 named = {"condition": condition, "learner": learner, "protocol": protocol}
                 rows += trial_rows([0, 0, 1, 2, 3], phase=phase, trial=trial, **named)
     return table(rows)
@@ -88,7 +95,7 @@ def test_what_is_too_large_has_no_number() -> None:
     assert ideal_attempts(Schema("long", [f"L{i}" for i in range(9)], chain), 10) is None
 
 
-def test_bounds_follow_the_description(tmp_path: Path) -> None:
+def test_bounds_follow_the_experiment(tmp_path: Path) -> None:
     learners = (
         "random, {learner: oracle, protocol: roomy}, {learner: oracle, name: b, protocol: short}"
     )
@@ -102,22 +109,20 @@ def test_bounds_follow_the_description(tmp_path: Path) -> None:
     assert not [key for key in found if key[0] == "noisy_CC3"]
 
 
-def test_what_is_not_told_is_not_bounded(tmp_path: Path) -> None:
-    assert ideal_bounds({}) == {}
-    assert ideal_bounds({"learners": ["a"], "conditions": ["CC4"]}) == {}
-    told = described(tmp_path, "CC4")
-    other = {**told["learners"][0], "name": "other"}
-    other["protocol"] = {**other["protocol"], "action_limit": 5}
-    assert ideal_bounds({**told, "learners": [*told["learners"], other]}) == {}
-    mixed = {**told["conditions"][0]}
-    mixed["train"] = [*mixed["train"], *described(tmp_path, "CE4")["conditions"][0]["train"]]
-    assert ideal_bounds({**told, "conditions": [mixed]}) == {}
+def test_what_has_several_meanings_is_not_bounded(tmp_path: Path) -> None:
+    experiment = described(tmp_path, "CC4, CE4")
+    one, ce4 = experiment.conditions
+    (spec,) = experiment.learners
+    other = replace(spec, name="other", protocol=replace(spec.protocol, action_limit=5))
+    assert ideal_bounds(replace(experiment, learners=(spec, other))) == {}
+    mixed = replace(one, train=(*one.train, *ce4.train))
+    assert ideal_bounds(replace(experiment, conditions=(mixed,))) == {}
 
 
 def test_schemas_that_need_as_much_are_named_together() -> None:
     every = [Bound("CE4", 3.75), Bound("CC3", 8 / 3), Bound("CC4", 3.75), Bound("CC4", 3.75)]
-    assert said(every) == "2.67 in rooms of CC3, 3.75 in rooms of CC4 and CE4"
-    assert said([Bound(name, 2.0) for name in "cab"]) == "2.00 in rooms of a, b and c"
+    assert bounds_in_words(every) == "2.67 in rooms of CC3, 3.75 in rooms of CC4 and CE4"
+    assert bounds_in_words([Bound(name, 2.0) for name in "cab"]) == "2.00 in rooms of a, b and c"
 
 
 def test_a_number_is_worked_out_once(tmp_path: Path) -> None:
@@ -131,15 +136,13 @@ def test_a_number_is_worked_out_once(tmp_path: Path) -> None:
 
 def test_figure_3_has_a_line_in_every_panel(tmp_path: Path) -> None:
     found = ideal_bounds(described(tmp_path))
-    drawing = baseline_attempts(attempts_to_solve(played()), bounds=found)
-    assert drawing is not None
-    for axes in drawing.figure.axes:
+    plot = baseline_attempts(attempts_to_solve(played()), bounds=found)
+    assert plot is not None
+    for axes in plot.figure.axes:
         ((height, start, end),) = lines(axes)
         assert (height, (start, end)) == (pytest.approx(3.75), axes.get_xlim())
-    assert drawing.caption.endswith(
-        "Dashed: ideal observer (schema known), 3.75 in rooms of CC4 and CE4."
-    )
-    (legend,) = drawing.figure.legends
+    assert Prose("figures").plot(plot).caption.endswith("3.75 in rooms of CC4 and CE4.")
+    (legend,) = plot.figure.legends
     assert [text.get_text() for text in legend.get_texts()].count(style.IDEAL) == 1
 
 
@@ -147,44 +150,44 @@ def test_figure_4_has_a_line_for_each_test(tmp_path: Path) -> None:
     found = dict(ideal_bounds(described(tmp_path)))
     for condition in ("CC3-CE4", "CE3-CE4"):
         found[condition, "human", "test"] = Bound("CE4", 5.0)
-    drawing = transfer_attempts(attempts_to_solve(played()), bounds=found)
-    assert drawing is not None
-    for axes in drawing.figure.axes:
+    plot = transfer_attempts(attempts_to_solve(played()), bounds=found)
+    assert plot is not None
+    for axes in plot.figure.axes:
         assert lines(axes) == [(pytest.approx(3.75), -0.45, 0.45), (5.0, 0.55, 1.45)]
 
 
 def test_the_course_has_a_line_over_each_phase(tmp_path: Path) -> None:
     found = ideal_bounds(described(tmp_path))
-    drawing = attempts_by_trial(attempts_to_solve(played()), "human", bounds=found)
-    assert drawing is not None
-    baseline, *transfers = [axes for axes in drawing.figure.axes if axes.axison]
+    plot = attempts_by_trial(attempts_to_solve(played()), "human", bounds=found)
+    assert plot is not None
+    baseline, *transfers = [axes for axes in plot.figure.axes if axes.axison]
     assert lines(baseline) == [(pytest.approx(3.75), 0.5, 2.5)]
     for axes in transfers:
         assert lines(axes) == [
             (pytest.approx(8 / 3), 0.5, 2.5),
             (pytest.approx(3.75), 2.5, 3.5),
         ]
-    assert "2.67 in rooms of CC3 and CE3, 3.75 in rooms of CC4 and CE4." in drawing.caption
-    (legend,) = drawing.figure.legends
+    assert plot.facts["ideal"] == "2.67 in rooms of CC3 and CE3, 3.75 in rooms of CC4 and CE4"
+    (legend,) = plot.figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [style.IDEAL]
 
 
 def test_a_line_above_all_data_lies_in_its_panel(tmp_path: Path) -> None:
     found = ideal_bounds(described(tmp_path, "CC4"))
     quick = table(trial_rows([1, 2, 3], learner="random"))
-    drawing = attempts_by_trial(attempts_to_solve(quick), "human", bounds=found)
-    assert drawing is not None
-    (axes,) = [axes for axes in drawing.figure.axes if axes.axison]
+    plot = attempts_by_trial(attempts_to_solve(quick), "human", bounds=found)
+    assert plot is not None
+    (axes,) = [axes for axes in plot.figure.axes if axes.axison]
     assert axes.get_ylim()[1] > 3.75
 
 
 def test_without_a_number_there_is_no_line_and_no_word(tmp_path: Path) -> None:
-    for experiment in ({}, described(tmp_path, "noisy_CC3")):
-        for drawing in draw_all(played("CC4, noisy_CC3"), experiment=experiment):
-            assert not any(lines(axes) for axes in drawing.figure.axes)
-            assert "ideal" not in drawing.caption
+    for experiment in (None, described(tmp_path, "noisy_CC3")):
+        for plot in draw_all(count(played("CC4, noisy_CC3")), experiment=experiment):
+            assert not any(lines(axes) for axes in plot.figure.axes)
+            assert "ideal" not in Prose("figures").plot(plot).caption
             assert not [
-                text for legend in drawing.figure.legends for text in legend.get_texts()
+                text for legend in plot.figure.legends for text in legend.get_texts()
                 if text.get_text() == style.IDEAL
             ]  # fmt: skip
 
@@ -225,7 +228,8 @@ def test_the_report_states_it_below_what_is_published(tmp_path: Path) -> None:
 
 
 def test_a_report_without_it_has_no_such_row(tmp_path: Path) -> None:
-    text = write_report(played("CC4"), tmp_path, {}).read_text("utf-8")
+    experiment = described(tmp_path, "noisy_CC3")
+    text = write_report(played("noisy_CC3"), tmp_path, experiment).read_text("utf-8")
     assert "Ideal observer" not in text
     assert '<th scope="col">Ideal</th>' not in text
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,28 +11,31 @@ import pytest
 
 from causal_openlock.analysis.plots.figures import draw_all
 from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.people.comparable import comparable, paper_conditions
 from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS
 from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.formats.schema_file import schema_from_dict
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
+from support.made_up_experiments import declared
 
 ONE_LEVER = "name: CC4\ntitle: Not the paper's\nlevers: [A]\nedges: {A: [door]}\n"
 ALL = ", ".join(PAPER_CONDITIONS)
 
 
-def described(folder: Path, conditions: str = ALL, **settings: Any) -> dict[str, Any]:
-    """An experiment as a results folder describes it, its protocol perhaps changed."""
-    path = folder / "own.yaml"
-    path.write_text(
-        f"name: own\nsubjects: 2\nconditions: [{conditions}]\n"
-        "learners: [{learner: random, name: a}]\n"
+def described(folder: Path, conditions: str = ALL, **settings: Any) -> StoredExperiment:
+    """An experiment as a results folder holds it, its protocol perhaps changed."""
+    experiment = declared(
+        folder,
+        f"subjects: 2\nconditions: [{conditions}]\nlearners: [{{learner: random, name: a}}]\n",
     )
-    held: dict[str, Any] = json.loads(json.dumps(read_experiment(path).as_dict()))
-    held["learners"][0]["protocol"].update(settings)
-    return held
+    (spec,) = experiment.learners
+    spec = replace(spec, protocol=replace(spec.protocol, **settings))
+    return replace(experiment, learners=(spec,))
 
 
 def played(protocol: str = "human") -> pa.Table:
@@ -50,7 +53,7 @@ def played(protocol: str = "human") -> pa.Table:
 def test_the_papers_own_experiment_is_comparable_in_every_condition(tmp_path: Path) -> None:
     everyone = {("a", condition) for condition in PAPER_CONDITIONS}
     assert comparable(described(tmp_path)) == everyone
-    assert comparable(read_experiment(tmp_path / "own.yaml").as_dict()) == everyone
+    assert comparable(read_experiment(tmp_path / "made_up.yaml")) == everyone
 
 
 @pytest.mark.parametrize(
@@ -94,37 +97,38 @@ def test_a_condition_is_the_papers_by_its_rooms_and_not_by_its_name(
 
 def test_the_title_of_a_schema_makes_no_difference(tmp_path: Path) -> None:
     held = described(tmp_path)
-    for condition in held["conditions"]:
-        for trials in (*condition["train"], *condition["test"]):
-            trials["schema"]["title"] = "retitled"
-    assert paper_conditions(held) == set(PAPER_CONDITIONS)
-    held["conditions"][0]["train"][0]["schema"]["edges"]["L1"] = []
-    assert paper_conditions(held) == set(PAPER_CONDITIONS[1:])
+    for title, kept in (("retitled", PAPER_CONDITIONS), ("", PAPER_CONDITIONS[1:])):
+        conditions = []
+        for condition in held.conditions:
+            data = condition.train[0].schema.as_dict()
+            if title:
+                data["title"] = title
+            elif not conditions:
+                data["gates"] = {"door": "all"}
+            trials = replace(condition.train[0], schema=schema_from_dict(data))
+            conditions.append(replace(condition, train=(trials,)))
+        assert paper_conditions(replace(held, conditions=tuple(conditions))) == set(kept)
 
 
-@pytest.mark.parametrize("held", [{}, {"conditions": ["CC4"], "learners": {"a": None}}])
-def test_names_decide_where_the_description_does_not_tell(held: dict[str, Any]) -> None:
-    assert comparable(held) is None
-    for made in (headline_table, summary_table):
-        assert made(played(), held).equals(made(played()))
+def test_names_decide_where_there_is_no_experiment() -> None:
     assert headline_table(played())["human_attempts"].tolist() == [6.45, 5.525]
 
 
 def test_tables_and_figures_leave_out_what_does_not_compare(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(ONE_LEVER)
     own = described(tmp_path, "{name: CC4, train: [{schema: mine.yaml}]}, CC3-CE4")
-    own["conditions"].append(described(tmp_path, "CC3-CC4")["conditions"][0])
+    own = replace(own, conditions=(*own.conditions, *described(tmp_path, "CC3-CC4").conditions))
     headline = headline_table(played(), own).set_index("condition")
     summary = summary_table(played(), own)
     for column in PUBLISHED_COLUMNS:
         assert headline[column].isna().to_dict() == {"CC4": True, "CC3-CC4": False}
         assert set(summary.loc[summary[column].notna(), "condition"]) == {"CC3-CC4"}
-    assert [drawing.name for drawing in draw_all(played(), experiment=own)] == [
+    assert [plot.name for plot in draw_all(count(played()), experiment=own)] == [
         "transfer_attempts",
         "attempts_by_trial_human",
     ]
     # The paper's DDQN has no place beside other rooms either.
-    assert [drawing.name for drawing in draw_all(played("rl"), experiment=own)] == [
+    assert [plot.name for plot in draw_all(count(played("rl")), experiment=own)] == [
         "transfer_categories",
         "attempts_by_trial_rl",
     ]
@@ -149,8 +153,9 @@ def test_the_report_shows_what_is_published_or_says_why_not(tmp_path: Path) -> N
 
 def test_a_learner_that_compares_lends_nothing_to_one_that_does_not(tmp_path: Path) -> None:
     held = described(tmp_path, "CC4")
-    held["learners"].append({**held["learners"][0], "name": "b"})
-    held["learners"][1]["protocol"] = {**held["learners"][0]["protocol"], "attempt_limit": 3}
+    (spec,) = held.learners
+    other = replace(spec, name="b", protocol=replace(spec.protocol, attempt_limit=3))
+    held = replace(held, learners=(spec, other))
     rows = [row for name in "ab" for row in trial_rows([1, 2, 3], learner=name)]
     page = Page(write_report(table(rows), tmp_path, held).read_text("utf-8"))
     assert [row[0] for row in page.tables[0]] == ["Learner", "a | n = 1", "b | n = 1"]

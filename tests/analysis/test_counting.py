@@ -84,7 +84,7 @@ def test_a_damaged_cell_is_told_in_a_sentence(store: Store, tmp_path: Path) -> N
     with pytest.raises(StoreError, match=r"is damaged"):
         read_results(copy)
     cell.unlink()
-    assert read_results(copy)[1]["missing_cells"] == [cell.stem]
+    assert read_results(copy)[1].missing == (cell.stem,)
 
 
 def test_a_cell_of_a_few_bytes_is_one_whole_sentence_however_it_is_read(
@@ -95,7 +95,7 @@ def test_a_cell_of_a_few_bytes_is_one_whole_sentence_however_it_is_read(
     copy = Store(shutil.copytree(store.folder, tmp_path / "copy"))
     cell = next(copy.cells.glob("*.parquet"))
     cell.write_bytes(b"junk\n")
-    for read in (lambda: read_results(copy), lambda: reading.made_with([cell]), copy.record):
+    for read in (lambda: read_results(copy), lambda: copy.record([]), copy.record):
         with pytest.raises(StoreError) as told:
             read()
         said = str(told.value)

@@ -7,18 +7,13 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from causal_openlock.analysis.plots.points import MOST_DRAWN, draw_points, signs
 from causal_openlock.analysis.report.section import Material
-from causal_openlock.analysis.report.sections.human_likeness import (
-    MOST_DRAWN,
-    draw_points,
-    section,
-    signs,
-)
+from causal_openlock.analysis.report.sections.human_likeness import section
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.people.human_likeness import (
     EFFECTS,
     PUBLISHED_MODEL,
-    contrast,
     distance,
     effects_of,
     likeness_table,
@@ -27,7 +22,13 @@ from causal_openlock.analysis.results.people.human_likeness import (
     points_of_people,
     published_points,
 )
-from causal_openlock.analysis.results.people.hypotheses import contrast_test
+from causal_openlock.analysis.results.people.hypotheses import (
+    INTERACTION,
+    GroupSummary,
+    contrast_test,
+)
+from support.fabricated_records import table
+from support.made_up_experiments import NOBODY
 
 NOTHING: dict[tuple[str, str], Bound] = {}
 
@@ -53,7 +54,7 @@ def material(*trials: pd.DataFrame) -> Material:
     whole = pd.concat(trials, ignore_index=True)
     pairs = frozenset(zip(whole["learner"], whole["condition"], strict=True))
     names = tuple(dict.fromkeys(whole["learner"]))
-    return Material(None, {}, whole, names, pairs, NOTHING)
+    return Material(table([]), NOBODY, whole, names, pairs, NOTHING)
 
 
 def by_name(effects: pd.DataFrame, name: str) -> pd.Series:
@@ -91,10 +92,10 @@ def test_the_papers_t_values_follow_from_its_means_and_error_bars(effect, printe
 def test_the_papers_interaction_follows_from_its_means_and_error_bars():
     tests = points_of_people().query("phase == 'test'").set_index("condition")
     order = ["CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4"]
-    mean, se = (tests.loc[order, name].to_numpy(float) for name in ("mean", "se"))
-    _, t, freedom, p = contrast(mean, se, np.full(4, 40.0), np.array([-1.0, 1.0, 1.0, -1.0]))
-    assert (t**2, freedom) == (pytest.approx(24.94, abs=0.02), 156)
-    assert p < 0.001
+    cells = [GroupSummary.published(*tests.loc[name, ["mean", "se"]], 40) for name in order]
+    found = contrast_test(cells, INTERACTION)
+    assert (found.value, found.df) == (pytest.approx(24.94, abs=0.02), (1, 156))
+    assert found.p < 0.001
 
 
 def test_people_show_every_effect_and_the_published_model_all_but_one():
@@ -137,44 +138,26 @@ def test_training_trials_of_transfer_conditions_are_no_points():
     assert len(points_of(pd.concat([made_up(), extra]))) == 14
 
 
-def test_a_difference_of_two_groups_is_students_t_test():
-    rng = np.random.default_rng(5)
-    one, other = rng.normal(5, 2, 30), rng.normal(6, 2, 30)
-    value, t, freedom, p = contrast(
-        np.array([one.mean(), other.mean()]),
-        np.array([one.std(), other.std()]) / np.sqrt(30),
-        np.array([30.0, 30.0]),
-        np.array([1.0, -1.0]),
-    )
-    expected = stats.ttest_ind(one, other)
-    assert value == pytest.approx(one.mean() - other.mean())
-    assert (t, p, freedom) == (
-        pytest.approx(expected.statistic),
-        pytest.approx(expected.pvalue),
-        58,
-    )
-
-
-def test_a_contrast_of_groups_of_any_size_is_that_of_the_papers_tests():
+def test_a_contrast_of_published_means_is_that_of_the_values():
     rng = np.random.default_rng(6)
     groups = [rng.normal(5, spread, n) for spread, n in ((1, 5), (4, 40), (2, 12))]
+    published = [
+        GroupSummary.published(one.mean(), one.std() / np.sqrt(len(one)), len(one))
+        for one in groups
+    ]
     for weights in ([1.0, -0.5, -0.5], [-1.0, 0.5, 0.5], [0.0, 1.0, -1.0]):
-        value, t, freedom, p = contrast(
-            np.array([one.mean() for one in groups]),
-            np.array([one.std() / np.sqrt(len(one)) for one in groups]),
-            np.array([float(len(one)) for one in groups]),
-            np.array(weights),
+        ours, expected = contrast_test(published, weights), contrast_test(groups, weights)
+        assert (ours.difference, ours.value, ours.p) == pytest.approx(
+            (expected.difference, expected.value, expected.p)
         )
-        expected = contrast_test(groups, weights)
-        assert (value, t**2, p) == pytest.approx((expected.difference, expected.value, expected.p))
-        assert np.sign(t) == np.sign(value)
-        assert (1, freedom) == expected.df
+        assert ours.df == expected.df
 
 
 def test_a_single_subject_adds_no_variance():
-    two = (np.array([6.0, 4.0]), np.array([0.5, 0.0]), np.array([9.0, 1.0]))
-    _, t, freedom, _ = contrast(*two, np.array([1.0, -1.0]))
-    assert (t, freedom) == (pytest.approx(2 / np.sqrt(81 * 0.25 / 8 * (1 / 9 + 1))), 8)
+    two = [GroupSummary.published(6.0, 0.5, 9), GroupSummary.published(4.0, 0.0, 1)]
+    found = contrast_test(two)
+    assert found.value == pytest.approx(4 / (81 * 0.25 / 8 * (1 / 9 + 1)))
+    assert found.df == (1, 8)
 
 
 def test_a_gain_that_is_the_same_in_every_subject_has_no_t():
@@ -267,7 +250,7 @@ def test_without_all_six_conditions_or_another_protocol_there_is_no_section():
     assert section(material(whole.assign(protocol="rl"))) is None
     assert section(material(whole)) is not None
     other = material(whole)
-    assert section(Material(None, {}, other.trials, ("a",), frozenset(), NOTHING)) is None
+    assert section(Material(table([]), NOBODY, other.trials, ("a",), frozenset(), NOTHING)) is None
 
 
 def test_a_panel_is_drawn_for_the_nearest_learners_and_the_published_model():

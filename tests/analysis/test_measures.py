@@ -14,14 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from causal_openlock.analysis.measures import (
-    attempts_to_find,
     attempts_to_solve,
     by_subject,
     category_counts,
     mean_by_trial,
     number_visits,
     ordered,
-    solutions_per_attempt,
 )
 from causal_openlock.analysis.results.summary import (
     SUMMARY_COLUMNS,
@@ -83,8 +81,6 @@ def test_order_of_rows_and_cells_makes_no_difference(shuffle: Any) -> None:
     rows = list(range(record.num_rows))
     shuffle.shuffle(rows)
     for other in (pa.concat_tables(cells), record.take(rows)):
-        for measure in (attempts_to_find, solutions_per_attempt):
-            pd.testing.assert_frame_equal(measure(record), measure(other))
         pd.testing.assert_frame_equal(attempts_to_solve(record), attempts_to_solve(other))
         pd.testing.assert_frame_equal(category_counts(record), category_counts(other))
 
@@ -139,8 +135,6 @@ def test_an_empty_record_has_empty_tables() -> None:
     record = table([])
     assert attempts_to_solve(record).empty
     assert category_counts(record).empty
-    assert attempts_to_find(record).empty
-    assert solutions_per_attempt(record).empty
     assert summary_table(record).columns.tolist() == list(SUMMARY_COLUMNS)
     assert headline_table(record).empty
 
@@ -157,63 +151,6 @@ def test_loops_are_averaged_within_a_subject_first() -> None:
     assert means["mean"] == pytest.approx(16 / 3)
     assert means["se"] == pytest.approx(math.sqrt(8 / 9) / math.sqrt(3))  # population SD
     assert (means["subjects"], means["visits"], means["share_solved"]) == (3, 2, 1.0)
-
-
-# -- each solution --------------------------------------------------------------------------------
-
-
-def test_attempts_to_each_solution_worked_by_hand() -> None:
-    record = table(
-        trial_rows([0, 1, 1, 2, 3], trial=1)
-        + trial_rows([0, 1, 1, 1], trial=2)  # two never found: its four attempts
-        + trial_rows([1, 2, 2], solutions=2, trial=3)  # there is no third
-    )
-    found = attempts_to_find(record)
-    assert found[["trial", "nth", "attempts", "found"]].to_numpy().tolist() == [
-        [1, 1, 2, True], [1, 2, 4, True], [1, 3, 5, True],
-        [2, 1, 2, True], [2, 2, 4, False], [2, 3, 4, False],
-        [3, 1, 1, True], [3, 2, 2, True],
-    ]  # fmt: skip
-    first = attempts_to_find(record, 1)
-    assert first[["trial", "attempts"]].to_numpy().tolist() == [[1, 2], [2, 2], [3, 1]]
-    with pytest.raises(ValueError, match="at least 1"):
-        attempts_to_find(record, 0)
-
-
-def test_attempts_to_each_solution_agree_with_pandas(random_record: pa.Table) -> None:
-    frame = random_record.to_pandas()
-    key = ["learner", "condition", "protocol", "subject", "phase", "loop", "trial"]
-    new = frame[frame["new_solution"]].set_index([*key, "solutions_found"])["attempt"].to_dict()
-    last = frame.groupby(key, observed=True)["attempt"].max().to_dict()
-    found = attempts_to_find(random_record)
-    assert len(found) == 3 * len(last)
-    for row in found.to_dict("records"):
-        trial = tuple(row[name] for name in key)
-        known = new.get((*trial, row["nth"]))
-        assert row["found"] == (known is not None)
-        assert row["attempts"] == (known or last[trial])
-
-
-def test_the_last_solution_is_found_when_the_trial_is_solved(random_record: pa.Table) -> None:
-    found = attempts_to_find(random_record)
-    trials = attempts_to_solve(random_record)
-    third = found[found["nth"] == 3]
-    assert third["attempts"].tolist() == trials["attempts"].tolist()
-    assert third["found"].tolist() == trials["solved"].tolist()
-
-
-def test_solutions_per_attempt_worked_by_hand() -> None:
-    record = table(
-        trial_rows([0, 1, 1, 2], trial=1)  # solved never: 2 new in 4
-        + trial_rows([1, 2, 3, 3], trial=2, otherwise="open1")  # 3 new in 3, and one repeated
-        + trial_rows([0, 0], trial=3, otherwise="unlock")
-    )
-    shares = solutions_per_attempt(record)
-    assert shares["new_per_attempt"].tolist() == [0.5, 1.0, 0.0]
-    assert shares["opened_per_attempt"].tolist() == [0.5, 1.0, 0.0]
-    again = solutions_per_attempt(table(trial_rows([1, 1, 1], otherwise="open1")))
-    assert again["new_per_attempt"].tolist() == [1 / 3]
-    assert again["opened_per_attempt"].tolist() == [1.0]
 
 
 # -- categories -----------------------------------------------------------------------------------

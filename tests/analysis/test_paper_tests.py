@@ -18,7 +18,6 @@ from causal_openlock.analysis.report.sections import paper_findings
 from causal_openlock.analysis.results.people.paper_tests import (
     TEST_COLUMNS,
     TESTS,
-    learner_tests,
     outcome_text,
     paper_tests,
     printed_tests,
@@ -34,6 +33,11 @@ def _no_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         yield
+
+
+def learner_tests(trials: pd.DataFrame, learner: str) -> pd.DataFrame:
+    found = paper_tests(trials, (learner,))
+    return found[found["learner"] == learner]
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,7 @@ from causal_openlock.analysis.results.scores import (
 from causal_openlock.analysis.results.summary import headline_table, judged
 from causal_openlock.wording import file_names
 from support.fabricated_records import table, trial_rows
+from support.made_up_experiments import NOBODY
 from support.paper_play import material, play, same, scattered
 
 
@@ -125,7 +126,7 @@ def test_the_section_shows_people_first_and_says_who_is_helped(played: Material)
     assert section is not None
     names = ["transfer_congruency_human", "transfer_savings_human"]
     assert [one.name for one in section.tables] == [*names, "transfer_scores_human"]
-    assert [one.name for one in section.drawings] == names
+    assert [one.name for one in section.plots] == names
     for shown in section.tables[:2]:
         assert shown.frame["learner"].tolist() == [
             "People", "Published model", "good", "never", "always",
@@ -138,7 +139,7 @@ def test_the_section_shows_people_first_and_says_who_is_helped(played: Material)
 
 def test_published_scores_stand_beside_nobody_who_did_something_else(played: Material) -> None:
     section = transfer.section(
-        Material(played.record, {}, played.trials, played.learners, frozenset(), {})
+        Material(played.record, NOBODY, played.trials, played.learners, frozenset(), {})
     )
     assert section is not None
     assert section.tables[0].frame["learner"].tolist() == ["good", "never", "always"]

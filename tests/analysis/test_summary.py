@@ -16,7 +16,7 @@ from causal_openlock.analysis.results.summary import (
     SUMMARY_COLUMNS,
     headline_table,
     summary_table,
-    write_summary,
+    write_table,
 )
 from support.fabricated_records import random_cells, table, trial_rows
 
@@ -125,7 +125,7 @@ def test_summary_files_of_equal_data_are_equal(tmp_path: Any) -> None:
         "slower": record.set_column(index, record.schema.field(index), later),
     }
     for name, variant in variants.items():
-        write_summary(variant, tmp_path / name)
+        write_table(summary_table(variant), tmp_path / name)
     first = (tmp_path / "record").read_bytes()
     assert all((tmp_path / name).read_bytes() == first for name in variants)
     lines = first.decode().splitlines()
@@ -134,5 +134,5 @@ def test_summary_files_of_equal_data_are_equal(tmp_path: Any) -> None:
     assert b"\r" not in first
     assert b"nan" not in first
     other = pa.concat_tables(random_cells(12))
-    write_summary(other, tmp_path / "other")
+    write_table(summary_table(other), tmp_path / "other")
     assert (tmp_path / "other").read_bytes() != first

@@ -335,7 +335,7 @@ def test_long_names_and_many_columns_fit() -> None:
     name = "a_name_of_sixty_four_letters_".ljust(64, "x")
     drawing = draw_trace(replace(trace, learner=name, condition=name), actions=75)
     check_texts(drawing.figure)
-    assert "the first 75 of 90 actions" in drawing.caption
+    assert "the first 75 of 90 actions" in drawing.facts["cut"]
 
 
 def test_panels_show_the_trace(cc4: Trace) -> None:
@@ -366,7 +366,7 @@ def test_no_information_is_drawn_where_hypotheses_were_replaced(uncertain: Trace
     (column,) = [i for i, a in enumerate(uncertain.actions, 1) if a.renewed == "noise"]
     obtained = [bar.get_x() + bar.get_width() / 2 for bar in gains.patches if not bar.get_hatch()]
     assert all(abs(x - (column + 0.2)) > 0.1 for x in obtained)
-    assert "dotted" in drawing.caption
+    assert drawing.facts["renewed"]
 
 
 def test_a_long_trial_is_cut_at_an_attempt_and_the_picture_says_so(cc4: Trace) -> None:

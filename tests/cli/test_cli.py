@@ -14,8 +14,7 @@ import pandas as pd
 import pytest
 
 from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.people.beside import beside
-from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.cli import comparison
 from causal_openlock.cli.encoding import write_anything
 from causal_openlock.cli.terminal import Console
@@ -394,7 +393,7 @@ def test_another_experiment_in_the_folder_is_refused(tmp_path: Path) -> None:
     words = ("compare", "-c", "CC3", "-l", "oracle", "--subjects", 1, "--out", "out")
     here(*words, cwd=tmp_path)
     assert "holds another experiment" in fails(*words, "--seed", 5, cwd=tmp_path)
-    assert Store(tmp_path / "out").description()["seed"] == 2018
+    assert Store(tmp_path / "out").experiment().seed == 2018
 
 
 def test_a_disk_that_fills_up_is_one_sentence_and_the_run_can_go_on(tmp_path: Path) -> None:

@@ -154,7 +154,7 @@ def test_a_look_changes_nothing_of_what_is_played(
 ) -> None:
     cell = cell_of(DoesBoth, tmp_path)
     np.random.seed(4)  # noqa: NPY002
-    entry = cell.entry
+    entry = cell.spec
     session = Session(cell.condition, entry.protocol, 2, reward=entry.reward, learner=entry.name)
     expected = session.play(DoesBoth()).drop_columns(["wall_time", "experiment"])
     monkeypatch.setattr(learner_check, "_seen", set())

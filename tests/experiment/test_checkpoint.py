@@ -84,7 +84,7 @@ def cell_of(experiment: Experiment, learner: str, condition: str = "CC3-CE4") ->
     return next(
         cell
         for cell in experiment.cells()
-        if (cell.entry.name, cell.condition.name) == (learner, condition)
+        if (cell.spec.name, cell.condition.name) == (learner, condition)
     )
 
 
@@ -412,7 +412,7 @@ def test_checkpoints_of_a_changed_experiment_are_swept_and_those_still_meant_are
 def test_what_stands_beside_a_finished_cell_is_swept(
     experiment: Experiment, tmp_path: Path
 ) -> None:
-    only = replace(experiment, entries=experiment.entries[:1])
+    only = replace(experiment, learners=experiment.learners[:1])
     store = runner.run(only, tmp_path / "out", workers=1)
     for suffix in (".checkpoint", ".attempts", ".progress"):
         store.path(cell_of(only, "random")).with_suffix(suffix).write_bytes(b"left")
@@ -533,7 +533,7 @@ def test_without_a_key_players_go_on_in_their_process_and_are_not_kept(
     assert "so a killed cell begins again (the key that seals it cannot be kept in" in warning
     assert files_beside(tmp_path / "out") == [".parquet"]
     one, other = create("test_checkpoint:Noting"), create("test_checkpoint:Noting")
-    session = Session(noting.condition, noting.entry.protocol, 2)
+    session = Session(noting.condition, noting.spec.protocol, 2)
     one.begin(session.brief)
     one.act(session.view)
     other.begin(session.brief)
@@ -618,7 +618,7 @@ def test_what_a_learner_did_before_it_failed_is_not_gone_on_from(
     experiment: Experiment, tmp_path: Path
 ) -> None:
     cell = cell_of(experiment, "random")
-    broken = replace(cell, entry=replace(cell.entry, learner="test_checkpoint:Brittle"))
+    broken = replace(cell, spec=replace(cell.spec, learner="test_checkpoint:Brittle"))
     with (
         np.errstate(divide="raise"),
         pytest.raises(LearnerError, match="the learner random in CC3-CE4, subjects 0-2, failed"),

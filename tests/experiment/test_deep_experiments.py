@@ -27,7 +27,7 @@ def experiments() -> dict[str, Experiment]:
 
 
 def entry(experiment: Experiment, name: str) -> LearnerSpec:
-    return next(one for one in experiment.entries if one.name == name)
+    return next(one for one in experiment.learners if one.name == name)
 
 
 def actions(one: LearnerSpec, condition: Condition) -> int:
@@ -46,7 +46,7 @@ def said(name: str) -> str:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_all_have_a_random_learner_beside(experiments: dict[str, Experiment], name: str) -> None:
-    assert experiments[name].entries[0].learner == "random"
+    assert experiments[name].learners[0].learner == "random"
     assert not experiments[name].cautions()
 
 
@@ -55,7 +55,7 @@ def test_paper_rl_is_the_papers_protocol_at_full_budget(
 ) -> None:
     experiment = experiments["paper_rl"]
     assert tuple(one.name for one in experiment.conditions) == PAPER_CONDITIONS
-    for one in experiment.entries:
+    for one in experiment.learners:
         assert one.protocol == PROTOCOLS["rl"]
         assert one.subjects >= 10
     ddqn, text = entry(experiment, "ddqn"), said("paper_rl")
@@ -64,7 +64,7 @@ def test_paper_rl_is_the_papers_protocol_at_full_budget(
     total = sum(actions(ddqn, condition) for condition in experiment.conditions)
     assert total == 2_430_000
     assert "45,000 actions in a baseline and 585,000 in a transfer, so 2.43 million" in text
-    assert len(experiment.entries) * 10 * total / 3 == 32.4e6
+    assert len(experiment.learners) * 10 * total / 3 == 32.4e6
     assert "The record has 32 million attempts" in text
     authors = entry(experiment, "ddqn_authors")
     assert authors.parameters["target_period"] is None
@@ -75,12 +75,12 @@ def test_paper_rl_is_the_papers_protocol_at_full_budget(
 def test_figure6_has_the_attempts_of_the_papers_axis(experiments: dict[str, Experiment]) -> None:
     experiment = experiments["figure6"]
     for condition in experiment.conditions:
-        assert actions(experiment.entries[0], condition) == 3 * 150_000
+        assert actions(experiment.learners[0], condition) == 3 * 150_000
     usual = entry(experiment, "ddqn").parameters
     changed = {
         one.name: {key for key, value in one.parameters.items() if value != usual[key]}
         | ({"reward"} if one.reward.name != "paper" else set())
-        for one in experiment.entries[1:]
+        for one in experiment.learners[1:]
     }
     both = {"target_period", "bootstrap_over_attempts"}
     slow = {"epsilon_decay", "epsilon_after_trial"}
@@ -104,7 +104,7 @@ def test_reward_study_has_every_reward_and_the_papers_combinations(
     experiments: dict[str, Experiment],
 ) -> None:
     experiment = experiments["reward_study"]
-    played = {one.reward.name for one in experiment.entries}
+    played = {one.reward.name for one in experiment.learners}
     assert set(TERMS) <= played
     ladders = {name for name in PRESETS if name.startswith("authors_2018_")}
     full = "authors_2018_negative_immovable_partial_action_seq_solution_multiplier"
@@ -113,7 +113,7 @@ def test_reward_study_has_every_reward_and_the_papers_combinations(
     terms = [reward_terms(one) for one in rewards_of(experiment.as_dict()).values()]
     assert BEST_OF_PAPER in terms
     assert BEST_OF_PAPER | {"unique_solutions"} in terms
-    assert actions(experiment.entries[0], experiment.conditions[0]) == 9_000
+    assert actions(experiment.learners[0], experiment.conditions[0]) == 9_000
 
 
 def test_exploration_decay_has_peoples_decays_in_every_way(
@@ -132,7 +132,7 @@ def test_exploration_decay_has_peoples_decays_in_every_way(
 def test_deep_quick_is_quick_and_has_every_form(experiments: dict[str, Experiment]) -> None:
     experiment = experiments["deep_quick"]
     assert tuple(one.name for one in experiment.conditions) == PAPER_CONDITIONS
-    learners = {one.learner for one in experiment.entries}
+    learners = {one.learner for one in experiment.learners}
     assert learners == {"random", "ddqn", "semi_markov_ddqn", "recurrent", "rl2"}
     ddqn = entry(experiment, "ddqn")
     assert actions(ddqn, of(experiment, "CE4")) == 9_000

@@ -39,7 +39,7 @@ def written(folder: Path, text: str, name: str = "experiment.yaml") -> Path:
 def test_cells_cover_every_subject_of_every_learner_and_condition_once(tmp_path: Path) -> None:
     experiment = read_experiment(written(tmp_path, SMALL))
     cells = [
-        (c.entry.name, c.condition.name, c.first_subject, c.subjects) for c in experiment.cells()
+        (c.spec.name, c.condition.name, c.first_subject, c.subjects) for c in experiment.cells()
     ]
     assert cells == [
         ("random", "CC3", 0, 2),
@@ -112,8 +112,8 @@ protocol: long
     assert [layout.places for layout in first.layouts] == [(3, 5, 1), (3, 1, 5)]
     assert (first.shuffle, second.layouts, second.number) == (False, "random", 3)
     assert condition.test[0].number == 2
-    assert experiment.entries[0].protocol.attempt_limit == 99
-    assert experiment.entries[0].protocol.stop_when_solved
+    assert experiment.learners[0].protocol.attempt_limit == 99
+    assert experiment.learners[0].protocol.stop_when_solved
 
 
 FAULTS = [
@@ -253,9 +253,9 @@ def test_the_command_line_changes_what_the_file_says(tmp_path: Path) -> None:
     changes = Changes(conditions=["CE4"], learners=["slow", "oracle"], subjects=2, seed=1)
     experiment = read_experiment(path, changes)
     assert [condition.name for condition in experiment.conditions] == ["CE4"]
-    assert [entry.name for entry in experiment.entries] == ["slow", "oracle"]
-    assert experiment.entries[0].parameters["learning_rate"] == 0.0001
-    assert {entry.subjects for entry in experiment.entries} == {2}
+    assert [entry.name for entry in experiment.learners] == ["slow", "oracle"]
+    assert experiment.learners[0].parameters["learning_rate"] == 0.0001
+    assert {entry.subjects for entry in experiment.learners} == {2}
     assert experiment.seed == 1
     with pytest.raises(OpenLockError, match="no learner 'nobody'"):
         read_experiment(path, Changes(learners=["nobody"]))
@@ -265,11 +265,11 @@ def test_the_default_experiment_plays_every_learner_in_the_six_conditions() -> N
     experiment = read_experiment(find_experiment("default"))
     ours = {name for name, entry in registry().items() if entry.value.startswith("learners.")}
     # Stable-Baselines3 is an extra, and the default comparison asks for nothing that is not there.
-    assert {entry.learner for entry in experiment.entries} == ours - {"sb3"}
+    assert {entry.learner for entry in experiment.learners} == ours - {"sb3"}
     assert tuple(condition.name for condition in experiment.conditions) == PAPER_CONDITIONS
-    cheap = [entry for entry in experiment.entries if entry.protocol.name == "human"]
+    cheap = [entry for entry in experiment.learners if entry.protocol.name == "human"]
     assert all(entry.subjects >= 20 for entry in cheap)
-    assert any(entry.learner == "ddqn" and entry not in cheap for entry in experiment.entries)
+    assert any(entry.learner == "ddqn" and entry not in cheap for entry in experiment.learners)
 
 
 def test_an_unknown_experiment_is_answered_with_the_nearest() -> None:
@@ -321,7 +321,7 @@ def test_the_command_that_runs_it_again_says_what_was_changed(tmp_path: Path) ->
 def test_the_protocol_of_the_command_line_is_every_learners(tmp_path: Path) -> None:
     text = SMALL.replace("subjects: 3}", "protocol: human}")
     experiment = read_experiment(written(tmp_path, text), Changes(protocol="rl"))
-    assert {entry.protocol.name for entry in experiment.entries} == {"rl"}
+    assert {entry.protocol.name for entry in experiment.learners} == {"rl"}
 
 
 def test_a_choice_of_ones_own_has_a_name_that_says_what_it_is(tmp_path: Path) -> None:

@@ -211,12 +211,12 @@ def test_a_mended_learner_alone_is_played_again_and_one_taken_out_leaves_the_res
         fails(declared(folder, "Fine", "Raises"), out, executor=executor)
         store = Store(out)
         _, description = read_results(store)
-        assert len(description["missing_cells"]) == len(description["failures"]) == 2
+        assert len(description.missing) == len(description.failures) == 2
         first = store.read(store.files()[0][0])
         # Taken out: what is there is whole.
         without = declared(folder, "Fine")
         runner.run(without, out, executor=executor)
-        assert "missing_cells" not in read_results(store)[1]
+        assert not read_results(store)[1].missing
         assert not list((out / "errors").iterdir())
         # Put back as it was: it is tried again, and it alone.
         played: list[str] = []
@@ -230,8 +230,8 @@ def test_a_mended_learner_alone_is_played_again_and_one_taken_out_leaves_the_res
         assert len(error.reasons) == 2
         # Mended: its source is another one, and so are its cells.
         broken = declared(folder, "Fine", "Raises")
-        fine, raises = broken.entries
-        mended = replace(broken, entries=(fine, replace(raises, learner="lethal:Fine")))
+        fine, raises = broken.learners
+        mended = replace(broken, learners=(fine, replace(raises, learner="lethal:Fine")))
         runner.run(
             mended,
             out,
@@ -239,7 +239,7 @@ def test_a_mended_learner_alone_is_played_again_and_one_taken_out_leaves_the_res
             done=lambda cell, before: None if before else played.append(cell.name),
         )
     assert sorted(played) == ["Raises_CC3_0-1", "Raises_CC3_2-3"]
-    assert "missing_cells" not in read_results(store)[1]
+    assert not read_results(store)[1].missing
     assert store.read(store.files()[0][0]).equals(first)
     assert not list((out / "errors").iterdir())
 
@@ -292,7 +292,7 @@ def test_compare_says_what_is_missing_and_exits_with_1(
     assert report.status == 0
     page = Page((folder / "out" / "report.html").read_text(encoding="utf-8")).text
     for said in (done.stdout, report.stdout):
-        assert "unfinished: without 4 cells; compare plays what is missing" in said
+        assert "unfinished: 4 of its cells are missing" in said
         assert all(f"  {line}\n" in said for line in lines)
     assert "4 of its cells are missing" in page
     assert "4 of them failed" in page
@@ -322,9 +322,9 @@ def test_where_every_cell_fails_there_is_no_report_and_the_reasons_are_told(fold
 def test_half_a_group_missing_is_counted_in_its_rows(folder: Path, tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as executor:
         store = runner.run(declared(folder, "Fine"), folder / "out", executor=executor)
-    whole = write_report(*_with_path(store, tmp_path / "whole"), providers=())
+    whole = write_report(*_with_path(store, tmp_path / "whole"), sections=())
     store.files()[0][1].unlink()
-    half = write_report(*_with_path(store, tmp_path / "half"), providers=())
+    half = write_report(*_with_path(store, tmp_path / "half"), sections=())
     head, row = (half.parent / "summary.csv").read_text(encoding="utf-8").splitlines()[:2]
     assert head.endswith(",missing,why")
     assert row.endswith(',2,"Fine in CC3, subjects 2-3: not played yet"')

@@ -8,14 +8,15 @@ import os
 import runpy
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from causal_openlock.analysis.results.reading import made_with, read_results
-from causal_openlock.analysis.results.summary import write_summary
+from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.analysis.results.summary import summary_table, write_table
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment import runner
 from causal_openlock.experiment.experiment import Experiment
@@ -23,7 +24,7 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import compact
 from causal_openlock.experiment.store import Store
 from causal_openlock.files import whole
-from causal_openlock.files.checksums import json_bytes, table_bytes
+from causal_openlock.files.checksums import json_bytes, read_json, table_bytes
 from causal_openlock.version import __version__
 from support.places import ROOT
 from support.processes import prepared
@@ -51,10 +52,10 @@ def experiment(tmp_path: Path) -> Experiment:
 def quick(experiment: Experiment) -> Experiment:
     """The same with few subjects and attempts, for what is played again and again."""
     short = dataclasses.replace(
-        experiment.entries[0].protocol, name="short", attempt_limit=2, baseline_trials=1
+        experiment.learners[0].protocol, name="short", attempt_limit=2, baseline_trials=1
     )
-    entries = [dataclasses.replace(one, subjects=3, protocol=short) for one in experiment.entries]
-    return dataclasses.replace(experiment, entries=tuple(entries))
+    entries = [dataclasses.replace(one, subjects=3, protocol=short) for one in experiment.learners]
+    return dataclasses.replace(experiment, learners=tuple(entries))
 
 
 def play(experiment: Experiment, folder: Path, **options: object) -> Store:
@@ -145,14 +146,14 @@ def test_a_folder_of_another_experiment_is_refused_and_left_alone(
 ) -> None:
     kept = play(experiment, tmp_path / "out")
     files = {path: path.read_bytes() for path in kept.folder.rglob("*") if path.is_file()}
-    (condition, _), entries = experiment.conditions, experiment.entries
+    (condition, _), entries = experiment.conditions, experiment.learners
     long = dataclasses.replace(entries[0].protocol, attempt_limit=31)
     for other in (
         dataclasses.replace(experiment, seed=4),
         dataclasses.replace(experiment, name="other"),
         dataclasses.replace(experiment, conditions=(dataclasses.replace(condition, name="x"),)),
         dataclasses.replace(
-            experiment, entries=tuple(dataclasses.replace(one, protocol=long) for one in entries)
+            experiment, learners=tuple(dataclasses.replace(one, protocol=long) for one in entries)
         ),
     ):
         with pytest.raises(StoreError, match="holds another experiment"):
@@ -164,17 +165,17 @@ def test_a_folder_is_reused_for_another_form_of_its_experiment(
     quick: Experiment, tmp_path: Path
 ) -> None:
     experiment = quick
-    random, oracle = experiment.entries
+    random, oracle = experiment.learners
     forms = {
-        "a learner less": dataclasses.replace(experiment, entries=(oracle,)),
+        "a learner less": dataclasses.replace(experiment, learners=(oracle,)),
         "a condition less": dataclasses.replace(experiment, conditions=experiment.conditions[:1]),
         "more subjects": dataclasses.replace(
             experiment,
-            entries=tuple(dataclasses.replace(one, subjects=7) for one in experiment.entries),
+            learners=tuple(dataclasses.replace(one, subjects=7) for one in experiment.learners),
         ),
         "larger cells": dataclasses.replace(experiment, cell_size=3),
         "a learner more": dataclasses.replace(
-            experiment, entries=(random, oracle, dataclasses.replace(random, name="again"))
+            experiment, learners=(random, oracle, dataclasses.replace(random, name="again"))
         ),
         "as it was": experiment,
     }
@@ -192,8 +193,32 @@ def test_a_folder_is_reused_for_another_form_of_its_experiment(
         known |= set(new)
         fresh = play(form, tmp_path / name)
         assert contents(store, form).equals(contents(fresh, form)), name
-        assert store.description() == fresh.description(), name
+        assert store.experiment() == fresh.experiment(), name
     assert {path: path.read_bytes() for path in kept} == kept
+
+
+def nested(depth: int) -> list[Any]:
+    """A list within a list, and so on."""
+    found: list[Any] = []
+    for _ in range(depth):
+        found = [found]
+    return found
+
+
+def test_a_malformed_experiment_is_a_sentence_that_names_the_place(
+    quick: Experiment, tmp_path: Path
+) -> None:
+    kept = play(quick, tmp_path / "out")
+    path = kept.folder / "experiment.json"
+    whole = read_json(path.read_bytes())
+    whole["learners"][0]["protocol"]["attempt_limit"] = "3"
+    path.write_bytes(json_bytes(whole))
+    with pytest.raises(StoreError) as refused:
+        kept.experiment()
+    assert str(refused.value) == (
+        f"{path} is damaged (learners.0.protocol.attempt_limit must be a valid integer, and this "
+        "is the text '3'); run compare again, with the same command, to make it anew"
+    )
 
 
 def test_a_damaged_description_is_healed_where_cells_are_of_the_experiment(
@@ -203,7 +228,9 @@ def test_a_damaged_description_is_healed_where_cells_are_of_the_experiment(
     kept = play(experiment, tmp_path / "out")
     path = kept.folder / "experiment.json"
     content = path.read_bytes()
-    whole = kept.description()
+    whole = read_json(content)
+    learner = whole["learners"][0]
+    protocol = learner["protocol"]
     odd = [
         content.replace(b'"seed": 3', b'"seed": 4'),
         content[:50],
@@ -216,10 +243,19 @@ def test_a_damaged_description_is_healed_where_cells_are_of_the_experiment(
         json_bytes({**whole, "cells": {}}),
         json_bytes({**whole, "learners": [{**whole["learners"][0], "protocol": {"name": []}}]}),
         json_bytes({**whole, "conditions": [{"name": "CC3", "train": [[]], "test": None}]}),
+        json_bytes({**whole, "conditions": []}),
+        json_bytes({**whole, "failures": 7}),
+        json_bytes({**whole, "title": "a lone surrogate \ud800"}),
+        json_bytes({**whole, "learners": [{**learner, "parameters": {"deep": nested(800)}}]}),
+        json_bytes({**whole, "learners": [{**learner, "reward": {"name": "x", "terms": ["y"]}}]}),
+        json_bytes({**whole, "learners": [{**learner, "protocol": {**protocol, "odd": 1}}]}),
+        json_bytes(
+            {**whole, "learners": [{**learner, "protocol": {**protocol, "attempt_limit": "3"}}]}
+        ),
     ]
     for damaged in odd:
         path.write_bytes(damaged)
-        for read in (kept.description, kept.record, kept.files, lambda: read_results(kept)):
+        for read in (kept.experiment, kept.record, kept.files, lambda: read_results(kept)):
             with pytest.raises(StoreError, match=r"experiment\.json is damaged \(.*\); run comp"):
                 read()
         with pytest.raises(StoreError, match="is damaged"):
@@ -234,7 +270,7 @@ def test_no_flipped_bit_passes_for_what_was_written(experiment: Experiment, tmp_
     kept = play(dataclasses.replace(experiment, cell_size=5), tmp_path / "out")
     rng = np.random.default_rng(7)
     files = [(path, lambda path=path: kept.read(path)) for path in kept.files()[0][:2]]
-    files.append((kept.folder / "experiment.json", kept.description))
+    files.append((kept.folder / "experiment.json", kept.experiment))
     for path, read in files:
         counts = flipped(path, read, 150, rng)
         assert counts == {"noticed": 150}, path
@@ -255,7 +291,7 @@ def test_after_a_flipped_bit_that_cell_alone_is_played_again(
 ) -> None:
     experiment = quick
     kept = play(experiment, tmp_path / "out")
-    write_summary(kept.record()[0], tmp_path / "before.csv")
+    write_table(summary_table(kept.record()[0]), tmp_path / "before.csv")
     rng = np.random.default_rng(3)
     for cell in list(experiment.cells())[::5]:
         path = kept.path(cell)
@@ -263,7 +299,7 @@ def test_after_a_flipped_bit_that_cell_alone_is_played_again(
         place = int(rng.integers(8 * len(content)))
         content[place // 8] ^= 1 << place % 8
         path.write_bytes(content)
-        for read in (kept.record, lambda: read_results(kept), lambda: made_with(kept.files()[0])):
+        for read in (kept.record, lambda: read_results(kept), lambda: kept.record([])):
             with pytest.raises(StoreError) as told:
                 read()
             assert str(told.value).startswith(f"{path} is damaged (")
@@ -274,7 +310,7 @@ def test_after_a_flipped_bit_that_cell_alone_is_played_again(
             done=lambda one, before, again=again: None if before else again.append(kept.path(one)),
         )
         assert again == [path]
-    write_summary(kept.record()[0], tmp_path / "after.csv")
+    write_table(summary_table(kept.record()[0]), tmp_path / "after.csv")
     assert (tmp_path / "after.csv").read_bytes() == (tmp_path / "before.csv").read_bytes()
 
 
@@ -379,7 +415,7 @@ def test_where_nothing_is_done_yet_another_experiment_may_begin(
     begun.open(experiment)
     begun.close()
     other = dataclasses.replace(experiment, seed=4)
-    assert play(other, tmp_path / "out").description()["seed"] == 4
+    assert play(other, tmp_path / "out").experiment().seed == 4
 
 
 def test_a_folder_in_use_is_refused_until_it_is_free(
@@ -414,12 +450,12 @@ def test_a_record_tells_which_cells_are_missing_and_what_the_others_were_made_wi
 ) -> None:
     kept = play(experiment, tmp_path / "out")
     _, description = kept.record()
-    assert "missing_cells" not in description
-    assert description["versions"]["causal-openlock"] == __version__
+    assert not description.missing
+    assert description.versions["causal-openlock"] == __version__
     lost = kept.path(list(experiment.cells())[2])
     lost.unlink()
     record, description = kept.record()
-    assert description["missing_cells"] == [lost.stem]
+    assert description.missing == (lost.stem,)
     assert record.num_rows > 0
 
 
@@ -442,6 +478,6 @@ def test_the_summary_does_not_depend_on_the_order_of_the_cells(
     tables = [
         kept.read(kept.path(cell)).replace_schema_metadata(None) for cell in experiment.cells()
     ]
-    write_summary(pa.concat_tables(tables), tmp_path / "forwards.csv")
-    write_summary(pa.concat_tables(tables[::-1]), tmp_path / "backwards.csv")
+    write_table(summary_table(pa.concat_tables(tables)), tmp_path / "forwards.csv")
+    write_table(summary_table(pa.concat_tables(tables[::-1])), tmp_path / "backwards.csv")
     assert (tmp_path / "forwards.csv").read_bytes() == (tmp_path / "backwards.csv").read_bytes()

@@ -136,9 +136,9 @@ def test_a_name_that_some_system_takes_for_a_path_is_no_cell(folder: Path) -> No
     for name in ("a\\b.parquet", "..parquet", "a\0.parquet", "a\n.parquet", ".parquet", "passwd"):
         forge(folder, lambda held, name=name: held["cells"].insert(0, name))
         with pytest.raises(OpenLockError, match="among the cells"):
-            Store(folder).description()
+            Store(folder).experiment()
         forge(folder, lambda held: held["cells"].pop(0))
-    Store(folder).description()
+    Store(folder).experiment()
 
 
 @pytest.mark.parametrize("inside", ["cells", "cells/CELL", "report.html", "summary.csv", ".lock"])

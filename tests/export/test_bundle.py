@@ -8,8 +8,10 @@ import shutil
 import sys
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -18,15 +20,13 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.cli import app
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.experiment import Origin
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
-from causal_openlock.experiment.from_description import (
-    condition_from_dict,
-    experiment_file,
-    reward_from_dict,
-)
 from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import _files, write_bundle
+from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.world.rewards import PRESETS, find_reward
+from support.made_up_experiments import NOBODY, condition_called, edit_stored, spec, stored
 
 LEARNER = """
 from dataclasses import dataclass
@@ -136,9 +136,9 @@ def test_the_one_command_of_a_bundle_gives_the_same_summary(
     done = CliRunner().invoke(app, [*shlex.split(told[0])[1:], "--workers", "1"])
     assert done.exit_code == 0, done.output
     assert Path("again/summary.csv").read_bytes() == Path("results/summary.csv").read_bytes()
-    again, first = (Store(Path(name)).description() for name in ("again", "results"))
-    assert again["identity"] == first["identity"]
-    assert again["cells"] == first["cells"]
+    again, first = (Store(Path(name)).experiment() for name in ("again", "results"))
+    assert again.identity == first.identity
+    assert again.files == first.files
     done = CliRunner().invoke(app, ["report", "results", "again"])
     assert "9 are the same, subject by subject" in " ".join(done.output.split())
 
@@ -230,12 +230,13 @@ def test_files_of_one_name_that_two_parameters_name_are_kept_apart(tmp_path: Pat
     for path in paths:
         path.parent.mkdir()
         path.write_text(path.parent.name)
-    entry = {
-        "name": "me",
-        "material": " ".join(sha256(path.read_bytes()).hexdigest()[:16] for path in paths),
-        "parameters": dict(zip("ab", map(str, paths), strict=True)),
-    }
-    assert _files(entry) == {
+    known = " ".join(sha256(path.read_bytes()).hexdigest()[:16] for path in paths)
+    learner = spec(
+        "me",
+        parameters=dict(zip("ab", map(str, paths), strict=True)),
+        recorded=Origin("mine:Learner", "mine 1.0", known),
+    )
+    assert _files(learner) == {
         "a": ("files/me/a/weights.npz", b"first"),
         "b": ("files/me/b/weights.npz", b"second"),
     }
@@ -253,8 +254,7 @@ def test_what_is_unfinished_or_has_no_report_is_not_bundled(made: Path) -> None:
 
 def test_results_of_another_version_are_bundled_with_a_warning(made: Path) -> None:
     copy = Store(shutil.copytree(made / "out", made / "copy"))
-    held = copy.description()
-    copy.declare({**held, "version": f"9.{held['version']}", "identity": "another"})
+    edit_stored(copy.folder, lambda held: held.update(version="9.0", identity="another"))
     (caution,) = write_bundle(copy, made / "other.zip")
     assert caution.startswith("Nobody could check that it runs again: the results were made with")
     with zipfile.ZipFile(made / "other.zip") as bundle:
@@ -263,10 +263,12 @@ def test_results_of_another_version_are_bundled_with_a_warning(made: Path) -> No
 
 def test_a_learner_that_is_another_now_is_named(made: Path) -> None:
     copy = Store(shutil.copytree(made / "out", made / "copy"))
-    held = copy.description()
-    held["learners"][0]["class"] = "learners.oracle:AnotherOracle"
-    held["identity"] = "another"
-    copy.declare(held)
+
+    def change(held: dict[str, Any]) -> None:
+        held["learners"][0]["class"] = "learners.oracle:AnotherOracle"
+        held["identity"] = "another"
+
+    edit_stored(copy.folder, change)
     (caution,) = write_bundle(copy, made / "other.zip")
     assert caution.startswith("It may not run as it did")
     assert caution.endswith("(oracle).")
@@ -279,18 +281,19 @@ def test_bundled_experiments_survive_being_described(name: str, tmp_path: Path) 
 
     known = ["oracle", "random", "bayes", "ddqn"]
     experiment = read_experiment(find_experiment(name), Changes(learners=known))
-    described = experiment.as_dict()
+    kept = stored(experiment)
+    assert kept.conditions == experiment.conditions
     (tmp_path / "schemas").mkdir()
     for condition in experiment.conditions:
-        assert condition_from_dict(condition.as_dict()) == condition
         for schema in condition.schemas:
             (tmp_path / "schemas" / f"{schema.name}.yaml").write_text(dump_schema(schema))
-    (tmp_path / "again.yaml").write_text(dump_yaml(experiment_file(described)))
+    (tmp_path / "again.yaml").write_text(dump_yaml(experiment_file(kept)))
     assert read_experiment(tmp_path / "again.yaml").identity == experiment.identity
 
 
 def test_rewards_survive_being_described() -> None:
-    from dataclasses import asdict
-
     for reward in (*PRESETS.values(), find_reward(["basic", "negative_repeat"])):
-        assert reward_from_dict(asdict(reward)) == reward
+        one = replace(
+            NOBODY, conditions=(condition_called("CC4"),), learners=(spec("a", reward=reward),)
+        )
+        assert stored(one).learners[0].reward == reward

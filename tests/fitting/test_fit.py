@@ -41,7 +41,7 @@ from causal_openlock.fitting.objective import (
     play,
     score,
 )
-from causal_openlock.fitting.outcome import outcome, write_outcome
+from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
 from causal_openlock.fitting.search import (
     Range,
     bundled_search,
@@ -207,7 +207,7 @@ def test_what_a_candidate_plays_does_not_depend_on_how_it_is_cut():
 
 def test_the_score_takes_the_points_apart_as_they_are_held_out():
     trials = joined([play(job) for job in jobs(ME, {}, conditions_to_fit("none"), 3, 1)])
-    found = score(trials, "transfer")
+    found = score(points_of(trials), "transfer")
     points = points_of(trials)
     tests = points["phase"] == "test"
     assert found.fitted == pytest.approx(distance(points[~tests])[0])
@@ -216,19 +216,18 @@ def test_the_score_takes_the_points_apart_as_they_are_held_out():
     # Who makes no mistake needs three attempts everywhere.
     assert found.all == pytest.approx(np.sqrt(((points_of_people()["mean"] - 3.0) ** 2).mean()))
     baselines = trials[trials["condition"].isin(["CC4", "CE4"])]
-    assert np.isnan(score(baselines, "transfer").held_out)
+    assert np.isnan(score(points_of(baselines), "transfer").held_out)
 
 
 # -- the search -----------------------------------------------------------------------------------
 
 
 def test_a_fit_finds_what_is_nearer_to_people_than_either_extreme(tmp_path):
+    extremes = []
+    for lapse in (0.0, 1.0):
+        trials = [play(job) for job in jobs(ME, {"lapse": lapse}, ("CC4", "CE4"), 6, 3)]
+        extremes.append(score(points_of(joined(trials)), "transfer").fitted)
     fitted, trials = fit(plan(candidates=8, subjects=6), tmp_path)
-    extremes = [
-        score(joined([play(job) for job in jobs(ME, {"lapse": lapse}, ("CC4", "CE4"), 6, 3)]),
-              "transfer").fitted
-        for lapse in (0.0, 1.0)
-    ]  # fmt: skip
     assert fitted.table()["rmse"].min() < min(extremes) - 1
     assert 0.2 < fitted.best.chosen["lapse"] < 0.95
     assert set(trials["condition"]) == {"CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4"}
@@ -324,11 +323,11 @@ def test_a_candidate_without_its_parameters_is_refused(tmp_path, chosen):
 
 def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path):
     fitted, trials = fit(plan(candidates=2), tmp_path)
-    found = outcome(fitted, trials)
-    files = write_outcome(fitted, found, tmp_path)
+    found = fitted_learner(fitted, trials)
+    files = write_fitted_learner(fitted, found, tmp_path)
     assert all(file.stat().st_size > 100 for file in files)
     experiment = read_experiment(tmp_path / "experiment.yaml")
-    entry = experiment.entries[-1]
+    entry = experiment.learners[-1]
     assert entry.parameters["lapse"] == fitted.best.chosen["lapse"]
     assert experiment.seed not in (3, 4, 5)
     points = pd.read_csv(tmp_path / "points.csv")
@@ -365,7 +364,7 @@ def test_it_says_that_ranges_were_narrowed_with_the_tests_in_view(
     from causal_openlock.cli.fit import _print
 
     fitted, trials = fit(plan(candidates=2), tmp_path)
-    found = outcome(fitted, trials)
+    found = fitted_learner(fitted, trials)
     fitted.plan = replace(fitted.plan, space=replace(fitted.plan.space, learner=learner))
     _print(fitted, found, Console())
     assert ("a check, not an untouched" in capsys.readouterr().out) == said
@@ -519,10 +518,10 @@ def test_the_bundled_experiment_plays_the_fitted_learner_with_four_free_paramete
     experiment = read_experiment(bundled("experiments") / "bayes_like_people.yaml")
     space = bundled_search("bayes")
     assert space is not None
-    entry = next(one for one in experiment.entries if one.name == "bayes_like_people")
+    entry = next(one for one in experiment.learners if one.name == "bayes_like_people")
     for name, one in space.ranges.items():
         assert one.low <= entry.parameters[name] <= one.high
-    plain = next(one for one in experiment.entries if one.name == "bayes")
+    plain = next(one for one in experiment.learners if one.name == "bayes")
     differing = {name for name, value in entry.parameters.items()
                  if value != plain.parameters[name]}  # fmt: skip
     assert differing == {*space.ranges, *space.fixed}

@@ -269,7 +269,7 @@ def test_what_is_no_file_is_not_read(tmp_path: Path) -> None:
         with pytest.raises(LearnerError, match="is no checkpoint of rl2"):
             read_network(path)
         with pytest.raises(LearnerError, match="is no checkpoint of rl2"):
-            RL2.material(RL2Parameters(checkpoint=str(path)))
+            RL2.artifact_hash(RL2Parameters(checkpoint=str(path)))
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.report.writing import write_report
-from causal_openlock.analysis.results.people.beside import beside
+from causal_openlock.analysis.results.reading import beside
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
@@ -52,7 +52,7 @@ def test_a_person_walks_through_a_transfer_and_its_record_is_that_of_a_learner(
     assert [room["left"] for room in home.view(name)["ended"]] == [0] * 7
     home.close()
     record, description = Store(tmp_path).record()
-    assert "missing_cells" not in description
+    assert not description.missing
     # The same actions of any learner under this label give the same record, times aside.
     condition = Condition.named("CC3-CC4", find_schema)
     session = Session(condition, HUMAN, [0], seed=5, learner="person", experiment="people")

@@ -110,7 +110,7 @@ def test_a_recorded_subject_is_the_one_that_plays(
     results: Path, label: str, condition: str
 ) -> None:
     chosen = read_experiment(find_experiment(str(results.parent / "small.yaml")), Changes())
-    entry = next(one for one in chosen.entries if one.name == label)
+    entry = next(one for one in chosen.learners if one.name == label)
     played = next(one for one in chosen.conditions if one.name == condition)
     for number in (1, 5):
         recorded = recorded_trial(results, label, condition, subject=2, trial=number)
@@ -136,7 +136,7 @@ def test_the_film_of_a_recorded_subject_is_the_live_one_byte_for_byte(
     live = play_trial(
         create("oracle"),
         chosen.conditions[0],
-        chosen.entries[0].protocol,
+        chosen.learners[0].protocol,
         trial=7,
         subject=1,
         seed=5,

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import CATEGORIES, record_schema
+from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.world.fsm import FloatArray
+from support.made_up_experiments import declared
 
 ATTEMPTS = 20
 
@@ -99,8 +100,6 @@ def around(means: Any, subjects: int = 10, spread: float = 0.02, seed: int = 0) 
     return shares
 
 
-def described(folder: Path, text: str) -> dict[str, Any]:
-    """What an experiment file says, as a results folder describes it."""
-    path = folder / "made_up.yaml"
-    path.write_text(f"name: made_up\nprotocol: rl\n{text}")
-    return read_experiment(path).as_dict()
+def described(folder: Path, text: str) -> StoredExperiment:
+    """The experiment of an experiment file under ``rl``, as a results folder holds it."""
+    return declared(folder, f"protocol: rl\n{text}")

@@ -62,6 +62,12 @@ def table(rows: list[Row]) -> pa.Table:
     return pa.table(columns, schema=record_schema())
 
 
+def schema_of(condition: str, phase: str) -> str:
+    """The schema in a phase of a condition of the paper's, or CC4."""
+    known = [part for part in condition.split("-") if part in ("CC3", "CE3", "CC4", "CE4")]
+    return known[0 if phase == "train" else -1] if known else "CC4"
+
+
 def random_cells(
     seed: int,
     *,
@@ -94,6 +100,7 @@ def random_cells(
                 phase=phase,
                 loop=loop,
                 trial=trial,
+                schema=schema_of(condition, phase),
                 layout=f"layout{rng.integers(3)}",
                 otherwise=str(rng.choice(["else", "unlock", "open1"])),
             )

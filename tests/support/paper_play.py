@@ -13,6 +13,7 @@ from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from support.fabricated_records import Row, table, trial_rows
+from support.made_up_experiments import experiment_of
 
 Attempts = Callable[[str, str, int, int], int]
 """From condition, phase, trial and subject to how many attempts a trial takes."""
@@ -77,7 +78,7 @@ def material(rows: list[Row], learners: tuple[str, ...], **values: Any) -> Mater
     }
     return Material(
         record=record,
-        experiment=values.get("experiment", {}),
+        experiment=values.get("experiment") or experiment_of(record),
         trials=attempts_to_solve(record),
         learners=learners,
         pairs=values.get("pairs"),

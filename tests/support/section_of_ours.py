@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis.plots.style import Drawing
-from causal_openlock.analysis.report.section import Material, Section, Table
+from causal_openlock.analysis.report.section import Material, Section, SectionPlot, SectionTable
 
 COLUMNS = ("reward",)
 
@@ -21,7 +20,7 @@ def section(material: Material) -> Section | None:
     paid = paid.assign(share=0.125, better=True, per_1000=1234567.0, nothing=float("nan"))
     figure = Figure(figsize=(3, 2))
     figure.subplots().plot([0, 1], [0, 1])
-    table = Table(
+    table = SectionTable(
         "paid",
         "Pay & <reward>",
         paid,
@@ -29,5 +28,5 @@ def section(material: Material) -> Section | None:
         "Means over attempts ± nothing, 100% of them.",
     )
     text = (f"{len(paid)} learners & one < two.",)
-    drawing = Drawing("paid", "Pay", "A line.", figure)
-    return Section("paid", "What was paid", text, (table,), (drawing,))
+    plot = SectionPlot("paid", "Pay", "A line.", figure)
+    return Section("paid", "What was paid", text, (table,), (plot,))

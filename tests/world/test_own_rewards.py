@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -20,18 +19,19 @@ from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.errors import FileError, OpenLockError, RewardError
 from causal_openlock.experiment.file import json_schema, read_experiment
-from causal_openlock.experiment.from_description import experiment_file, reward_from_dict
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_minari import write_minari
+from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.formats.schema_file import find_schema
-from causal_openlock.world.reward_code import own_reward
+from causal_openlock.world.reward_code import OwnReward, own_reward
 from causal_openlock.world.reward_events import Events
 from causal_openlock.world.rewards import PRESETS, TERMS, WEIGHTS, Reward, Weights, find_reward
 from support.command import at_once
+from support.made_up_experiments import NOBODY, condition_called, spec, stored
 from support.reward_play import Play
 from support.waiting import HANGS
 
@@ -80,7 +80,10 @@ def test_a_reward_says_how_it_is_written_and_comes_back_from_its_description(
 ) -> None:
     reward = find_reward(form)
     assert find_reward(reward.written()) == reward
-    assert reward_from_dict(json.loads(json.dumps(reward.as_dict()))) == reward
+    experiment = replace(
+        NOBODY, conditions=(condition_called("CC4"),), learners=(spec("a", reward=reward),)
+    )
+    assert stored(experiment).learners[0].reward == reward
     jsonschema.validate(
         {"name": "e", "conditions": ["CC3"], "learners": ["ddqn"], "reward": form}, json_schema()
     )
@@ -246,17 +249,18 @@ def test_results_are_told_apart_by_the_code_and_read_without_it(
     (folder / "mine_pays.py").write_text(CODE)
     done = openlock("compare", "study/mine.yaml", "-o", "out", "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    record, description = Store(tmp_path / "out").record()
+    record, experiment = Store(tmp_path / "out").record()
     rewards = {
         name: record.filter(np.equal(record["learner"].to_pylist(), name))["reward"].to_pylist()
         for name in ("oracle", "random")
     }
     assert set(rewards["oracle"]) == {7.0}
     assert set(rewards["random"]) != {7.0}
-    told = description["learners"][1]["reward"]
-    assert told["function"] == "mine_pays:pay"
-    assert told["source"].startswith("mine_pays.py ")
-    assert experiment_file(description)["learners"][1]["reward"] == "mine_pays:pay"
+    told = experiment.learners[1].reward
+    assert isinstance(told, OwnReward)
+    assert told.name == "mine_pays:pay"
+    assert told.source.startswith("mine_pays.py ")
+    assert experiment_file(experiment)["learners"][1]["reward"] == "mine_pays:pay"
     # Another code is another experiment, and other cells.
     identity = "import sys; from causal_openlock.experiment.file import read_experiment as read; "
     identity += "print(*[cell.identity for cell in read('study/mine.yaml').cells()])"
@@ -306,7 +310,7 @@ def test_weights_and_functions_are_played_in_a_comparison(tmp_path: Path) -> Non
         )
     )
     experiment = read_experiment(path)
-    assert [entry.reward.name for entry in experiment.entries] == [
+    assert [entry.reward.name for entry in experiment.learners] == [
         "basic(open=5)",
         f"{__name__}:eager",
     ]

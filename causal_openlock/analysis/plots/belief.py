@@ -1,4 +1,4 @@
-"""The picture of one trial of belief: what was done, what it told, which arrows it left probable.
+"""The picture of one trial of belief: what was done, what it revealed, what it left probable.
 
 Four panels share their columns, one for each action; under them the structure that is most
 probable in the end stands beside the true one. Everything is placed by the inch, so that nothing
@@ -7,10 +7,8 @@ depends on how long names are or how many arrows there were.
 
 from __future__ import annotations
 
-import io
 import textwrap
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +18,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.belief_panels import (
     LEFT,
     RIGHT,
-    Shown,
+    TracePart,
     draw_arrows,
     draw_entropy,
     draw_gains,
@@ -29,7 +27,7 @@ from causal_openlock.analysis.plots.belief_panels import (
     legend_handles,
     plan_graphs,
 )
-from causal_openlock.analysis.plots.style import Drawing
+from causal_openlock.analysis.plots.style import Plot
 from causal_openlock.belief.trace import Trace
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.whole import write_bytes
@@ -42,7 +40,7 @@ THRESHOLD = 0.1
 """Arrows that are not true and were never more probable than this are not shown."""
 
 
-def draw_trace(trace: Trace, actions: int = MOST_ACTIONS, arrows: int = MOST_ARROWS) -> Drawing:
+def draw_trace(trace: Trace, actions: int = MOST_ACTIONS, arrows: int = MOST_ARROWS) -> Plot:
     """Draw a trace.
 
     Args:
@@ -53,7 +51,14 @@ def draw_trace(trace: Trace, actions: int = MOST_ACTIONS, arrows: int = MOST_ARR
     shown = _choose(trace, actions, arrows)
     with style.settings():
         figure = _draw(shown)
-    return Drawing("trace", _title(trace), _caption(shown), figure)
+    facts = {
+        "learner": trace.learner,
+        "threshold": THRESHOLD,
+        "cut": shown.cut,
+        "forgetting": trace.forgetting,
+        "renewed": shown.renewed,
+    }
+    return Plot("belief", figure, facts=facts)
 
 
 def save_trace_figure(trace: Trace, path: Path | str, actions: int = MOST_ACTIONS) -> None:
@@ -68,17 +73,7 @@ def save_trace_figure(trace: Trace, path: Path | str, actions: int = MOST_ACTION
         OpenLockError: If the suffix is another or the file cannot be written.
     """
     path = check_suffix(path)
-    suffix = path.suffix.lower()[1:]
-    nothing: dict[str, dict[str, Any]] = {
-        "svg": dict.fromkeys(("Date", "Creator", "Format", "Type")),
-        "png": {"Software": None},
-        "pdf": {"CreationDate": None},
-    }
-    content = io.BytesIO()
-    figure = draw_trace(trace, actions).figure
-    with style.settings():
-        figure.savefig(content, format=suffix, dpi=200, metadata=nothing[suffix])
-    write_bytes(path, content.getvalue())
+    write_bytes(path, style.image(draw_trace(trace, actions).figure, path.suffix.lower()[1:]))
 
 
 def check_suffix(path: Path | str) -> Path:
@@ -99,7 +94,7 @@ def check_suffix(path: Path | str) -> Path:
 # -- what is shown --------------------------------------------------------------------------------
 
 
-def _choose(trace: Trace, actions: int, arrows: int) -> Shown:
+def _choose(trace: Trace, actions: int, arrows: int) -> TracePart:
     number = 0
     for attempt in trace.attempts:
         if number and number + len(attempt) > actions:
@@ -127,7 +122,7 @@ def _choose(trace: Trace, actions: int, arrows: int) -> Shown:
             else (-round(final[arrow], 6), -round(mean[arrow], 6), *arrow),
         )
     )
-    return Shown(trace, number, kept, [arrow in true for arrow in kept], len(ever) - len(kept))
+    return TracePart(trace, number, kept, [arrow in true for arrow in kept], len(ever) - len(kept))
 
 
 def _depths(trace: Trace) -> dict[str, int]:
@@ -145,31 +140,10 @@ def _title(trace: Trace) -> str:
     )
 
 
-def _caption(shown: Shown) -> str:
-    text = (
-        "What one subject did, attempt by attempt; the bits missing to certainty about the room; "
-        "the information expected of each action by itself and the information that it gave, "
-        "which agree on average over rooms as probable as the subject believes; and the marginal "
-        f"probability of each arrow that was ever more probable than {THRESHOLD:.0%}, true arrows "
-        "above the line. Below, the structure that is most probable in the end beside the true "
-        "one, levers called by their positions."
-    )
-    if shown.cut:
-        text += f" {shown.cut}"
-    if shown.trace.forgetting:
-        text += " What is forgotten after an attempt counts against its last action."
-    if shown.renewed:
-        text += (
-            " Where the line is dotted hypotheses were replaced by others, so that the difference "
-            "is no information."
-        )
-    return text
-
-
 # -- drawing --------------------------------------------------------------------------------------
 
 
-def _draw(shown: Shown) -> Figure:
+def _draw(shown: TracePart) -> Figure:
     graphs = plan_graphs(shown)
     title = [(line, "bold") for line in textwrap.wrap(_title(shown.trace), 84)]
     title += [(shown.cut, "normal")] * bool(shown.cut)

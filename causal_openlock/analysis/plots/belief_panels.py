@@ -1,6 +1,6 @@
 """The panels of the picture of belief (:mod:`causal_openlock.analysis.plots.belief`).
 
-Every panel is drawn into axes that it is given, and takes what it shows from a :class:`Shown`.
+Every panel is drawn into axes that it is given, and takes what it shows from a :class:`TracePart`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _BLUES = LinearSegmentedColormap.from_list("belief", ["#FFFFFF", "#7FA6CC", COMM
 
 
 @dataclass(frozen=True)
-class Shown:
+class TracePart:
     """The part of a trace that is drawn.
 
     Attributes:
@@ -107,7 +107,7 @@ class Shown:
         return spans
 
 
-def draw_timeline(axes: Axes, shown: Shown) -> None:
+def draw_timeline(axes: Axes, shown: TracePart) -> None:
     """What was done, and what came of it, attempt by attempt."""
     axes.set(ylim=(0, 1), yticks=[])
     axes.spines[:].set_visible(False)
@@ -133,12 +133,12 @@ def draw_timeline(axes: Axes, shown: Shown) -> None:
     axes.tick_params(axis="x", labelbottom=True, pad=2)
 
 
-def _between_attempts(axes: Axes, shown: Shown) -> None:
+def _between_attempts(axes: Axes, shown: TracePart) -> None:
     for _, first, _ in shown.attempts:
         axes.axvline(first - 0.5, color="#C4C4C4", lw=0.6, zorder=0)
 
 
-def draw_entropy(axes: Axes, shown: Shown) -> None:
+def draw_entropy(axes: Axes, shown: TracePart) -> None:
     """The bits that are missing to certainty, at first and after each action."""
     values = shown.trace.entropies[: shown.number + 1]
     _between_attempts(axes, shown)
@@ -152,8 +152,8 @@ def draw_entropy(axes: Axes, shown: Shown) -> None:
     axes.yaxis.grid(True)
 
 
-def draw_gains(axes: Axes, shown: Shown) -> None:
-    """The bits expected of each action, and the bits that it told."""
+def draw_gains(axes: Axes, shown: TracePart) -> None:
+    """The bits expected of each action, and the bits that it gave."""
     columns = np.arange(1, shown.number + 1)
     actions = shown.trace.actions[: shown.number]
     predicted = np.array([action.predicted for action in actions])
@@ -166,11 +166,11 @@ def draw_gains(axes: Axes, shown: Shown) -> None:
     low, high = min(0.0, float(obtained.min())), max(predicted.max(), obtained.max(), 0.5)
     axes.set_ylim(low * 1.1, high * 1.08)
     axes.spines["bottom"].set_position("zero")
-    axes.set_ylabel("Bits told by\nthe action")
+    axes.set_ylabel("Bits given by\nthe action")
     axes.yaxis.grid(True)
 
 
-def draw_arrows(axes: Axes, shown: Shown) -> None:
+def draw_arrows(axes: Axes, shown: TracePart) -> None:
     """The probability of each arrow, at first and after each action, and its scale."""
     nodes, count = shown.trace.nodes, len(shown.arrows)
     values = shown.trace.edges[: shown.number + 1]
@@ -203,7 +203,7 @@ def draw_arrows(axes: Axes, shown: Shown) -> None:
     bar.set_ylabel("probability", fontsize=SMALL)
 
 
-def legend_handles(shown: Shown) -> list[Any]:
+def legend_handles(shown: TracePart) -> list[Any]:
     """What came of actions, as far as it did, and the bars."""
     happened = {action.outcome for action in shown.trace.actions[: shown.number]}
     handles: list[Any] = [
@@ -229,7 +229,7 @@ class Graph(NamedTuple):
     height: float
 
 
-def plan_graphs(shown: Shown) -> list[Graph]:
+def plan_graphs(shown: TracePart) -> list[Graph]:
     """The most probable structure in the end and the true one, both at one scale."""
     trace = shown.trace
     final = trace.snapshots[-1]

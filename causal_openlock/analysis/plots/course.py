@@ -9,7 +9,6 @@ where they coincide, as at the limit, both are still seen.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,8 +27,8 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.style import Drawing
-from causal_openlock.analysis.results.bounds import Bound, Bounds, said
+from causal_openlock.analysis.plots.style import Plot
+from causal_openlock.analysis.results.bounds import Bound, Bounds, bounds_in_words
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
@@ -45,7 +44,7 @@ def attempts_by_trial(
     protocol: str,
     learners: Sequence[str] = (),
     bounds: Bounds | None = None,
-) -> Drawing | None:
+) -> Plot | None:
     """Mean attempts over the course of every condition of a protocol, whichever they are.
 
     Args:
@@ -55,7 +54,7 @@ def attempts_by_trial(
         bounds: From :func:`~causal_openlock.analysis.results.bounds.ideal_bounds`.
 
     Returns:
-        The drawing, or None if there are no trials under that protocol.
+        The plot, or None if there are no trials under that protocol.
     """
     chosen = trials.assign(visit=number_visits(trials))[trials["protocol"] == protocol]
     if chosen.empty:
@@ -101,23 +100,14 @@ def attempts_by_trial(
         if ideal:
             figure.set_figheight(figure.get_figheight() + 0.25)
             style.legend(figure, [style.ideal_key()])
-    wide = int(width.max())
-    told = [
-        "Mean attempts to solve each trial, in the order in which trials were played",
-        f" (a point averages up to {wide} trials in a row)" if wide > 1 else "",
-        ". Shaded or with bars: ± 1 standard error (population SD / √n).",
-        " Dotted: the limit." if limit else "",
-        " Right of the upright line: the transfer test."
-        if set(chosen["phase"]) == {"train", "test"}
-        else "",
-        f" Dashed and level: {style.IDEAL}, {said(ideal.values())}." if ideal else "",
-    ]
-    return Drawing(
-        "attempts_by_trial_" + re.sub(r"\W+", "_", protocol.lower(), flags=re.ASCII),
-        f"Trial by trial, protocol {protocol}",
-        "".join(told),
-        figure,
-    )
+    facts = {
+        "protocol": protocol,
+        "averaged": int(width.max()),
+        "limit": limit,
+        "tested": set(chosen["phase"]) == {"train", "test"},
+        "ideal": bounds_in_words(ideal.values()),
+    }
+    return Plot("attempts_by_trial", figure, facts=facts)
 
 
 def _families(conditions: Sequence[str]) -> list[tuple[str, ...]]:
@@ -188,7 +178,9 @@ def _key(axes: Axes, looks: dict[str, dict[str, Any]], most: int) -> None:
     """The lines of a column, named in at most so many letters each."""
     axes.set_axis_off()
     legend = axes.legend(
-        handles=[Line2D([], [], label=_short(name, most), **look) for name, look in looks.items()],
+        handles=[
+            Line2D([], [], label=style.label(name, most), **look) for name, look in looks.items()
+        ],
         loc="lower left",
         borderpad=0,
         borderaxespad=0,
@@ -196,13 +188,6 @@ def _key(axes: Axes, looks: dict[str, dict[str, Any]], most: int) -> None:
         handlelength=2.4,
     )
     legend.set_in_layout(False)  # a long name must not squeeze the panels
-
-
-def _short(name: str, most: int) -> str:
-    """A name without its middle if it is long: names of conditions differ at both ends."""
-    if len(name) > most:
-        name = f"{name[: most // 2]}…{name[len(name) + 1 - most + most // 2 :]}"
-    return name.replace("$", r"\$")
 
 
 def _course(

@@ -10,9 +10,9 @@ from __future__ import annotations
 import io
 import math
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from causal_openlock.experiment.record import CATEGORIES
-from causal_openlock.files.whole import write_bytes, write_text
+from causal_openlock.files.whole import write_bytes
 
 COMMON_CAUSE, COMMON_EFFECT = "#E69F00", "#00427A"
 OTHER = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
@@ -76,20 +76,24 @@ _NO_METADATA: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type
 
 
 @dataclass(frozen=True)
-class Drawing:
-    """A figure and what is said about it.
+class Plot:
+    """A figure, and what a caption needs to know about it.
 
     Attributes:
-        name: For files: lower-case letters, digits and underscores.
-        title: A heading.
-        caption: What is seen, and what the error bars are.
+        kind: What it shows, such as ``attempts_by_trial``; the report has a title and a caption
+            for each kind.
         figure: The figure.
+        name: For files: lower-case letters, digits and underscores; by default ``kind``.
+        facts: What its caption depends on.
     """
 
-    name: str
-    title: str
-    caption: str
+    kind: str
     figure: Figure
+    name: str = ""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.name or self.kind)
 
 
 @contextmanager
@@ -135,6 +139,13 @@ def sizes(rows: pd.DataFrame) -> str:
     return f"n = {low}" if low == high else f"n = {low} to {high}"
 
 
+def label(name: str, most: int = 200) -> str:
+    """A name for a figure: without its middle if it is long; ``$`` is no mathematics here."""
+    if len(name) > most:
+        name = f"{name[: most // 2]}…{name[len(name) + 1 - most + most // 2 :]}"
+    return name.replace("$", r"\$")
+
+
 def label_rows(axes: Sequence[Axes], text: str) -> None:
     """Write the label of the y axis at the first panel of each row."""
     for panel in axes:
@@ -145,10 +156,10 @@ def label_rows(axes: Sequence[Axes], text: str) -> None:
 def panel_title(axes: Axes, name: str, detail: str = "") -> None:
     """Name a panel; long names are wrapped, and ``$`` is no mathematics here."""
     lines = textwrap.wrap(name, 26, max_lines=2, placeholder="…") or [name]
-    axes.set_title("\n".join(lines).replace("$", r"\$"), loc="left", pad=16 if detail else 6)
+    axes.set_title(label("\n".join(lines)), loc="left", pad=16 if detail else 6)
     if detail:
         axes.annotate(
-            detail.replace("$", r"\$"),
+            label(detail),
             (0, 1),
             xytext=(0, 4),
             xycoords="axes fraction",
@@ -192,15 +203,12 @@ def save(figure: Figure, stem: Path) -> str:
     Raises:
         OpenLockError: If they cannot be written.
     """
-    with settings():
-        _settle(figure)
+    _settle(figure)
     for kind in KINDS:
-        buffer = io.BytesIO()
-        _print(figure, kind, buffer)
-        write_bytes(stem.with_name(f"{stem.name}.{kind}"), buffer.getvalue())
-    svg = svg_text(figure)
-    write_text(stem.with_name(f"{stem.name}.svg"), svg)
-    return svg
+        write_bytes(stem.with_name(f"{stem.name}.{kind}"), image(figure, kind))
+    svg = image(figure, "svg")
+    write_bytes(stem.with_name(f"{stem.name}.svg"), svg)
+    return svg.decode()
 
 
 def _settle(figure: Figure) -> None:
@@ -209,33 +217,30 @@ def _settle(figure: Figure) -> None:
     The solver of the layout ends within rounding of the same places, and not always on the same
     side of it: rounding its result is what makes equal figures equal byte for byte.
     """
-    figure.draw_without_rendering()
+    with settings():
+        figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for axes in figure.axes:
         left, bottom, width, height = (round(edge, 6) for edge in axes.get_position().bounds)
         axes.set_position((left, bottom, width, height))
 
 
-def _print(figure: Figure, kind: str, buffer: Any) -> None:
-    """Draw into a buffer, once: ``savefig`` would do it twice, in case the layout changes."""
+def image(figure: Figure, kind: str) -> bytes:
+    """The figure as ``svg``, ``png`` (200 dots per inch) or ``pdf``, without a date.
+
+    It is drawn once; ``savefig`` would do it twice, in case the layout changes.
+    """
+    content = io.BytesIO()
+    canvas: Any
     with settings():
         if kind == "png":
             figure.set_dpi(200)
-            FigureCanvasAgg(figure).print_png(  # type: ignore[no-untyped-call]
-                buffer, metadata={"Software": None}
-            )
+            canvas = FigureCanvasAgg(figure)
+            canvas.print_png(content, metadata={"Software": None})
         elif kind == "pdf":
-            FigureCanvasPdf(figure).print_pdf(  # type: ignore[no-untyped-call]
-                buffer, metadata=_NO_PDF_METADATA
-            )
+            canvas = FigureCanvasPdf(figure)
+            canvas.print_pdf(content, metadata=_NO_PDF_METADATA)
         else:
-            FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
-                buffer, metadata=_NO_METADATA
-            )
-
-
-def svg_text(figure: Figure) -> str:
-    """The figure as an SVG document, without a date."""
-    buffer = io.StringIO()
-    _print(figure, "svg", buffer)
-    return buffer.getvalue()
+            canvas = FigureCanvasSVG(figure)
+            canvas.print_svg(content, metadata=_NO_METADATA)
+    return content.getvalue()

@@ -1,18 +1,18 @@
-"""The report: all that a record holds, on one page and as files.
+"""The report: a record with its experiment in; a page, ``summary.csv``, tables and figures out.
+
+``writing`` counts the record, collects the sections and renders the page.
 
 =================== =============================================================================
-``reading``         Reads a record as far as a report needs it.
-``counting``        Counts its trials and categories, a few cells at a time.
-``description``     What was run, in words.
-``cautions``        What a reader should know before believing the numbers.
-``section``         What an analysis hands over: words, tables and drawings, as data.
-``sections``        Which analyses there are, in reading order.
-``belief_traces``   One of them: what a learner believed in a trial, played again.
-``per_learner``     A part of the page for each learner.
-``table_files``     Tables as HTML, CSV and LaTeX.
-``page``            Templates, figures within the page, numbers as text.
 ``writing``         The report itself: ``write_report``.
-``differences``     How two results differ, and whether that is more than noise.
-``difference_page`` The same as a page.
+``section``         What an analysis hands over: text, tables and plots, as data.
+``sections``        A module for each section, in reading order; how to add one.
+``prose``           The sentences: ``templates/NAME.txt.j2``, filled in with what was found.
+``what_was_run``    The experiment in words.
+``missing``         Cells that are not there, and why.
+``cautions``        What a reader should know before believing the numbers.
+``learner_pages``   A part of the page for each learner.
+``table_files``     Tables as HTML, CSV and LaTeX.
+``page``            Figures and tables as files, and within the page (``templates/*.html.j2``).
+``difference_page`` Two results side by side.
 =================== =============================================================================
 """

@@ -2,7 +2,7 @@
 
 The descriptions of the two experiments are compared piece by piece, and for each learner in each
 condition that both played, the means of the subjects
-(:mod:`~causal_openlock.analysis.results.differences`). Whatever is not measured twice is not
+(:mod:`~causal_openlock.analysis.results.differences`). What is not measured twice is not
 compared.
 """
 
@@ -18,29 +18,25 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA, holm
 from causal_openlock.analysis.measures import CELL, SUBJECT, by_subject, ordered
-from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.style import Drawing
-from causal_openlock.analysis.report.cautions import some
+from causal_openlock.analysis.plots.comparisons import draw_differences
 from causal_openlock.analysis.report.page import Written, render
-from causal_openlock.analysis.report.section import Section, Table
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.report.what_was_run import edges, in_words
 from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.description import edges, in_words, mappings_with
 from causal_openlock.analysis.results.differences import difference
 from causal_openlock.analysis.results.summary import judged, measured
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.whole import write_text
-from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Results = tuple["pa.Table", Mapping[str, Any]]
+Results = tuple["pa.Table", StoredExperiment]
 """A record and what it is the record of."""
 
-MOST_DRAWN = 60
-"""Differences that are drawn: the first ones."""
-
-_TOLD_ELSEWHERE = ("version", "command", "title", "cells", "identity", "failures")
+_PROSE = Prose("difference")
 FORMATS = {
     **dict.fromkeys(("subjects_first", "subjects_second"), ","),
     **dict.fromkeys(("attempts_first", "attempts_second"), ".2f"),
@@ -55,8 +51,8 @@ COLUMNS = (
 SAME, NOISE, MORE, UNKNOWN = "the same", "within noise", "more than noise", "one subject"
 
 
-def changes(first: Mapping[str, Any], second: Mapping[str, Any]) -> pd.DataFrame:
-    """What differs between two descriptions of experiments.
+def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
+    """What differs between two experiments.
 
     Args:
         first: As :meth:`causal_openlock.experiment.store.Store.record` gives it.
@@ -79,28 +75,28 @@ def changes(first: Mapping[str, Any], second: Mapping[str, Any]) -> pd.DataFrame
     return pd.DataFrame(rows, columns=["what", "first", "second"])
 
 
-def _readable(description: Mapping[str, Any]) -> dict[str, Any]:
-    """A description with learners and conditions by name, and schemas in a line each."""
-    told = {key: value for key, value in description.items() if key not in _TOLD_ELSEWHERE}
-    for key, one in (("learners", "learner"), ("conditions", "condition")):
-        listed: Any = told.get(key)
-        if mappings_with(listed, {"name"}):
-            del told[key]
-            for entry in listed:
-                rest = {name: value for name, value in entry.items() if name != "name"}
-                told[f"{one} {entry['name']}"] = _without_schemas(rest) or "there"
-    return told
+def _readable(experiment: StoredExperiment) -> dict[str, Any]:
+    """An experiment with learners and conditions by name, and schemas in a line each."""
+    found: dict[str, Any] = {
+        "name": experiment.name,
+        "seed": experiment.seed,
+        "cell_size": experiment.cell_size,
+        "missing_cells": list(experiment.missing),
+        "versions": dict(experiment.versions),
+    }
+    for spec in experiment.learners:
+        found[f"learner {spec.name}"] = _without_name(spec.as_dict())
+    for condition in experiment.conditions:
+        data = condition.as_dict()
+        for phase, group in (("train", condition.train), ("test", condition.test)):
+            for part, trials in zip(data[phase], group, strict=True):
+                part["schema"] = f"{trials.schema.name}: {edges(trials.schema)}"
+        found[f"condition {condition.name}"] = _without_name(data)
+    return found
 
 
-def _without_schemas(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {
-            key: f"{inner.get('name')}: {edges(inner)}"
-            if key == "schema" and isinstance(inner, Mapping)
-            else _without_schemas(inner)
-            for key, inner in value.items()
-        }
-    return [_without_schemas(one) for one in value] if isinstance(value, list) else value
+def _without_name(data: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in data.items() if key != "name"}
 
 
 def _flat(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
@@ -170,7 +166,7 @@ def write_difference(
     """Write the page that compares two records.
 
     Args:
-        first: A record with its description.
+        first: A record with its experiment.
         second: The other.
         path: The page to write, ``NAME.html``; figures and tables are put beside it.
         names: What to call them, such as the names of their folders.
@@ -185,139 +181,86 @@ def write_difference(
     path = Path(path)
     changed = changes(first[1], second[1])
     trials = [count(record).trials for record, _ in (first, second)]
-    listed: Any = first[1].get("learners", ())
-    learners = [one["name"] for one in listed if isinstance(one, Mapping)]
+    learners = [spec.name for spec in first[1].learners]
     table = compared(trials[0], trials[1], learners)
     written = Written(path.parent)
     label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
+    cells = [set(_groups(one)) for one in trials]
     sections = [
         _changes_section(changed, names, label),
-        _noise_section(table, trials, names, label),
+        _noise_section(table, (cells[0] - cells[1], cells[1] - cells[0]), names, label),
     ]
-    shown = [written.section(section) for section in sections]
     page = render(
         "difference.html.j2",
         title=f"{names[0]} and {names[1]}",
         names=names,
-        told=[_told(*one) for one in zip((first, second), trials, strict=True)],
-        sections=shown,
+        results=[
+            {
+                "attempts": record.num_rows,
+                "trials": len(played),
+                "seed": experiment.seed,
+                "missing": len(experiment.missing),
+            }
+            for (record, experiment), played in zip((first, second), trials, strict=True)
+        ],
+        sections=[written.section(section) for section in sections],
         files=written.files,
     )
     write_text(path, page)
     return changed, table
 
 
-def _told(results: Results, trials: pd.DataFrame) -> str:
-    record, description = results
-    missing = len(description.get("missing_cells") or ())
-    attempts, played = counted(record.num_rows, "attempt"), counted(len(trials), "trial")
-    text = f"{attempts} in {played}, seed {description.get('seed')}"
-    return text + (f", {counted(missing, 'cell')} missing" if missing else "")
+def sentence_on_changes(changed: pd.DataFrame) -> str:
+    """What differs between two experiments, in a sentence.
+
+    Args:
+        changed: From :func:`changes`.
+    """
+    return _PROSE.sentence("changes", things=changed["what"].tolist())
 
 
-def _changes_section(changed: pd.DataFrame, names: tuple[str, str], label: str) -> Section:
-    if changed.empty:
-        text = "Nothing: both were run with the same learners, conditions, seed and versions."
-        return Section("changes", "What changed", (text,))
-    shown = changed.rename(columns=dict(zip(("first", "second"), names, strict=True)))
-    table = Table(f"{label}_changes", "Differences of the experiments", shown)
-    return Section("changes", "What changed", (said_of_changes(changed),), (table,))
-
-
-def said_of_changes(changed: pd.DataFrame) -> str:
-    """What differs, in a sentence."""
-    if changed.empty:
-        return "Nothing differs in what was run."
-    things = counted(len(changed), "thing differs", "things differ")
-    return f"{things} in what was run: {some(changed['what'].tolist())}."
-
-
-def said_of_noise(table: pd.DataFrame) -> str:
-    """How many differences are more than noise, in a sentence."""
-    if table.empty:
-        return "No learner played the same condition under the same protocol in both."
-    told = table["verdict"].value_counts()
-    where = table[table["verdict"] == MORE]
-    named = [f"{row['learner']} in {row['condition']}" for row in where.to_dict("records")]
-    more = f"{len(where)} of {len(table)} means differ by more than noise"
-    rest = [f"{told[name]} {word}" for name, word in _REST.items() if name in told]
-    return more + (f" ({some(named)})" if named else "") + "".join(f", {r}" for r in rest) + "."
-
-
-_REST = {
-    NOISE: "are within noise",
-    SAME: "are the same, subject by subject",
-    UNKNOWN: "are of one subject, which tells nothing",
-}
-
-
-def _noise_section(
-    table: pd.DataFrame, trials: Sequence[pd.DataFrame], names: tuple[str, str], label: str
-) -> Section:
-    text = [said_of_noise(table)]
-    cells = [set(_groups(one)) for one in trials]
-    for name, only in zip(names, (cells[0] - cells[1], cells[1] - cells[0]), strict=True):
-        if only:
-            listed = [f"{key[0]} in {key[1]} ({key[2]}, {key[3]})" for key in sorted(only)]
-            text.append(f"Only in {name}: {some(listed)}.")
-    if table.empty:
-        return Section("noise", "Is it more than noise?", tuple(text))
-    shown = Table(
-        f"{label}_means",
-        "Differences of the results",
-        table,
-        FORMATS,
-        f"Mean attempts over subjects in {names[0]} (first) and {names[1]} (second); difference: "
-        "second less first, so negative is better, with its 95% bootstrap interval; p is Welch’s "
-        f"test, p holm the same after Holm’s correction for all rows that are not the same, and "
-        f"below {ALPHA:g} it is more than noise. The groups are taken for independent: where both "
-        "have the same seed, their subjects share rooms and random numbers, and less is needed for "
-        "a true difference than this asks for.",
-    )
-    drawing = draw_differences(table, names, f"{label}_means")
-    return Section("noise", "Is it more than noise?", tuple(text), (shown,), (drawing,))
-
-
-def draw_differences(
-    table: pd.DataFrame, names: tuple[str, str], label: str = "differences"
-) -> Drawing:
-    """Every difference with its interval, a line each.
+def sentence_on_noise(table: pd.DataFrame) -> str:
+    """How many differences are more than noise, in a sentence.
 
     Args:
         table: From :func:`compared`.
-        names: What the records are called.
-        label: Name of the drawing.
     """
-    rows = table.head(MOST_DRAWN).to_dict("records")
-    with style.settings():
-        figure, (axes,) = style.panels(1, 1, 0.19 * len(rows) + 0.5)
-        figure.set_figwidth(style.WIDTH)
-        for place, row in enumerate(rows):
-            sure = row["verdict"] == MORE
-            colour = style.OTHER[2] if sure else "#666666"
-            if row["ci_low"] == row["ci_low"]:
-                axes.plot([row["ci_low"], row["ci_high"]], [place] * 2, color=colour, lw=1.6)
-            face = colour if sure else "white"
-            axes.plot(row["difference"], place, "o", color=colour, mfc=face, ms=4.5, zorder=3)
-        labels = [f"{_short(row['learner'])}  {_short(row['condition'])}" for row in rows]
-        axes.set_yticks(range(len(rows)), labels, fontsize=7.5)
-        axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.axvline(0, color="black", lw=0.8, zorder=1)
-        most = max([1.0, *(abs(x) for x in axes.get_xlim())])
-        axes.set_xlim(-most, most)
-        axes.grid(True, axis="x")
-        axes.grid(False, axis="y")
-        first, second = (_short(name) for name in names)
-        axes.set_xlabel(f"Attempts, {second} less {first}")
-    cut = f" The first {MOST_DRAWN} of {len(table)}." if len(table) > MOST_DRAWN else ""
-    return Drawing(
-        label,
-        "Differences with their intervals",
-        "Difference of mean attempts with its 95% bootstrap interval; filled and orange: more "
-        f"than noise after Holm’s correction.{cut}",
-        figure,
+    rows = table[table["verdict"] == MORE]
+    more = [
+        f"{one} in {where}" for one, where in zip(rows["learner"], rows["condition"], strict=True)
+    ]
+    verdicts = table["verdict"].value_counts().to_dict()
+    return _PROSE.sentence("noise", total=len(table), more=more, verdicts=verdicts)
+
+
+def _changes_section(changed: pd.DataFrame, names: tuple[str, str], label: str) -> Section:
+    title = _PROSE.sentence("changes_title")
+    if changed.empty:
+        return Section("changes", title, _PROSE.paragraphs("no_changes"))
+    shown = changed.rename(columns=dict(zip(("first", "second"), names, strict=True)))
+    table = _PROSE.table("changes", shown, {}, f"{label}_changes")
+    return Section("changes", title, (sentence_on_changes(changed),), (table,))
+
+
+def _noise_section(
+    table: pd.DataFrame,
+    alone: Sequence[set[tuple[str, str, str, str]]],
+    names: tuple[str, str],
+    label: str,
+) -> Section:
+    only = {
+        name: [f"{key[0]} in {key[1]} ({key[2]}, {key[3]})" for key in sorted(cells)]
+        for name, cells in zip(names, alone, strict=True)
+    }
+    text = (sentence_on_noise(table), *_PROSE.paragraphs("only", alone=only))
+    title = _PROSE.sentence("noise_title")
+    if table.empty:
+        return Section("noise", title, text)
+    plot = draw_differences(table.assign(sure=table["verdict"] == MORE), names)
+    return Section(
+        "noise",
+        title,
+        text,
+        (_PROSE.table("means", table, FORMATS, f"{label}_means", names=names, alpha=ALPHA),),
+        (_PROSE.plot(plot, f"{label}_means"),),
     )
-
-
-def _short(name: str) -> str:
-    return (name if len(name) <= 24 else f"{name[:13]}…{name[-10:]}").replace("$", r"\$")

@@ -1,22 +1,22 @@
-"""What an analysis hands to the report: a section of words, tables and drawings, as data.
+"""What an analysis hands to the report: a section of text, tables and plots, as data.
 
-An analysis computes with pure functions; at its end stands one function ``section(material)`` that
-puts what it found into a :class:`Section`, or returns ``None`` where the record holds nothing that
-it is about. The report lays sections out and knows nothing of what is in them; the same tables
-become HTML on the page, CSV and LaTeX beside it.
+The report lays sections out and knows nothing of what is in them. Their sentences come from a
+template (:mod:`~causal_openlock.analysis.report.prose`); their tables become HTML on the page, CSV
+and LaTeX beside it (:mod:`~causal_openlock.analysis.report.table_files`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
+from matplotlib.figure import Figure
 
-from causal_openlock.analysis.plots.style import Drawing
 from causal_openlock.analysis.results.bounds import Bounds
 from causal_openlock.analysis.results.people.comparable import Pairs
+from causal_openlock.experiment.experiment import Experiment
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,8 +28,7 @@ class Material:
 
     Attributes:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`.
-        experiment: What was run, as
-            :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it.
+        experiment: What was run.
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         learners: Labels in the order in which they are shown.
         pairs: Which learners in which conditions compare with people.
@@ -37,7 +36,7 @@ class Material:
     """
 
     record: pa.Table
-    experiment: Mapping[str, Any]
+    experiment: Experiment
     trials: pd.DataFrame
     learners: tuple[str, ...]
     pairs: Pairs
@@ -45,7 +44,7 @@ class Material:
 
 
 @dataclass(frozen=True)
-class Table:
+class SectionTable:
     """A table that is shown, and kept as a file.
 
     Attributes:
@@ -64,6 +63,23 @@ class Table:
 
 
 @dataclass(frozen=True)
+class SectionPlot:
+    """A figure that is shown, and kept as files.
+
+    Attributes:
+        name: File name without ending: lower-case letters, digits and underscores.
+        title: A heading.
+        caption: What is seen, and what the error bars are.
+        figure: The figure.
+    """
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
+@dataclass(frozen=True)
 class Section:
     """A part of the report.
 
@@ -72,11 +88,11 @@ class Section:
         title: Its heading.
         text: Paragraphs that say what was found, in plain words.
         tables: Shown after the text.
-        drawings: Shown after the tables.
+        plots: Shown after the tables.
     """
 
     name: str
     title: str
     text: tuple[str, ...] = ()
-    tables: tuple[Table, ...] = ()
-    drawings: tuple[Drawing, ...] = ()
+    tables: tuple[SectionTable, ...] = ()
+    plots: tuple[SectionPlot, ...] = ()

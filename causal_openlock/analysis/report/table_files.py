@@ -1,4 +1,4 @@
-"""Tables of a section in the three forms they are kept in: on the page, as CSV and as LaTeX.
+"""Tables of a section in the three forms that they have: on the page, as CSV and as LaTeX.
 
 On the page and in LaTeX numbers are printed as the table asks for; the CSV file has them as they
 were computed, to six significant digits.
@@ -7,52 +7,25 @@ were computed, to six significant digits.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.report.section import Table
+from causal_openlock.analysis.report.section import SectionTable
 from causal_openlock.analysis.results.summary import write_table
 from causal_openlock.files.whole import write_text
 
-NONE = "–"
-"""What stands where there is no value."""
-
 _LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "–": "--",
-    "—": "---",
-    "−": "$-$",
-    "±": r"$\pm$",
-    "×": r"$\times$",
-    "·": r"$\cdot$",
-    "→": r"$\to$",
-    "≤": r"$\le$",
-    "≥": r"$\ge$",
-    "≠": r"$\ne$",
-    "≈": r"$\approx$",
-    "√": r"$\surd$",
-    "∞": r"$\infty$",
-    "²": r"$^2$",
-    "α": r"$\alpha$",
-    "β": r"$\beta$",
-    "ε": r"$\varepsilon$",
-    "η": r"$\eta$",
-    "π": r"$\pi$",
-    "σ": r"$\sigma$",
-    "…": r"\dots{}",
-    "’": "'",
-    "“": "``",
-    "”": "''",
-    "\u00a0": "~",
-    "\n": " ",
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{"<": r"\textless{}", ">": r"\textgreater{}", "…": r"\dots{}", "–": "--", "—": "---"},
+    **{"−": "$-$", "±": r"$\pm$", "×": r"$\times$", "·": r"$\cdot$", "→": r"$\to$"},
+    **{"≤": r"$\le$", "≥": r"$\ge$", "≠": r"$\ne$", "≈": r"$\approx$"},
+    **{"√": r"$\surd$", "∞": r"$\infty$", "²": r"$^2$"},
+    **{"α": r"$\alpha$", "β": r"$\beta$", "ε": r"$\varepsilon$", "η": r"$\eta$"},
+    **{"π": r"$\pi$", "σ": r"$\sigma$"},
+    **{"’": "'", "“": "``", "”": "''", "\u00a0": "~", "\n": " "},
 }
 _SPECIAL = re.compile("|".join(map(re.escape, _LATEX)))
 
@@ -70,7 +43,7 @@ def printed(value: Any, form: str | None) -> str:
         form: As for :func:`format`; by default as text.
     """
     if value is None or (isinstance(value, float) and value != value) or value is pd.NA:
-        return NONE
+        return "–"
     if isinstance(value, bool) or type(value).__name__ == "bool":  # NumPy has a bool of its own
         return "yes" if value else "no"
     if isinstance(value, int | float) or form:
@@ -81,7 +54,7 @@ def printed(value: Any, form: str | None) -> str:
     return str(value)
 
 
-def rows(table: Table) -> list[list[str]]:
+def rows(table: SectionTable) -> list[list[str]]:
     """The values of a table as they are printed, row by row."""
     columns = [
         [printed(value, table.formats.get(str(name))) for value in table.frame[name].tolist()]
@@ -90,7 +63,7 @@ def rows(table: Table) -> list[list[str]]:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def numeric(table: Table) -> list[bool]:
+def numeric(table: SectionTable) -> list[bool]:
     """Which columns hold numbers, and are set to the right."""
     return [
         str(name) in table.formats
@@ -99,11 +72,14 @@ def numeric(table: Table) -> list[bool]:
     ]
 
 
-def latex(table: Table) -> str:
+def latex(table: SectionTable) -> str:
     """The table in LaTeX, with the rules of the package booktabs."""
     form = "".join("r" if number else "l" for number in numeric(table))
     caption = " ".join(filter(None, [f"{table.title.rstrip('.')}.", table.caption]))
-    heads = [heading(name) for name in table.frame.columns]
+    head, *body = (
+        " & ".join(map(escaped, cells)) + r" \\"
+        for cells in (map(heading, table.frame.columns), *rows(table))
+    )
     lines = [
         r"\begin{table}",
         r"\centering",
@@ -111,9 +87,9 @@ def latex(table: Table) -> str:
         rf"\label{{tab:{table.name}}}",
         rf"\begin{{tabular}}{{{form}}}",
         r"\toprule",
-        _line(heads),
+        head,
         r"\midrule",
-        *map(_line, rows(table)),
+        *body,
         r"\bottomrule",
         r"\end{tabular}",
         r"\end{table}",
@@ -121,20 +97,13 @@ def latex(table: Table) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _line(cells: list[str]) -> str:
-    return " & ".join(map(escaped, cells)) + r" \\"
-
-
 def escaped(text: str) -> str:
-    """Text for LaTeX, whatever is in it."""
+    """Any text, for LaTeX."""
     return _SPECIAL.sub(lambda found: _LATEX[found[0]], text)
 
 
-def save(table: Table, folder: Path) -> list[str]:
-    """Write ``NAME.csv`` and ``NAME.tex``.
-
-    Returns:
-        The names of the files.
+def save(table: SectionTable, folder: Path) -> list[str]:
+    """Write ``NAME.csv`` and ``NAME.tex``; returns the names of the files.
 
     Raises:
         OpenLockError: If they cannot be written.
@@ -144,7 +113,7 @@ def save(table: Table, folder: Path) -> list[str]:
     return [f"{table.name}.csv", f"{table.name}.tex"]
 
 
-def described(table: Table) -> Mapping[str, Any]:
+def described(table: SectionTable) -> dict[str, Any]:
     """A table for the template: its heads, which columns are numbers, and its printed rows."""
     return {
         "name": table.name,

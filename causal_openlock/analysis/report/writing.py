@@ -1,4 +1,4 @@
-"""All of it in one page: the report of a record.
+"""The report of a record: counts become sections, sections become a page and files beside it.
 
 ``report.html`` is a single file: its style, its figures and its tables are inside it, and it
 fetches nothing. Beside it lie ``summary.csv``, the figures as PNG, SVG and PDF (``figures/``) and
@@ -20,22 +20,23 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.figures import draw_counted
+from causal_openlock.analysis.plots.figures import draw_all
 from causal_openlock.analysis.report.cautions import warnings_of
+from causal_openlock.analysis.report.learner_pages import learner_pages
+from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Material
-from causal_openlock.analysis.report.section_registry import PROVIDERS, sections_of
-from causal_openlock.analysis.report.sections.missing import missing_cells, with_missing
-from causal_openlock.analysis.report.sections.per_learner import learner_pages
+from causal_openlock.analysis.report.sections import ORDER, sections_of
+from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.bounds import ideal_bounds
 from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.description import describe, trials_played
-from causal_openlock.analysis.results.people.comparable import Pairs, comparable
-from causal_openlock.analysis.results.people.published import did_what_people_did, model, people
+from causal_openlock.analysis.results.people.comparable import comparable
+from causal_openlock.analysis.results.people.published import model, people
 from causal_openlock.analysis.results.summary import headline, summarise, write_table
 from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.whole import write_text
-from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,8 +62,8 @@ class Report:
 def write_report(
     record: pa.Table,
     out_dir: Path | str,
-    experiment: Mapping[str, Any],
-    providers: Sequence[str] = PROVIDERS,
+    experiment: StoredExperiment,
+    sections: Sequence[str] = ORDER,
 ) -> Path:
     """Write the report of a record.
 
@@ -72,17 +73,12 @@ def write_report(
         out_dir: The folder to write ``report.html``, ``summary.csv``, ``figures/`` and ``tables/``
             to; it is made if it does not exist. Figures and tables of an earlier report that this
             one does not have are removed; other files stay.
-        experiment: What was run, as plain data (mappings, lists, text, numbers); best as
-            :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it. Everything in
-            it is shown. ``name``, ``title`` and ``seed`` head the page; ``learners`` (a mapping by
-            label, or a list of labels or of mappings with a ``label`` or ``name``) gives the order
-            in which learners appear; ``versions`` maps packages to a version, or to a list of them
-            if cells were run with several, which is warned about; ``missing_cells`` names what an
-            unfinished folder lacks, ``failures`` why, and the page opens with that. Published
-            results are shown beside whoever did what people did; see
+        experiment: What was run, as :meth:`causal_openlock.experiment.store.Store.record` gives it
+            beside the record. Learners appear in its order; the page opens with the cells that are
+            missing. Published results are shown beside learners that did what people did; see
             :mod:`~causal_openlock.analysis.results.people.comparable`.
-        providers: What makes its sections; see
-            :mod:`~causal_openlock.analysis.report.section_registry`.
+        sections: The modules that make its sections; see
+            :mod:`~causal_openlock.analysis.report.sections`.
 
     Returns:
         The path of ``report.html``.
@@ -91,59 +87,50 @@ def write_report(
         StoreError: If the record has attempts missing or twice.
         OpenLockError: If a file cannot be written; those that were there stay whole.
     """
-    return make_report(record, out_dir, experiment, providers).path
+    return make_report(record, out_dir, experiment, sections).path
 
 
 def make_report(
     record: pa.Table,
     out_dir: Path | str,
-    experiment: Mapping[str, Any],
-    providers: Sequence[str] = PROVIDERS,
+    experiment: StoredExperiment,
+    sections: Sequence[str] = ORDER,
 ) -> Report:
-    """Write the report of a record, as :func:`write_report` does, and tell what it opens with."""
+    """Write the report of a record, as :func:`write_report` does, and return what it opens with."""
     folder = Path(out_dir)
-    counts = count(record)
-    trials = counts.trials
-    learners = ordered(trials["learner"], _labels(experiment.get("learners", ())))
-    pairs = comparable(experiment)
-    bounds = ideal_bounds(experiment)
-    described = describe(experiment)
-    summary = summarise(trials, pairs, bounds)
-    heads = headline(trials, pairs, bounds)
-    compared = _by_name(trials) if pairs is None else pairs
-    material = Material(record, experiment, trials, learners, compared, bounds)
     path = folder / "report.html"
     earlier = files_of(path)
-    written = Written(folder)
-
+    counts = count(record)
+    trials = counts.trials
+    learners = ordered(trials["learner"], [spec.name for spec in experiment.learners])
+    pairs, bounds = comparable(experiment), ideal_bounds(experiment)
+    summary, heads = summarise(trials, pairs, bounds), headline(trials, pairs, bounds)
     missing = missing_cells(experiment)
+    described = what_was_run(experiment)
+    material = Material(record, experiment, trials, learners, pairs, bounds)
+
     write_table(with_missing(summary, missing), folder / "summary.csv")
-    figures = [written.drawing(one) for one in draw_counted(counts, learners, experiment)]
-    sections = [written.section(one) for one in sections_of(material, providers)]
-    pages = [
-        written.section(one)
-        for one in learner_pages(trials, heads, learners, described["learners"])
-    ]
+    prose, written = Prose("figures"), Written(folder)
+    plots = [prose.plot(plot) for plot in draw_all(counts, learners, experiment)]
+    pages = learner_pages(trials, heads, learners, described["learners"])
     page = render(
         "report.html.j2",
-        title=experiment.get("title") or experiment.get("name") or "Report",
-        name=experiment.get("name"),
-        seed=experiment.get("seed"),
-        command=experiment.get("command"),
-        attempts=counted(record.num_rows, "attempt"),
-        trials=counted(len(trials), "trial"),
+        title=experiment.title or experiment.name,
+        experiment=experiment,
+        attempts=record.num_rows,
+        trials=len(trials),
         people_size=style.sizes(people()),
         model_size=style.sizes(model()),
-        missing=[one.told for one in missing],
-        failed=sum(one.failed for one in missing),
+        missing=[cell.text for cell in missing],
+        failed=sum(cell.failed for cell in missing),
         headline=_headline_blocks(heads, learners, described["protocols"]),
-        figures=figures,
-        sections=sections,
-        learners=pages,
+        figures=[written.plot(plot) for plot in plots],
+        sections=[written.section(one) for one in sections_of(material, sections)],
+        learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners),
-        described=described if experiment else None,
+        described=described,
         played=trials_played(trials),
-        warnings=warnings_of(trials, summary, experiment.get("versions") or {}, pairs),
+        warnings=warnings_of(trials, summary, experiment.versions, pairs),
         files=written.files,
     )
     write_text(path, page)
@@ -151,17 +138,11 @@ def make_report(
     return Report(path, heads)
 
 
-def _by_name(trials: pd.DataFrame) -> Pairs:
-    """Who compares with people where nothing but names tells: whoever played as they did."""
-    played = trials.loc[did_what_people_did(trials), ["learner", "condition"]].drop_duplicates()
-    return frozenset((str(who), str(what)) for who, what in played.itertuples(index=False))
-
-
 def files_of(path: Path) -> set[str]:
     """The figures and tables that belong to a report that is there already."""
     with suppress(OSError, ValueError), path.open(encoding="utf-8") as page:
-        if told := _FILES.search(page.read(100_000)):
-            return {name for name in told[1].split() if _FILE.fullmatch(name)}
+        if listed := _FILES.search(page.read(100_000)):
+            return {name for name in listed[1].split() if _FILE.fullmatch(name)}
     return set()
 
 
@@ -177,14 +158,6 @@ def _remove(folder: Path, files: Collection[str]) -> None:
         ) from None
 
 
-def _labels(learners: Any) -> list[str]:
-    """Labels of learners in the order in which the experiment lists them."""
-    return [
-        str(one.get("label", one.get("name"))) if isinstance(one, Mapping) else str(one)
-        for one in learners
-    ]
-
-
 def _headline_blocks(
     table: pd.DataFrame, learners: Sequence[str], budgets: Mapping[str, str]
 ) -> list[dict[str, Any]]:
@@ -194,15 +167,7 @@ def _headline_blocks(
         rows = table[table["protocol"] == protocol]
         cells = {(str(cell["learner"]), str(cell["condition"])): cell for cell in _records(rows)}
         conditions = ordered(rows["condition"])
-        columns = [
-            {
-                "condition": condition,
-                "measured": " or ".join(
-                    dict.fromkeys(rows.loc[rows["condition"] == condition, "measured"])
-                ),
-            }
-            for condition in conditions
-        ]
+        measured = rows.groupby("condition", observed=True)["measured"].unique()
         compared, ideal = [], []
         for condition in conditions:
             of = [cell for (_, name), cell in cells.items() if name == condition]
@@ -214,7 +179,7 @@ def _headline_blocks(
             {
                 "protocol": protocol,
                 "budgets": budgets.get(protocol),
-                "columns": columns,
+                "columns": [(name, " or ".join(measured[name])) for name in conditions],
                 "published": compared if any(compared) else None,
                 "ideal": ideal if any(ideal) else None,
                 "rows": [
@@ -233,15 +198,12 @@ def _headline_blocks(
 
 def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict[str, Any]]:
     """The summary by learner and protocol; ``starts`` marks a row where a condition begins."""
+    starts = summary["condition"] != summary["condition"].shift()
     blocks = []
     for learner in learners:
-        own = summary[summary["learner"] == learner]
+        own = summary.assign(starts=starts)[summary["learner"] == learner]
         for protocol in ordered(own["protocol"], ("human",)):
             part = own[own["protocol"] == protocol]
-            rows = _records(part)
-            before: Any = None
-            for row in rows:
-                row["starts"], before = row["condition"] != before, row["condition"]
             blocks.append(
                 {
                     "learner": learner,
@@ -249,7 +211,7 @@ def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict
                     "size": style.sizes(part),
                     "compared": bool(part["human_attempts"].notna().any()),
                     "bounded": bool(part["ideal_attempts"].notna().any()),
-                    "rows": rows,
+                    "rows": _records(part),
                 }
             )
     return blocks

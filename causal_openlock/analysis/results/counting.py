@@ -1,13 +1,12 @@
-"""What a report counts first: its trials, and what attempts came to.
+"""The trials of a record and the categories of its attempts, counted in little memory.
 
-Both are counted a few cells at a time, since a trial lies within one cell: what counting needs
-beside a record of millions of attempts is then a small part of it. A record whose trials are cut
-apart, because its rows were put in another order, is counted as a whole.
+Both are counted a few cells at a time, since a trial lies within one cell. A record whose trials
+are cut apart, because its rows are in another order, is counted as a whole.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,9 +17,8 @@ from causal_openlock.analysis.measures import (
     CELL,
     SUBJECT,
     VISIT,
-    attempts_to_solve,
-    category_counts,
     ordered,
+    trials_and_categories,
 )
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
@@ -69,16 +67,16 @@ def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
     pieces = list(_pieces(record, at_once))
     if len(pieces) > 1:
         try:
-            counted = [(attempts_to_solve(piece), category_counts(piece)) for piece in pieces]
+            trial_tables, block_tables = zip(*map(trials_and_categories, pieces), strict=True)
         except StoreError:
-            # A trial lies in several pieces: whichever does not begin it has attempts missing.
+            # A trial lies in several pieces: one that does not begin it has attempts missing.
             pass
         else:
-            trials = _joined([one for one, _ in counted], [*CELL, *SUBJECT, *VISIT])
+            trials = _joined(trial_tables, [*CELL, *SUBJECT, *VISIT])
             # Blocks are shares of a subject's phase, which must not be cut apart either.
-            if _phases(trials) == sum(_phases(one) for one, _ in counted):
-                return Counts(trials, _added([blocks for _, blocks in counted]))
-    return Counts(attempts_to_solve(record), category_counts(record))
+            if _phases(trials) == sum(map(_phases, trial_tables)):
+                return Counts(trials, _added(block_tables))
+    return Counts(*trials_and_categories(record))
 
 
 def _pieces(record: pa.Table, at_once: int) -> Iterator[pa.Table]:
@@ -98,7 +96,7 @@ def _phases(trials: pd.DataFrame) -> int:
     return int(trials.groupby([*CELL, *SUBJECT, "phase"], observed=True).ngroups)
 
 
-def _joined(tables: list[pd.DataFrame], by: list[str]) -> pd.DataFrame:
+def _joined(tables: Sequence[pd.DataFrame], by: list[str]) -> pd.DataFrame:
     """Tables under one another, sorted, with the names of all of them as categories."""
     columns = {}
     for name in tables[0].columns:
@@ -112,7 +110,7 @@ def _joined(tables: list[pd.DataFrame], by: list[str]) -> pd.DataFrame:
     return pd.DataFrame(columns).sort_values(by, kind="stable", ignore_index=True)
 
 
-def _added(tables: list[pd.DataFrame]) -> pd.DataFrame:
+def _added(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """Counts of different subjects, added up; where a block ends is averaged over subjects."""
     joined = _joined(tables, _BLOCK)
     joined["until"] *= joined["subjects"]

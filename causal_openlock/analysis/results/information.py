@@ -1,8 +1,8 @@
-"""How much each action told a learner that reports what it believes.
+"""How much information each action gave a learner that has beliefs.
 
-A record holds what was done and not what was believed, so information is measured from traces
-(:mod:`causal_openlock.belief.trace`), which play a subject's trial again and look inside. Only
-learners that believe have them.
+A record holds actions and not beliefs, so information is measured from traces
+(:mod:`causal_openlock.belief.trace`), which play a subject's trial again and read the learner's
+beliefs. Only learners that have beliefs have traces.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ INFORMATION_COLUMNS = (
 
 
 def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
-    """What every action was expected to tell and what it told.
+    """The expected and the actual information of every action.
 
     Args:
         traces: Of any learners, conditions, subjects and trials.
 
     Returns:
         A row for each action, in the order of the traces, with the columns
-        :data:`INFORMATION_COLUMNS`: whose action it was, in which ``attempt`` and as which
-        ``number`` in it (both from 1), ``entropy_before`` it, and the bits that were ``predicted``
-        and ``obtained``. ``obtained`` is NaN where the subject drew its hypotheses anew: entropies
-        of different hypotheses have no difference that means anything.
+        :data:`INFORMATION_COLUMNS`: the subject and the trial, the ``attempt`` and the ``number``
+        of the action in it (both from 1), ``entropy_before`` it, and the bits that were
+        ``predicted`` and ``obtained``. ``obtained`` is NaN where the subject drew its hypotheses
+        anew, since entropies of different hypotheses cannot be compared.
     """
     rows = [
         (
@@ -77,8 +77,8 @@ def mean_information(
         One row for each group: ``by``, ``subjects``, ``actions`` (how many), ``predicted`` and
         ``obtained`` (means over subjects of each subject's mean).
     """
-    whose = ("learner", "condition", "protocol", "subject")
-    of_subject = actions.groupby(list(dict.fromkeys([*by, *whose])), sort=False)
+    subject = ("learner", "condition", "protocol", "subject")
+    of_subject = actions.groupby(list(dict.fromkeys([*by, *subject])), sort=False)
     each = of_subject.agg(
         actions=("number", "size"), predicted=("predicted", "mean"), obtained=("obtained", "mean")
     ).reset_index()

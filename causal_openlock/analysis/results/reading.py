@@ -1,40 +1,41 @@
-"""Reading a results folder for analysis: the columns that are needed, as small as they can be.
+"""Reading results folders for analysis: the columns that are needed, as small as they can be.
 
-A record of ten million attempts has more than a gigabyte as the store keeps it in memory, most of
-it what an analysis never looks at, and names spelled out by four bytes where one would do. Here a
-cell is read at a time, without the columns that nobody asked for, and its names and small numbers
-are narrowed before the next one is read.
+In memory a record of ten million attempts has more than a gigabyte, most of it in columns that an
+analysis never uses and in codes of names that are wider than they need be. So a cell is read at a
+time, without the columns that are not needed, and narrowed before the next one is read.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
+from causal_openlock.errors import StoreError
 from causal_openlock.experiment.record import record_schema
-from causal_openlock.experiment.store import Store, merged_versions, versions_of
+from causal_openlock.experiment.store import Store, merged_versions
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import pyarrow as pa
 
+    from causal_openlock.experiment.experiment import LearnerSpec
+    from causal_openlock.experiment.protocol import Condition
+    from causal_openlock.experiment.stored import StoredExperiment
+
 UNREAD = ("actions", "moved", "reward", "wall_time")
-"""What is not read unless it is asked for: half of a record, and of no use to most analyses."""
+"""Columns that are not read by default: half of a record, and of no use to most analyses."""
 
 
-def read_results(store: Store, columns: Sequence[str] = ()) -> tuple[pa.Table, dict[str, Any]]:
-    """The records of all cells as one, and what they are the record of.
+def read_results(store: Store, columns: Sequence[str] = ()) -> tuple[pa.Table, StoredExperiment]:
+    """The records of all cells as one, and the experiment that they are of.
 
     Args:
         store: The results folder.
         columns: Columns wanted besides all that are not in :data:`UNREAD`.
 
     Returns:
-        The record, in the order of the cells, with columns as in
-        :func:`causal_openlock.experiment.record.record_schema` (those wanted, names coded by as few
-        bytes as they need); and what :meth:`~causal_openlock.experiment.store.Store.record` gives
-        beside it.
+        As :meth:`~causal_openlock.experiment.store.Store.record`, with names coded by as few bytes
+        as they need.
 
     Raises:
         StoreError: If there is no cell, or one is damaged.
@@ -43,15 +44,44 @@ def read_results(store: Store, columns: Sequence[str] = ()) -> tuple[pa.Table, d
     return store.record(wanted, small=True)
 
 
-def made_with(cells: Sequence[Path]) -> dict[str, Any]:
-    """Versions of the packages that cells were made with; a list where they differ.
+def beside(
+    results: Sequence[tuple[pa.Table, StoredExperiment]],
+) -> tuple[pa.Table, StoredExperiment]:
+    """Several results as one, such as those of people beside those of learners.
 
     Args:
-        cells: Their files.
+        results: As :func:`read_results` gives them; the first one's name and title are kept.
+
+    Returns:
+        The rows of all, and an experiment with the learners and conditions of all.
 
     Raises:
-        StoreError: If one of them is damaged.
+        StoreError: If two learners have the same label, or a condition has two meanings.
     """
-    return merged_versions(
-        [versions_of(Store(path.parent.parent).read(path, columns=[]), path) for path in cells]
+    import pyarrow as pa
+
+    experiments = [experiment for _, experiment in results]
+    learners: dict[str, LearnerSpec] = {}
+    conditions: dict[str, Condition] = {}
+    for experiment in experiments:
+        for spec in experiment.learners:
+            if learners.setdefault(spec.name, spec) is not spec:
+                raise StoreError(
+                    f"both of these results have a learner {spec.name}; give one of them another "
+                    "name in its experiment file"
+                )
+        for condition in experiment.conditions:
+            if conditions.setdefault(condition.name, condition) != condition:
+                raise StoreError(
+                    f"the condition {condition.name} is not the same in these results; compare "
+                    "those that are"
+                )
+    together = replace(
+        experiments[0],
+        learners=tuple(learners.values()),
+        conditions=tuple(conditions.values()),
+        missing=tuple(name for one in experiments for name in one.missing),
+        failures={name: why for one in experiments for name, why in one.failures.items()},
+        versions=merged_versions([one.versions for one in experiments]),
     )
+    return pa.concat_tables([record for record, _ in results]), together

@@ -1,14 +1,13 @@
-"""Scores: what a condition comes to for each subject, and what training was worth.
+"""Scores of subjects in each condition, and what training was worth.
 
-Two questions are asked of transfer. *Congruency*: does training with the structure of the test help
-more than training with the other one? *Savings*: how many attempts does training with three levers
-save in the first room with four, against those who meet it without any training?
+Transfer has two scores. *Congruency*: does training with the structure of the test help more than
+training with the other one? *Savings*: how many attempts does training with three levers save in
+the first room with four, against subjects without any training?
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
@@ -21,7 +20,7 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.results.summary import judged
-from causal_openlock.analysis.statistics import LEVEL, SEED, stratified_interval
+from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval
 from causal_openlock.world.fsm import FloatArray
 
 SCORE_COLUMNS = (
@@ -46,15 +45,17 @@ def normalised_score(
 ) -> FloatArray:
     """Where attempts lie between chance and the best that is possible.
 
+    >>> normalised_score(np.array([30.0, 10.0, 5.0]), 30, 5).tolist()
+    [0.0, 0.8, 1.0]
+
     Args:
         attempts: ``[...]`` attempts to solve.
-        random: ``[...]`` or a number: what a learner needs that acts at random.
-        ideal: The same of the ideal observer.
+        random: ``[...]`` or a number: attempts of a learner that acts at random.
+        ideal: Attempts of the ideal observer.
 
     Returns:
         ``[...]`` 0 for as many attempts as at random and 1 for the ideal; below 0 or above 1 for
-        more or fewer than these. NaN where random needs no more than ideal, so that nothing can be
-        told apart.
+        more or fewer than these. NaN where random needs no more than ideal.
     """
     span = np.asarray(random, float) - np.asarray(ideal, float)
     width = np.where(span > 0, span, np.nan)
@@ -64,6 +65,9 @@ def normalised_score(
 
 def congruency(congruent: FloatArray, incongruent: FloatArray) -> FloatArray:
     """How many attempts more a test takes after training with its own structure than with another.
+
+    >>> float(congruency(np.array([4.0, 6.0]), np.array([7.0, 9.0])))
+    -3.0
 
     Args:
         congruent: ``[..., n]`` attempts of subjects trained with the structure of the test.
@@ -92,7 +96,7 @@ def savings(baseline: FloatArray, transfer: FloatArray) -> FloatArray:
 
 
 def scores_by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, FloatArray]]:
-    """What every subject came to in the trials by which its condition is judged.
+    """The attempts of every subject in the trials by which its condition is judged.
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
@@ -135,10 +139,10 @@ def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
     firsts = _by_condition(first_visits[in_phase])
     rows = [
         row
-        for who in dict.fromkeys([*tests, *firsts])
+        for group in dict.fromkeys([*tests, *firsts])
         for row in (
-            *_scored(who, CONGRUENCY, tests.get(who, {})),
-            *_scored(who, SAVINGS, firsts.get(who, {})),
+            *_scored(group, CONGRUENCY, tests.get(group, {})),
+            *_scored(group, SAVINGS, firsts.get(group, {})),
         )
     ]
     table = pd.DataFrame(rows, columns=SCORE_COLUMNS)
@@ -190,7 +194,7 @@ def _comparisons() -> list[tuple[str, str, str]]:
 
 
 def _scored(
-    who: tuple[str, str], score: str, held: Mapping[str, FloatArray]
+    group: tuple[str, str], score: str, held: Mapping[str, FloatArray]
 ) -> list[tuple[object, ...]]:
     rows: list[tuple[object, ...]] = []
     for kind, condition, other in _comparisons():
@@ -198,18 +202,12 @@ def _scored(
             continue
         one, two = held[condition], held[other]
         function, groups = (congruency, (one, two)) if kind == CONGRUENCY else (savings, (two, one))
-        low, high = stratified_interval(
-            groups, partial(_apply, function), np.random.default_rng(SEED)
-        )
+        low, high = bootstrap_interval(function, groups, np.random.default_rng(SEED))
         means = (float(one.mean()), float(two.mean()))
-        rows.append((*who, kind, condition, len(one), *means, float(function(*groups)), low, high))
+        rows.append(
+            (*group, kind, condition, len(one), *means, float(function(*groups)), low, high)
+        )
     return rows
-
-
-def _apply(
-    function: Callable[[FloatArray, FloatArray], FloatArray], drawn: Sequence[FloatArray]
-) -> FloatArray:
-    return function(*drawn)
 
 
 def _by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, FloatArray]]:

@@ -1,17 +1,16 @@
 """The tables of results, with published results beside them.
 
-What people did, and what a published model of them did, stands beside whoever did the same (see
-:mod:`~causal_openlock.analysis.results.people.published`), and what the ideal observer needs
-wherever it is known (see :mod:`~causal_openlock.analysis.results.bounds`).
+Beside learners that played as people did stand people and a published model of them (see
+:mod:`~causal_openlock.analysis.results.people.published`), and wherever it is known what the ideal
+observer needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -26,6 +25,7 @@ from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
 from causal_openlock.analysis.results.people.comparable import Pairs, comparable
 from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS, beside_published
 from causal_openlock.analysis.statistics import mean_intervals
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.files.plain_text import cell
 from causal_openlock.files.whole import write_text
 
@@ -48,35 +48,57 @@ SUMMARY_COLUMNS = (
 )
 
 
-def summary_table(record: pa.Table, experiment: Mapping[str, Any] | None = None) -> pd.DataFrame:
+def summary_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
     """Every trial of every condition: how many attempts it took, and how that compares.
+
+    >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
+    >>> session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 2)
+    >>> table = summary_table(session.play(create("oracle")))
+    >>> table[["condition", "trial", "attempts", "human_attempts"]].head(1).values.tolist()
+    [['CC4', 1, 3.0, 19.375]]
 
     Args:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
             order.
-        experiment: The description of what was run, which tells whom people compare with; without
-            it names do.
+        experiment: What was run: published results then stand beside conditions that are the
+            paper's, and not beside all that have their names.
 
     Returns:
         See :func:`summarise`.
     """
-    known = experiment or {}
-    return summarise(attempts_to_solve(record), comparable(known), ideal_bounds(known))
+    return summarise(attempts_to_solve(record), *_beside(experiment))
+
+
+def headline_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
+    """The result of each learner in each condition, in one row.
+
+    Args:
+        record: As in :func:`summary_table`.
+        experiment: As there.
+
+    Returns:
+        See :func:`headline`.
+    """
+    return headline(attempts_to_solve(record), *_beside(experiment))
+
+
+def _beside(experiment: Experiment | None) -> tuple[Pairs | None, Bounds | None]:
+    return (comparable(experiment), ideal_bounds(experiment)) if experiment else (None, None)
 
 
 def summarise(
     trials: pd.DataFrame, pairs: Pairs | None = None, bounds: Bounds | None = None
 ) -> pd.DataFrame:
-    """The summary of trials that are counted already.
+    """Every trial of every condition, of trials that are counted already.
 
     A protocol with loops visits a trial number many times; a subject's visits are averaged first,
     so a row is about one trial number over all loops, and every subject counts once.
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        pairs: Whom people compare with, from
-            :func:`~causal_openlock.analysis.results.people.comparable.comparable`; by default
-            whoever played a condition of the paper's name under ``human``.
+        pairs: Learners and conditions that people can be compared with, from
+            :func:`~causal_openlock.analysis.results.people.comparable.comparable`; by default all
+            that have a condition of the paper's name under ``human``.
         bounds: What the ideal observer needs, from
             :func:`~causal_openlock.analysis.results.bounds.ideal_bounds`.
 
@@ -95,33 +117,23 @@ def summarise(
         - ``ideal_attempts``: what the ideal observer needs, which knows the schema; NaN if that is
           not known.
     """
-    table = _means(trials, ["phase", "trial"]).rename(columns={"visits": "loops"})
-    return _beside_ideal(beside_published(table, pairs), bounds)[list(SUMMARY_COLUMNS)]
+    table = _means(trials, pairs, bounds).rename(columns={"visits": "loops"})
+    return table[list(SUMMARY_COLUMNS)]
 
 
-def write_summary(
-    record: pa.Table, path: Path | str, experiment: Mapping[str, Any] | None = None
-) -> None:
-    """Write the summary as CSV; equal data give equal bytes.
+def write_table(table: pd.DataFrame, path: Path | str) -> None:
+    """Write a table of results as CSV; equal data give equal bytes.
 
-    Rows and columns have a fixed order, numbers at most six significant digits and lines end in
-    a line feed, so two runs of an experiment can be compared byte for byte. A value that does not
-    exist is left empty.
+    Numbers have at most six significant digits and lines end in a line feed, so that two runs of an
+    experiment can be compared byte for byte. A value that does not exist is left empty.
 
     Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
+        table: Its rows and columns in a fixed order, such as :func:`summary_table` gives.
         path: The file to write.
-        experiment: As in :func:`summary_table`.
 
     Raises:
         OpenLockError: If it cannot be written; a file that was there stays as it was.
     """
-    write_table(summary_table(record, experiment), path)
-
-
-def write_table(table: pd.DataFrame, path: Path | str) -> None:
-    """Write a table of results as CSV; see :func:`write_summary`."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([cell(str(name)) for name in table.columns])
@@ -136,25 +148,10 @@ def _cell(value: object) -> str:
     return cell(value) if isinstance(value, str) else str(value)
 
 
-def headline_table(record: pa.Table, experiment: Mapping[str, Any] | None = None) -> pd.DataFrame:
-    """What each learner came to in each condition, in one row.
-
-    Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
-        experiment: As in :func:`summary_table`.
-
-    Returns:
-        See :func:`headline`.
-    """
-    known = experiment or {}
-    return headline(attempts_to_solve(record), comparable(known), ideal_bounds(known))
-
-
 def headline(
     trials: pd.DataFrame, pairs: Pairs | None = None, bounds: Bounds | None = None
 ) -> pd.DataFrame:
-    """The headline of trials that are counted already.
+    """The result of each learner in each condition, of trials that are counted already.
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
@@ -168,27 +165,13 @@ def headline(
         :data:`~causal_openlock.analysis.results.people.published.PUBLISHED_COLUMNS` and
         ``ideal_attempts`` as in :func:`summarise`.
     """
-    chosen = judged(trials)
-    table = beside_published(_means(chosen, ["phase", "trial"]), pairs)
-    table = _beside_ideal(table, bounds)
+    table = _means(judged(trials), pairs, bounds)
     table = table.assign(measured=measured(table)).sort_values(
         ["learner", "protocol", "condition"], kind="stable", ignore_index=True
     )
-    return table[
-        [
-            "learner",
-            "protocol",
-            "condition",
-            "measured",
-            "subjects",
-            "attempts",
-            "ci_low",
-            "ci_high",
-            "share_solved",
-            *PUBLISHED_COLUMNS,
-            "ideal_attempts",
-        ]
-    ]
+    first = ["learner", "protocol", "condition", "measured", "subjects", "attempts"]
+    last = ["ci_low", "ci_high", "share_solved", *PUBLISHED_COLUMNS, "ideal_attempts"]
+    return table[first + last]
 
 
 def judged(trials: pd.DataFrame) -> pd.DataFrame:
@@ -203,11 +186,10 @@ def judged(trials: pd.DataFrame) -> pd.DataFrame:
     Returns:
         Some of its rows; trials of the test all have number 1.
     """
-    cell = trials.groupby(CELL, observed=True)
-    tested = (trials["phase"] == "test").groupby([trials[c] for c in CELL], observed=True)
     is_test = trials["phase"] == "test"
-    last_loop = trials["loop"] == cell["loop"].transform("max")
-    chosen = trials[is_test | (~tested.transform("any") & last_loop)]
+    tested = is_test.groupby([trials[name] for name in CELL], observed=True).transform("any")
+    last_loop = trials["loop"] == trials.groupby(CELL, observed=True)["loop"].transform("max")
+    chosen = trials[is_test | (~tested & last_loop)]
     last = chosen["trial"] == chosen.groupby(CELL, observed=True)["trial"].transform("max")
     chosen = chosen[last | (chosen["phase"] == "test")]
     # People's test is one trial, number 1; a baseline is compared trial by trial.
@@ -222,15 +204,15 @@ def measured(table: pd.DataFrame) -> list[str]:
     ]
 
 
-def _means(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+def _means(trials: pd.DataFrame, pairs: Pairs | None, bounds: Bounds | None) -> pd.DataFrame:
+    """The means of each trial with intervals, published results and ideal attempts beside them."""
+    by = ["phase", "trial"]
     means = mean_by_trial(trials, by).rename(columns={"mean": "attempts"})
     intervals = mean_intervals(by_subject(trials, by), [*CELL, *by], "attempts")
-    return means.assign(ci_low=intervals["ci_low"], ci_high=intervals["ci_high"])
-
-
-def _beside_ideal(table: pd.DataFrame, bounds: Bounds | None) -> pd.DataFrame:
-    keys = zip(table["condition"], table["protocol"], table["phase"], strict=True)
-    known = [(bounds or {}).get((str(c), str(p), str(phase))) for c, p, phase in keys]
-    return table.assign(
-        ideal_attempts=np.array([np.nan if one is None else one.attempts for one in known], float)
+    table = means.assign(ci_low=intervals["ci_low"], ci_high=intervals["ci_high"])
+    keys = zip(
+        *(table[name].astype(str) for name in ("condition", "protocol", "phase")), strict=True
     )
+    known = [(bounds or {}).get(key) for key in keys]
+    ideal = [np.nan if one is None else one.attempts for one in known]
+    return beside_published(table, pairs).assign(ideal_attempts=np.array(ideal, float))

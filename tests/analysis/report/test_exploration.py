@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.section import Material, Section
+from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.sections.exploration import schedules, section
 from causal_openlock.analysis.results.people.comparable import comparable
+from causal_openlock.experiment.stored import StoredExperiment
 from support.fabricated_courses import around, course, described
 from support.fabricated_records import table, trial_rows
+from support.made_up_experiments import material_of
 
 DECAYS = (
     "conditions: [CC4, CE4]\n"
@@ -27,10 +27,8 @@ DECAYS = (
 )
 
 
-def made(record: pa.Table, experiment: dict[str, Any]) -> Section | None:
-    names = tuple(one["name"] for one in experiment["learners"])
-    pairs = comparable(experiment) or ()
-    return section(Material(record, experiment, attempts_to_solve(record), names, pairs, {}))
+def made(record: pa.Table, experiment: StoredExperiment) -> Section | None:
+    return section(material_of(record, experiment, pairs=comparable(experiment)))
 
 
 def courses(shares: dict[tuple[str, str], float]) -> pa.Table:

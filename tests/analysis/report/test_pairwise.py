@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from causal_openlock.analysis.plots.comparisons import draw_matrix
 from causal_openlock.analysis.plots.style import WIDTH
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections import pairwise
-from causal_openlock.analysis.report.sections.pairwise import (
-    matrix_drawing,
-    pairwise_table,
-    ranking_table,
-)
+from causal_openlock.analysis.report.sections.pairwise import pairwise_table, ranking_table
+from support.fabricated_records import table
+from support.made_up_experiments import experiment_of, spec
 from support.paper_play import material, play, same, scattered
 
 LEARNERS = ("random", "quick", "slow", "perfect")
@@ -33,11 +33,7 @@ def played() -> Material:
         *play("slow", scattered(2, 9.0)),
         *play("perfect", same(3)),
     ]
-    described = [
-        {"name": name, "class": "learners.random:RandomLearner" if name == "random" else "own:One"}
-        for name in LEARNERS
-    ]
-    return material(rows, LEARNERS, experiment={"learners": described})
+    return material(rows, LEARNERS)
 
 
 def judged(played: Material) -> dict[str, dict[str, np.ndarray]]:
@@ -55,8 +51,9 @@ def judged(played: Material) -> dict[str, dict[str, np.ndarray]]:
 
 def test_a_random_learner_is_known_by_its_short_name_too() -> None:
     rows = [*play("chance", same(30)), *play("perfect", same(3))]
-    kinds = [{"name": "chance", "learner": "random"}, {"name": "perfect", "learner": "oracle"}]
-    found = pairwise.section(material(rows, ("chance", "perfect"), experiment={"learners": kinds}))
+    kinds = (spec("chance", learner="random"), spec("perfect", learner="oracle"))
+    experiment = experiment_of(table(rows), learners=kinds)
+    found = pairwise.section(material(rows, ("chance", "perfect"), experiment=experiment))
     assert found is not None
     ranks = found.tables[0].frame.set_index("learner")
     assert ranks["normalised"].to_dict() == {"perfect": 1.0, "chance": 0.0}
@@ -136,16 +133,21 @@ def test_the_section_says_what_departs_from_the_order() -> None:
     # The middle half of x is better, and yet a subject of y more often is.
     scores = {"x": [3.0] * 160 + [9.0] * 240, "y": [8.0] * 400, "z": [3.0] * 140 + [9.0] * 260}
     ranks, pairs = _ranked({name: {"CC4": np.array(of)} for name, of in scores.items()})
-    told = pairwise._told("human", ranks, pairs)
+    told = said(ranks, pairs)
     assert "x needs the fewest attempts, 7.20, and y the most, 8.00." in told
     assert "In 0 of 3 comparisons the learner that stands first" in told
     assert "Against the order of the table y is better than x and y is better than z." in told
     assert told.endswith("Not decided: x and z.")
     ranks, pairs = _ranked({name: {"CC4": np.array(scores[name])} for name in "xz"})
-    assert pairwise._told("human", ranks, pairs).endswith("No comparison is decided.")
+    assert said(ranks, pairs).endswith("No comparison is decided.")
     tied = pairwise.section(material([*play("a", same(30)), *play("b", same(30))], ("a", "b")))
     assert tied is not None
     assert "all learners need the same number of attempts, 30.00." in tied.text[0]
+
+
+def said(ranks: pd.DataFrame, pairs: pd.DataFrame) -> str:
+    found = pairwise.compared(ranks, pairs)
+    return Prose("pairwise").sentence("compared", protocol="human", **found)
 
 
 def _ranked(scores: pairwise.Scores) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -158,7 +160,7 @@ def test_protocols_are_kept_apart_and_a_single_learner_has_nobody_to_compare_wit
     alone = play("c", scattered(3), 3, protocol="mine")
     section = pairwise.section(material(rows + alone, ("a", "b", "c")))
     assert section is not None
-    assert [one.name for one in section.drawings] == ["pairwise_human"]
+    assert [one.name for one in section.plots] == ["pairwise_human"]
     assert set(section.tables[0].frame["learner"]) == {"a", "b"}
     assert pairwise.section(material(alone, ("c",))) is None
     apart = [*play("a", same(4), 2, ("CC4",)), *play("b", same(5), 2, ("CE4",))]
@@ -178,8 +180,8 @@ def test_a_single_subject_of_each_decides_nothing() -> None:
 def test_the_matrix_shows_every_probability_and_fits_the_page(played: Material) -> None:
     scores = judged(played)
     pairs = pairwise_table(scores)
-    drawing = matrix_drawing("human", LEARNERS, pairs)
-    (axes,) = drawing.figure.axes
+    decided = (pairs["ci_low"] > 0.5) | (pairs["ci_high"] < 0.5)
+    (axes,) = draw_matrix(LEARNERS, pairs.assign(decided=decided)).figure.axes
     shown = {
         (round(text.get_position()[1]), round(text.get_position()[0])): text for text in axes.texts
     }
@@ -187,9 +189,9 @@ def test_the_matrix_shows_every_probability_and_fits_the_page(played: Material) 
     for row in pairs.to_dict("records"):
         text = shown[LEARNERS.index(row["learner"]), LEARNERS.index(row["other"])]
         assert text.get_text() == f"{row['probability']:.2f}"
-        decided = row["ci_low"] > 0.5 or row["ci_high"] < 0.5
-        assert (text.get_fontweight() == "bold") == decided
+        sure = row["ci_low"] > 0.5 or row["ci_high"] < 0.5
+        assert (text.get_fontweight() == "bold") == sure
     names = tuple(f"a learner whose name is long {i}" for i in range(12))
     many = {name: {"CC4": np.arange(i, i + 4.0)} for i, name in enumerate(names)}
-    figure = matrix_drawing("x", names, pairwise_table(many)).figure
+    figure = draw_matrix(names, pairwise_table(many).assign(decided=False)).figure
     assert figure.get_figwidth() <= WIDTH + 1e-9

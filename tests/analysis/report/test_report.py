@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,24 +13,20 @@ import pyarrow as pa
 import pytest
 
 from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.report.what_was_run import edges
 from causal_openlock.analysis.report.writing import write_report
-from causal_openlock.analysis.results.description import edges
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
+from causal_openlock.formats.schema_file import schema_from_dict
 from causal_openlock.world import reference
 from support.fabricated_records import record_of_every_figure, table, trial_rows
 from support.html_page import Page
+from support.made_up_experiments import condition_called, experiment_of, spec, stored
 
-EXPERIMENT: dict[str, Any] = {
-    "name": "paper",
-    "title": "Transfer <script>alert(1)</script> & more",
-    "seed": 17,
-    "protocols": {"human": {"attempts": 30}},
-    "learners": {"b": {"learning_rate": 0.001, "hidden": [128, 64]}, "a": None},
-    "conditions": ["CC4", "<b>own</b>"],
-    "versions": {"numpy": "2.0", "causal-openlock": ["0.1.0", "0.2.0"]},
-}
+
+def written(record: pa.Table, folder: Path, **known: Any) -> Path:
+    return write_report(record, folder, experiment_of(record, **known))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -49,7 +46,18 @@ def record() -> pa.Table:
 def report(record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return write_report(record, tmp_path_factory.mktemp("report"), EXPERIMENT)
+        found = experiment_of(record)
+        b = spec("b", parameters={"learning_rate": 0.001, "hidden": [128, 64]})
+        others = [one for one in found.learners if one.name != "b"]
+        return written(
+            record,
+            tmp_path_factory.mktemp("report"),
+            title="Transfer <script>alert(1)</script> & more",
+            seed=17,
+            learners=(b, replace(b, protocol=others[1].protocol), *others),
+            conditions=(*found.conditions, condition_called("<b>own</b>")),
+            versions={"numpy": "2.0", "causal-openlock": ["0.1.0", "0.2.0"]},
+        )
 
 
 @pytest.fixture(scope="module")
@@ -119,9 +127,10 @@ def test_headline_puts_people_first_and_the_published_model_next(page: Page) -> 
     ]
     # The experiment's order, then the alphabet.
     names = ["b | n = 3", "a | n = 3", "c <u> & d | n = 3"]
-    assert [row[0] for row in human[3:]] == [*names, "five | n = 1"]
-    assert human[6][1] == "3.00"  # one subject has no interval
-    assert [row[0] for row in loops] == ["Learner", *names]
+    assert human[3][:3] == ["Ideal observer | schema known", "3.75", "3.75"]
+    assert [row[0] for row in human[4:]] == [*names, "five | n = 1"]
+    assert human[7][1] == "3.00"  # one subject has no interval
+    assert [row[0] for row in loops] == ["Learner", human[3][0], *names]
     assert not re.search("people|model", str(loops).lower())
 
 
@@ -136,8 +145,8 @@ def test_headline_shows_intervals_and_shares_where_there_is_something_to_show(
         *trial_rows([1, 2, 3], learner="mixed"),
         *trial_rows([0, 0, 0, 0], learner="mixed", subject=1),
     ]
-    shown = Page(write_report(table(rows), tmp_path, {}).read_text("utf-8")).tables[0]
-    cells = {row[0].split(" | ")[0]: row[1] for row in shown[3:]}
+    shown = Page(written(table(rows), tmp_path).read_text("utf-8")).tables[0]
+    cells = {row[0].split(" | ")[0]: row[1] for row in shown[4:]}
     assert cells == {
         "alike": "3.00",
         "never": "4.00 | none solved",
@@ -185,21 +194,21 @@ def test_warnings_say_what_to_doubt(page: Page, tmp_path: Path) -> None:
     assert "different versions of causal-openlock (0.1.0, 0.2.0)" in text
     assert "versions of numpy" not in text
     good = table([row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)])
-    quiet = Page(write_report(good, tmp_path, {}).read_text(encoding="utf-8"))
+    quiet = Page(written(good, tmp_path).read_text(encoding="utf-8"))
     assert quiet.text.rstrip().endswith("None.")
 
 
 def test_uneven_subjects_are_warned_about(tmp_path: Path) -> None:
     rows = [row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)]
     rows += trial_rows([1, 2, 3], trial=2)
-    text = Page(write_report(table(rows), tmp_path, {}).read_text(encoding="utf-8")).text
+    text = Page(written(table(rows), tmp_path).read_text(encoding="utf-8")).text
     assert "Not every subject played every trial" in text
 
 
 def test_versions_are_warned_about_where_there_are_several(tmp_path: Path) -> None:
     rows = [row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)]
     versions = {"Python": "3.13.1", "numpy": ["2.1", "2.0"], "torch": ["2.13"]}
-    path = write_report(table(rows), tmp_path, {"versions": versions})
+    path = written(table(rows), tmp_path, versions=versions)
     text = Page(path.read_text(encoding="utf-8")).text
     assert text.count("different versions") == 1
     assert "Cells were run with different versions of numpy (2.0, 2.1)." in text
@@ -207,18 +216,18 @@ def test_versions_are_warned_about_where_there_are_several(tmp_path: Path) -> No
 
 
 def test_an_unfinished_comparison_opens_with_what_is_missing(tmp_path: Path) -> None:
-    record, whole = table(trial_rows([1, 2, 3])), {"title": "half", "missing_cells": []}
+    record = table(trial_rows([1, 2, 3]))
     caution = "This comparison is unfinished"
-    assert caution not in write_report(record, tmp_path, whole).read_text(encoding="utf-8")
-    names = ["ddqn_CC4_0-39", "<b>_CE4_0-39"]
-    half = {"title": "half", "missing_cells": names}
-    text = Page(write_report(record, tmp_path, half).read_text(encoding="utf-8")).text
+    assert caution not in written(record, tmp_path).read_text(encoding="utf-8")
+    names = ("ddqn_CC4_0-39", "<b>_CE4_0-39")
+    half = written(record, tmp_path, title="half", missing=names)
+    text = Page(half.read_text(encoding="utf-8")).text
     assert text.index("half") < text.index(caution) < text.index("Results", text.index(caution))
     assert "unfinished: 2 of its cells are missing" in text
     assert all(f"{name}: not played yet" in text for name in names)
     assert "missing cells" not in text[text.index("What was run", 400) :]
-    many = {"missing_cells": [f"cell{i}" for i in range(30)]}
-    text = Page(write_report(record, tmp_path, many).read_text(encoding="utf-8")).text
+    many = written(record, tmp_path, missing=tuple(f"cell{i}" for i in range(30)))
+    text = Page(many.read_text(encoding="utf-8")).text
     assert "30 of its cells are missing" in text
     assert "cell23: not played yet" in text
     assert "and 6 more" in text
@@ -231,12 +240,12 @@ def test_trials_are_told_as_they_were_played(tmp_path: Path) -> None:
         "learners: [{learner: random, name: a}]\n"
     )
     experiment = read_experiment(declared)
-    (entry,), found = experiment.entries, []
+    (entry,), found = experiment.learners, []
     for condition in experiment.conditions:
         session = Session(condition, entry.protocol, 2, learner="a")
         found.append(session.play(create("random")))
     page = Page(
-        write_report(pa.concat_tables(found), tmp_path, experiment.as_dict()).read_text("utf-8")
+        write_report(pa.concat_tables(found), tmp_path, stored(experiment)).read_text("utf-8")
     )
     cells = [row for rows in page.tables for row in rows]
     assert ["CC4-CC3", "CC4", "CC3", "5 training trials, then 1 test trial"] in cells
@@ -251,10 +260,8 @@ def test_what_was_run_is_told_in_words(tmp_path: Path) -> None:
         "conditions: [CC4, CC3-CE4]\nlearners: [{learner: random, name: me, protocol: quick}]\n"
         "protocols: {quick: {based_on: rl, attempt_limit: 7, train_loops: 4}}\n"
     )
-    experiment = {
-        **read_experiment(declared).as_dict(),
-        "versions": {"causal-openlock": "0.1.0", "numpy": ["2.0", "2.1"]},
-    }
+    versions = {"causal-openlock": "0.1.0", "numpy": ["2.0", "2.1"]}
+    experiment = stored(read_experiment(declared), versions=versions)
     rows = trial_rows([0] * 7, learner="me", protocol="quick")
     page = Page(write_report(table(rows), tmp_path, experiment).read_text("utf-8"))
     text = page.text[page.text.index("What was run", 200) :]
@@ -278,12 +285,12 @@ def test_edges_in_a_line_tell_what_is_out_of_the_ordinary() -> None:
         "gates": {"door": {"at_least": 2}, "L1": "all"},
         "inert": ["L3"],
     }
-    assert edges(noisy) == (
-        "L0 → L1 (0.8), door; L1, L2 → door; door needs at least 2 of its causes; "
-        "L1 needs all of its causes; without effect: L3"
+    assert edges(schema_from_dict(noisy)) == (
+        "L0 → L1 (0.8), door; L1, L2 → door; L1 needs all of its causes; "
+        "door needs at least 2 of its causes; without effect: L3"
     )
 
 
 def test_empty_record_makes_a_report(tmp_path: Path) -> None:
-    page = Page(write_report(table([]), tmp_path, {"title": "nothing"}).read_text("utf-8"))
+    page = Page(written(table([]), tmp_path).read_text("utf-8"))
     assert "The record holds no attempts." in page.text

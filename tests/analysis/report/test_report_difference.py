@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +20,18 @@ from causal_openlock.analysis.report.difference_page import (
     UNKNOWN,
     changes,
     compared,
-    said_of_changes,
-    said_of_noise,
+    sentence_on_changes,
+    sentence_on_noise,
     write_difference,
 )
 from causal_openlock.analysis.results.counting import count
 from causal_openlock.cli import app
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.formats.schema_file import schema_from_dict
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
+from support.made_up_experiments import stored
 
 
 @pytest.fixture(autouse=True)
@@ -35,13 +39,13 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(style, "KINDS", ())
 
 
-def described(**changed: Any) -> dict[str, Any]:
+def described(**changed: Any) -> StoredExperiment:
     learners = changed.pop("learners", ["bayes", "random"])
     conditions = changed.pop("conditions", ["CC4"])
     experiment = read_experiment(
         find_experiment("default"), Changes(conditions, learners, None, 4, changed.pop("seed", 1))
     )
-    return {**experiment.as_dict(), "versions": {"numpy": "2.0"}, **changed}
+    return stored(experiment, **{"versions": {"numpy": "2.0"}, **changed})
 
 
 def lengths(**groups: list[int]) -> pa.Table:
@@ -57,9 +61,19 @@ def lengths(**groups: list[int]) -> pa.Table:
 def test_what_changed_is_told_field_by_field() -> None:
     first = described()
     second = described(seed=2, versions={"numpy": ["2.0", "2.1"]})
-    second["learners"][0]["parameters"]["lapse"] = 0.5
-    second["learners"][1]["protocol"]["attempt_limit"] = 60
-    second["conditions"][0]["train"][0]["schema"]["edges"]["L0"] = ["L1", "L2"]
+    bayes, random = second.learners
+    (cc4,) = second.conditions
+    schema = cc4.train[0].schema.as_dict()
+    schema["edges"]["L0"] = ["L1", "L2"]
+    trials = replace(cc4.train[0], schema=schema_from_dict(schema))
+    second = replace(
+        second,
+        learners=(
+            replace(bayes, parameters={**bayes.parameters, "lapse": 0.5}),
+            replace(random, protocol=replace(random.protocol, attempt_limit=60)),
+        ),
+        conditions=(replace(cc4, train=(trials,)),),
+    )
     told = {row.what: (row.first, row.second) for row in changes(first, second).itertuples()}
     assert told == {
         "seed": ("1", "2"),
@@ -80,11 +94,11 @@ def test_what_is_there_only_once_is_one_line() -> None:
         ["learner random", "there", "–"],
         ["condition CE3-CC4", "–", "there"],
     ]
-    assert said_of_changes(told).startswith("3 things differ in what was run: name")
+    assert sentence_on_changes(told).startswith("3 things differ in what was run: name")
 
 
 def test_equal_experiments_differ_in_nothing() -> None:
-    assert changes(described(), {**described(), "title": "another", "command": "x"}).empty
+    assert changes(described(), described(title="another", command="x")).empty
 
 
 def test_verdicts_tell_noise_from_more() -> None:
@@ -104,7 +118,7 @@ def test_verdicts_tell_noise_from_more() -> None:
     moved = told.set_index("learner").loc["moved"]
     assert moved["difference"] == pytest.approx(np.mean(far) - np.mean(near))
     assert moved["ci_low"] < moved["difference"] < moved["ci_high"]
-    said = said_of_noise(told)
+    said = sentence_on_noise(told)
     assert said.startswith("1 of 4 means differ by more than noise (moved in CC4)")
 
 
@@ -133,7 +147,7 @@ def test_learners_that_did_not_change_do_not_hide_one_that_did() -> None:
 def test_the_page_stands_alone_and_has_its_tables_as_files(tmp_path: Path) -> None:
     results = [
         (lengths(bayes=[4, 5, 6, 7]), described()),
-        (lengths(bayes=[14, 15, 16, 17]), described(seed=9, missing_cells=["x"])),
+        (lengths(bayes=[14, 15, 16, 17]), described(seed=9, missing=("x",))),
     ]
     path = tmp_path / "difference_b.html"
     write_difference(results[0], results[1], path, ("a <1>", "b"))

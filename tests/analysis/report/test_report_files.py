@@ -16,8 +16,11 @@ from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.errors import OpenLockError
 from support.command import EVERY_KIND
 from support.fabricated_records import random_cells, table, trial_rows
+from support.made_up_experiments import experiment_of
 
-EXPERIMENT = {"title": "twice", "seed": 17, "versions": {"numpy": "2.0"}}
+
+def written(record: pa.Table, folder: Path, **known: Any) -> Path:
+    return write_report(record, folder, experiment_of(record, **known))
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +39,7 @@ def record() -> pa.Table:
 
 @pytest.fixture(scope="module")
 def report(every_kind: None, record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_report(record, tmp_path_factory.mktemp("report"), EXPERIMENT)
+    return written(record, tmp_path_factory.mktemp("report"), title="twice")
 
 
 def test_files_beside_the_page(report: Path) -> None:
@@ -61,7 +64,7 @@ def test_files_beside_the_page(report: Path) -> None:
 def test_writing_again_writes_the_same(report: Path, record: pa.Table, tmp_path: Path) -> None:
     """Over ten seconds: eight figures, each in three kinds of file."""
     rows = np.random.default_rng(0).permutation(record.num_rows)
-    write_report(record.take(rows), tmp_path, EXPERIMENT)
+    written(record.take(rows), tmp_path, title="twice")
     for path in report.parent.rglob("*.*"):
         assert (tmp_path / path.relative_to(report.parent)).read_bytes() == path.read_bytes()
 
@@ -70,13 +73,13 @@ def test_writing_again_writes_the_same(report: Path, record: pa.Table, tmp_path:
 def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Path) -> None:
     rows = trial_rows([1, 2, 3])
     both = [*rows, *trial_rows([1, 2, 3], protocol="rl"), *trial_rows([1, 2, 3], condition="x-y")]
-    write_report(table(both), tmp_path, {})
+    written(table(both), tmp_path)
     figures = tmp_path / "figures"
     (figures / "mine.png").write_text("")
     (figures / "baseline_attempts_mine.svg").write_text("")
     (figures / "attempts_by_trial_rl.txt").write_text("")
     assert (figures / "attempts_by_trial_rl.svg").exists()
-    write_report(table(rows), tmp_path, {})
+    written(table(rows), tmp_path)
     assert {path.name for path in figures.iterdir()} == {
         *(f"{stem}.{kind}"
           for stem in ("baseline_attempts", "attempts_by_trial_human", "learner_a")
@@ -93,18 +96,18 @@ def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(
     monkeypatch.setattr(style, "KINDS", ())
     (tmp_path / "figures").write_text("in the way")
     with pytest.raises(OpenLockError, match=r"figures.*cannot be written"):
-        write_report(table(trial_rows([1, 2, 3])), tmp_path, {})
+        written(table(trial_rows([1, 2, 3])), tmp_path)
     (tmp_path / "figures").unlink()
     (tmp_path / "report.html").mkdir()
     with pytest.raises(OpenLockError, match=r"report.html.*cannot be written"):
-        write_report(table(trial_rows([1, 2, 3])), tmp_path, {})
+        written(table(trial_rows([1, 2, 3])), tmp_path)
 
 
 def test_a_full_disk_leaves_the_earlier_report_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(style, "KINDS", ())
-    write_report(table(trial_rows([1, 2, 3])), tmp_path, {"title": "earlier"})
+    written(table(trial_rows([1, 2, 3])), tmp_path, title="earlier")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
 
     def full(*_: Any) -> None:
@@ -112,5 +115,5 @@ def test_a_full_disk_leaves_the_earlier_report_whole(
 
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(OpenLockError, match="No space left on device"):
-        write_report(table(trial_rows([0, 1, 2, 3])), tmp_path, {"title": "later"})
+        written(table(trial_rows([0, 1, 2, 3])), tmp_path, title="later")
     assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before

@@ -17,10 +17,11 @@ from scipy import stats
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.differences import difference, resampled_means
+from causal_openlock.analysis.results.differences import difference
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.runner import run
+from causal_openlock.experiment.store import Store
 from support.html_page import Page
 
 DECLARED = """
@@ -146,7 +147,7 @@ def test_pages_of_learners_have_the_headline_and_what_is_published(
 
 
 def test_counts_of_figure_6_add_up_to_the_attempts(folder: Path, attempts: pd.DataFrame) -> None:
-    record, _ = read_results(__import__("causal_openlock.experiment.store").store.Store(folder))
+    record, _ = read_results(Store(folder))
     blocks = count(record).blocks
     mine = blocks[(blocks["learner"] == "chance") & (blocks["condition"] == "CE4")]
     own = attempts[(attempts["learner"] == "chance") & (attempts["condition"] == "CE4")]
@@ -193,8 +194,7 @@ def test_differences_of_groups_that_do_not_vary_are_counted_exactly() -> None:
 
 
 def test_resamples_depend_on_the_group_and_on_nothing_else() -> None:
-    values = np.array([1.0, 2.0, 2.0, 9.0])
-    again = resampled_means(values[::-1], "key")
-    assert (resampled_means(values, "key") == again).all()
-    assert not (resampled_means(values, "other") == again).all()
-    assert again.std() == pytest.approx(values.std() / 2, rel=0.05)
+    values, constant = np.array([1.0, 2.1, 2.3, 9.7, 4.4, 5.2]), np.full(4, 3.0)
+    told = difference(values, constant, ("key", "b"))
+    assert told[:3] == pytest.approx(difference(values[::-1], constant, ("key", "c"))[:3])
+    assert told[1:3] != difference(values, constant, ("other", "b"))[1:3]

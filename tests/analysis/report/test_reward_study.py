@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.section import Material, Section
+from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.sections.reward_study import reward_terms, rewards_of, section
+from causal_openlock.experiment.stored import StoredExperiment
 from support.fabricated_courses import around, course, described
+from support.made_up_experiments import material_of
 
 LEARNERS = (
     "conditions: [CC4, CE4]\n"
@@ -24,7 +24,7 @@ LEARNERS = (
 )
 
 
-def made(experiment: dict[str, Any], shares: dict[str, tuple[float, float]]) -> Section | None:
+def made(experiment: StoredExperiment, shares: dict[str, tuple[float, float]]) -> Section | None:
     record = pa.concat_tables(
         [
             course(
@@ -37,8 +37,7 @@ def made(experiment: dict[str, Any], shares: dict[str, tuple[float, float]]) -> 
             for condition, share in zip(("CC4", "CE4"), both, strict=True)
         ]
     )
-    names = tuple(one["name"] for one in experiment["learners"])
-    return section(Material(record, experiment, attempts_to_solve(record), names, (), {}))
+    return section(material_of(record, experiment))
 
 
 def test_terms_of_sums_and_of_ladders(tmp_path: Path) -> None:
@@ -66,7 +65,7 @@ def test_what_the_paper_says_is_recognised(tmp_path: Path) -> None:
     unique, best, _ = found.text
     assert "Here: the same, in every condition. Does not learn: unique (CC4, CE4); u" in unique
     assert "best in CC4 opens the door in " in best
-    assert best.count("and nobody more often") == 2
+    assert best.count("none of the others more often") == 2
     (told,) = found.tables
     assert told.frame["learner"].tolist() == ["best", "basic", "unique", "unique18"]
     assert told.frame["door CC4"].tolist()[:2] == ["learns"] * 2

@@ -13,23 +13,21 @@ import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.report import sections, table_files
-from causal_openlock.analysis.report.section import Material, Table
-from causal_openlock.analysis.report.section_registry import PROVIDERS, columns_of, sections_of
+from causal_openlock.analysis.report import table_files
+from causal_openlock.analysis.report.section import Material, SectionTable
+from causal_openlock.analysis.report.sections import ORDER, columns_of, sections_of
 from causal_openlock.analysis.report.writing import write_report
 from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
+from support.made_up_experiments import NOBODY, experiment_of, material_of, stored
 
-OURS = "section_of_ours"
+OURS = "support.section_of_ours"
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "KINDS", ("png",))
-        # A module outside the package is named in full: with a dot, which this one has not.
-        module = sections._module
-        patch.setattr(sections, "_module", lambda n: __import__(OURS) if n == OURS else module(n))
         yield
 
 
@@ -39,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("report")
     record = pa.concat_tables(random_cells(3, conditions=("CC4",), subjects=2))
-    write_report(record, folder, {"name": "paid"}, [OURS])
+    write_report(record, folder, experiment_of(record), [OURS])
     return folder
 
 
@@ -62,7 +60,7 @@ def test_sections_stand_between_the_figures_and_the_learners(folder: Path) -> No
     assert places == sorted(places)
 
 
-def test_tables_and_drawings_lie_beside_the_page(folder: Path) -> None:
+def test_tables_and_plots_lie_beside_the_page(folder: Path) -> None:
     with (folder / "tables" / "paid.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["learner"] for row in rows] == ["a", "b"]
@@ -88,9 +86,9 @@ def test_latex_of_a_table_has_rules_and_no_sign_that_latex_trips_over(folder: Pa
 
 def test_what_a_later_report_does_not_have_is_removed(tmp_path: Path) -> None:
     record = table(trial_rows([1, 2, 3]))
-    write_report(record, tmp_path, {}, [OURS])
+    write_report(record, tmp_path, experiment_of(record), [OURS])
     (tmp_path / "tables" / "mine.csv").write_text("kept")
-    write_report(record, tmp_path, {}, [])
+    write_report(record, tmp_path, experiment_of(record), [])
     assert not (tmp_path / "tables" / "paid.csv").exists()
     assert not (tmp_path / "figures" / "paid.svg").exists()
     assert (tmp_path / "tables" / "mine.csv").exists()
@@ -104,13 +102,14 @@ def test_a_page_of_strange_file_names_removes_nothing_outside(tmp_path: Path) ->
     folder.mkdir()
     names = f"tables/../../outside.csv {outside} figures/../../outside.csv"
     (folder / "report.html").write_text(f'<meta name="files" content="{names}">')
-    write_report(table(trial_rows([1, 2, 3])), folder, {}, [])
+    record = table(trial_rows([1, 2, 3]))
+    write_report(record, folder, experiment_of(record), [])
     assert outside.exists()
 
 
 def test_two_sections_of_one_name_are_refused() -> None:
     record = table(trial_rows([1, 2, 3]))
-    material = Material(record, {}, attempts_to_solve(record), ("a",), frozenset(), {})
+    material = material_of(record, experiment_of(record))
     with pytest.raises(ValueError, match="two sections of the report are called paid"):
         sections_of(material, [OURS, OURS])
 
@@ -119,10 +118,9 @@ def test_columns_that_sections_ask_for_are_told() -> None:
     assert columns_of([OURS]) == ["reward"]
 
 
-def test_every_provider_is_there_and_says_nothing_of_an_empty_record() -> None:
+def test_every_section_is_there_and_says_nothing_of_an_empty_record() -> None:
     record = table([])
-    material = Material(record, {}, attempts_to_solve(record), (), frozenset(), {})
-    assert sections_of(material, PROVIDERS) == []
+    assert sections_of(material_of(record, NOBODY), ORDER) == []
 
 
 @pytest.mark.parametrize(
@@ -148,16 +146,19 @@ def test_values_are_printed_as_a_reader_expects(
 
 
 def test_long_tables_are_closed_on_the_page() -> None:
-    from causal_openlock.analysis.report.page import LONG, render
+    from causal_openlock.analysis.report.page import render
+    from causal_openlock.analysis.report.prose import LONG
 
     frame = pd.DataFrame({"name": [f"n{i}" for i in range(LONG + 1)], "value": 1.0})
-    told = [table_files.described(Table("t", "T", part)) for part in (frame, frame.head(LONG))]
+    told = [
+        table_files.described(SectionTable("t", "T", part)) for part in (frame, frame.head(LONG))
+    ]
     pages = [
         render(
             "difference.html.j2",
             title="t",
             names=("a", "b"),
-            told=("", ""),
+            results=[{"attempts": 1, "trials": 1, "seed": 1, "missing": 0}] * 2,
             files=[],
             sections=[{"name": "s", "title": "S", "text": (), "tables": [one], "figures": []}],
         )
@@ -178,18 +179,18 @@ def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> N
     experiment = read_experiment(
         find_experiment("default"), Changes(["CC3"], ["bayes", "random"], None, 2, 6)
     )
-    (entry, _), (condition,) = experiment.entries, experiment.conditions
+    (entry, _), (condition,) = experiment.learners, experiment.conditions
     session = Session(condition, entry.protocol, [3, 4], seed=6, learner="bayes")
     record = session.play(create("bayes"))
 
     def made(seed: int) -> object:
         trials = attempts_to_solve(record).assign(seed=seed)
-        told = Material(record, experiment.as_dict(), trials, ("bayes",), frozenset(), {})
+        told = Material(record, stored(experiment), trials, ("bayes",), frozenset(), {})
         return section(told)
 
     shown = made(6)
     assert shown is not None
-    assert [drawing.name for drawing in shown.drawings] == ["belief_bayes"]
+    assert [plot.name for plot in shown.plots] == ["belief_bayes"]
     (told,) = shown.tables
     played = record.filter(pc.and_(pc.equal(record["subject"], 3), pc.equal(record["trial"], 1)))
     many = [len(actions) for actions in played.sort_by("attempt")["actions"].to_pylist()]

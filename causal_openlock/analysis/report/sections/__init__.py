@@ -1,1 +1,61 @@
-"""The sections of the report, one file each."""
+"""The sections of the report, in reading order.
+
+To add one, write a module here with a function ``section(material)``, which returns a
+:class:`~causal_openlock.analysis.report.section.Section`, or None where the record holds nothing
+that it is about; write its sentences into ``templates/NAME.txt.j2``
+(:mod:`~causal_openlock.analysis.report.prose`); and name it in :data:`ORDER`. Columns of the record
+that are read on request only (:data:`~causal_openlock.analysis.results.reading.UNREAD`) are named
+in ``COLUMNS`` of the module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+from causal_openlock.analysis.report.section import Material, Section
+
+ORDER = (
+    "human_likeness",
+    "paper_findings",
+    "transfer",
+    "pairwise",
+    "learning",
+    "agreement",
+    "reward_study",
+    "exploration",
+    "belief_traces",
+)
+"""Modules of this package, in the order in which their sections are read."""
+
+
+def sections_of(material: Material, order: Sequence[str] = ORDER) -> list[Section]:
+    """All sections that the record has something for.
+
+    Args:
+        material: What they are made of.
+        order: Modules of this package, or others by their full names.
+
+    Raises:
+        ValueError: If two sections, tables or plots have the same name.
+    """
+    found = [_module(name).section(material) for name in order]
+    sections = [section for section in found if section is not None]
+    for what, names in (
+        ("sections", [section.name for section in sections]),
+        ("tables", [table.name for section in sections for table in section.tables]),
+        ("plots", [plot.name for section in sections for plot in section.plots]),
+    ):
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"two {what} of the report are called {min(twice)}")
+    return sections
+
+
+def columns_of(order: Sequence[str] = ORDER) -> list[str]:
+    """Columns of a record that sections need, of those that are read on request only."""
+    return sorted({name for one in order for name in getattr(_module(one), "COLUMNS", ())})
+
+
+def _module(name: str) -> Any:
+    return import_module(name if "." in name else f"{__name__}.{name}")

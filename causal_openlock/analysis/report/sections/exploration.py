@@ -10,12 +10,13 @@ against the paper's sentence, beside the fits of
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.report.section import Material, Section, Table
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Material, Section, SectionTable
 from causal_openlock.analysis.report.sections.learning import LEARNS, progress
 from causal_openlock.analysis.results.deep.decay import (
     LEAST_TRIALS,
@@ -28,22 +29,28 @@ from causal_openlock.analysis.results.deep.decay import (
     steps_until,
 )
 from causal_openlock.analysis.results.deep.visits import FINDS_ALL, OPENS
-from causal_openlock.analysis.results.description import mappings_with
 from causal_openlock.analysis.results.people.comparable import HUMAN_PROTOCOL
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
 
 USUAL = 0.99
 """Slower decays are what the paper calls typical, "to allow exploration for thousands of steps"."""
 
+NONE, SOME, OPEN = "no meaningful learning", "meaningful learning", "undecided"
+
+_PROSE = Prose("exploration")
+_SCHEDULES = {
+    **{"decay": "g", "after_trial": ".2g", "steps": ".0f", "all": ".1%"},
+    **dict.fromkeys(("first_trial", "later_trial"), ".1f"),
+    **dict.fromkeys(("door", "ci_low", "ci_high", "chance"), ".2%"),
+}
+_FITS = {"decay": ".3f", **dict.fromkeys(("scale", "offset", "error"), ".2f")}
 _SCHEDULE = ("epsilon_start", "epsilon_min", "epsilon_decay", "epsilon_decays_with")
 _AFTER = "epsilon_after_trial"
 
 
-def schedules(experiment: Mapping[str, Any]) -> pd.DataFrame:
+def schedules(experiment: Experiment) -> pd.DataFrame:
     """How every learner that has an epsilon explores.
-
-    Args:
-        experiment: As :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it.
 
     Returns:
         One row for each: ``learner``; ``decay``, ``shrinks_with`` and ``after_trial`` (NaN if
@@ -51,20 +58,17 @@ def schedules(experiment: Mapping[str, Any]) -> pd.DataFrame:
         below one percent; ``first_trial`` and ``later_trial``, how many random actions are to be
         expected in the first trial and in the second.
     """
-    learners: Any = experiment.get("learners")
     rows = []
-    if mappings_with(learners, {"name", "protocol", "parameters"}):
-        for one in learners:
-            known = mappings_with([one["parameters"]], {*_SCHEDULE, _AFTER})
-            if known and mappings_with([one["protocol"]], {"attempt_limit", "action_limit"}):
-                told, protocol = one["parameters"], one["protocol"]
-                limit = protocol["action_limit"] or PAPER_ACTION_LIMIT
-                decay = float(told["epsilon_decay"])
-                first, later = random_actions(told, protocol["attempt_limit"], limit)
-                steps = float(steps_until(decay)) if 0 < decay < 1 else float("nan")
-                after = float("nan") if told[_AFTER] is None else float(told[_AFTER])
-                shrinks = told["epsilon_decays_with"]
-                rows.append((one["name"], decay, shrinks, after, steps, first, later))
+    for spec in experiment.learners:
+        given = spec.parameters
+        if given.keys() >= {*_SCHEDULE, _AFTER}:
+            limit = spec.protocol.action_limit or PAPER_ACTION_LIMIT
+            decay = float(given["epsilon_decay"])
+            first, later = random_actions(given, spec.protocol.attempt_limit, limit)
+            steps = float(steps_until(decay)) if 0 < decay < 1 else float("nan")
+            after = float("nan") if given[_AFTER] is None else float(given[_AFTER])
+            shrinks = given["epsilon_decays_with"]
+            rows.append((spec.name, decay, shrinks, after, steps, first, later))
     columns = ["learner", "decay", "shrinks_with", "after_trial", "steps"]
     return pd.DataFrame(rows, columns=[*columns, "first_trial", "later_trial"])
 
@@ -93,50 +97,21 @@ def beside_learning(explored: pd.DataFrame, progressed: pd.DataFrame) -> pd.Data
     return table[[*first, *(name for name in table if name not in first)]]
 
 
-def on_meaningful_learning(table: pd.DataFrame) -> list[str]:
-    """Whether people's decays lead to no meaningful learning, a sentence for each learner.
+def meanings(table: pd.DataFrame) -> pd.Series:
+    """Whether each fast decay leads to meaningful learning; empty for usual decays.
 
-    It takes a learner of a usual decay that learns in the same condition to tell. Learning with a
+    It takes a learner of a usual decay that learns in the same condition to say so. Learning with a
     fast decay is meaningful if the learner learns too and surely opens the door at least half as
     often, and it is not if it surely opens it less than half as often, by the interval of its
     share; else it is undecided.
 
     Args:
-        table: From :func:`beside_learning`.
+        table: From :func:`beside_learning`, with ``usual``, the share with a usual decay.
     """
-    said = []
-    judged = table.assign(meaning=meanings(table), usual=_usual(table))
-    for learner, mine in judged[judged["decay"] <= USUAL].groupby("learner", sort=False):
-        row = mine.iloc[0]
-        several = mine["meaning"].nunique() > 1
-        whole = "not the same in every condition" if several else _PAPER[mine["meaning"].iloc[0]]
-        parts = [
-            f"in {own['condition']} {own['door']:.1%} ({own['ci_low']:.1%} to "
-            f"{own['ci_high']:.1%}) of its last attempts open the door, with a usual decay "
-            f"{_share(own['usual'])}{': ' + own['meaning'] if several else ''}"
-            for own in mine.to_dict("records")
-        ]
-        how = f"epsilon shrinks by {row['decay']:g} with every {row['shrinks_with']}"
-        said.append(f"{learner} ({how}): {whole}; {'; '.join(parts)}.")
-    return said
-
-
-def meanings(table: pd.DataFrame) -> list[str]:
-    """What :func:`on_meaningful_learning` holds each row to be; empty for usual decays.
-
-    Args:
-        table: From :func:`beside_learning`.
-    """
-    rows = table.assign(usual=_usual(table)).to_dict("records")
-    return ["" if own["decay"] > USUAL else _meaning(own, own["usual"]) for own in rows]
-
-
-_NONE, _SOME, _OPEN = "no meaningful learning", "meaningful learning", "undecided"
-_PAPER = {
-    _NONE: f"{_NONE}, as the paper says",
-    _SOME: f"{_SOME}, unlike in the paper",
-    _OPEN: _OPEN,
-}
+    half = table["usual"] / 2
+    some = (table["verdict"] == LEARNS) & (table["ci_low"] >= half)
+    found = np.where(table["ci_high"] < half, NONE, np.where(some, SOME, OPEN))
+    return pd.Series(np.where(table["decay"] > USUAL, "", found), table.index)
 
 
 def _usual(table: pd.DataFrame) -> list[float]:
@@ -145,16 +120,6 @@ def _usual(table: pd.DataFrame) -> list[float]:
     best = able.groupby(["condition", "protocol"])["door"].max().to_dict()
     places = zip(table["condition"], table["protocol"], strict=True)
     return [best.get(place, float("nan")) for place in places]
-
-
-def _share(usual: float) -> str:
-    return "nothing is learned" if usual != usual else f"{usual:.1%}"
-
-
-def _meaning(own: Mapping[str, Any], usual: float) -> str:
-    if own["ci_high"] < usual / 2:  # never, if there is no usual share
-        return _NONE
-    return _SOME if own["verdict"] == LEARNS and own["ci_low"] >= usual / 2 else _OPEN
 
 
 def section(material: Material) -> Section | None:
@@ -174,20 +139,32 @@ def section(material: Material) -> Section | None:
     if not several and not curves:
         return None
     people = fitted({f"people, {name}": values for name, values in people_over_trials().items()})
-    text, tables = [_on_people(people)], [_fits("people_decay", "People's attempts", people)]
+    tables = [_fits("people_decay", people)]
     if curves:
-        own = fitted(_in_order(curves, material.learners))
-        tables.append(_fits("learners_decay", "Learners' attempts", own))
+        tables.append(_fits("learners_decay", fitted(_in_order(curves, material.learners))))
+    learned = pd.DataFrame()
     if several:
-        text.append(_on_steps())
-        table = beside_learning(explored, progress(material.record, material.experiment))
-        if len(table):
-            text += on_meaningful_learning(table)
-            table.insert(7, "meaning", meanings(table))
-            if table["protocol"].nunique() == 1:
-                table = table.drop(columns="protocol")
-            tables.insert(0, _schedules(table))
-    return Section("exploration", "How fast exploration shrinks", tuple(text), tuple(tables))
+        learned = beside_learning(explored, progress(material.trials, material.experiment))
+    if len(learned):
+        usual = _usual(learned)
+        meaning = meanings(learned.assign(usual=usual))
+        learned.insert(7, "meaning", meaning)
+        one = learned["protocol"].nunique() == 1
+        shown = learned.drop(columns="protocol") if one else learned
+        tables.insert(0, _PROSE.table("exploration", shown, _SCHEDULES, usual=USUAL))
+        learned = learned.assign(usual=usual)[learned["decay"] <= USUAL]
+    paper = people[people["curve"] == "people, CC3 and CE3 training"].set_index("form")["decay"]
+    return _PROSE.section(
+        "exploration",
+        tables,
+        mean=PAPER_MEAN,
+        median=PAPER_MEDIAN,
+        fits=paper.to_dict(),
+        steps={d: steps_until(d) for d in (PAPER_MEAN, PAPER_MEDIAN, 0.995)} if several else {},
+        learners=[own.to_dict("records") for _, own in learned.groupby("learner", sort=False)]
+        if len(learned)
+        else [],
+    )
 
 
 def _in_order(
@@ -202,53 +179,6 @@ def _in_order(
     }
 
 
-def _on_people(people: pd.DataFrame) -> str:
-    both = people[people["curve"] == "people, CC3 and CE3 training"].set_index("form")["decay"]
-    return (
-        f"The paper fits an exponential decay to people's attempts over six training trials: "
-        f"{PAPER_MEDIAN} (median), {PAPER_MEAN} (mean). Of the published means of training, CC3 "
-        f"and CE3 averaged, least squares of a·dᵗ give d = {both['exponential']:.2f}, a line "
-        f"through the logarithms {both['log-linear']:.2f}, and least squares with an offset "
-        f"{both['with offset']:.2f}. So {PAPER_MEAN} is of the right size for a fit without an "
-        "offset; how the paper fitted cannot be recovered, and medians are not published."
-    )
-
-
-def _on_steps() -> str:
-    counts = [f"{steps_until(d)} with {d:g}" for d in (PAPER_MEAN, PAPER_MEDIAN, 0.995)]
-    return (
-        f"Steps until epsilon, 1 at first, is below one percent: {', '.join(counts)}. If a step is "
-        "an action, people's decays end exploration within the first six attempts."
-    )
-
-
-def _fits(name: str, title: str, table: pd.DataFrame) -> Table:
-    formats = dict.fromkeys(("decay",), ".3f") | dict.fromkeys(("scale", "offset", "error"), ".2f")
-    return Table(
-        name,
-        title,
-        table.assign(near=table["near"].map({True: "yes", False: "no"})),
-        formats,
-        "Mean attempts by trial as offset + scale · decayᵗ, t = 0 being the first trial; error: "
-        f"root mean squared deviation in attempts; near: decay within .035 of {PAPER_MEAN}.",
-    )
-
-
-def _schedules(table: pd.DataFrame) -> Table:
-    formats = {"decay": "g", "after_trial": ".2g", "steps": ".0f"}
-    formats |= dict.fromkeys(("first_trial", "later_trial"), ".1f")
-    formats |= dict.fromkeys(("door", "ci_low", "ci_high", "chance"), ".2%") | {"all": ".1%"}
-    return Table(
-        "exploration",
-        "Exploration and what is learned with it",
-        table,
-        formats,
-        "decay: the factor by which epsilon shrinks; shrinks_with: with every one of these; "
-        "after_trial: what epsilon is set to at the end of a trial; steps: until it is below one "
-        "percent, from 1; first_trial, later_trial: random actions to be expected in the first "
-        "trial and in the second. door: share of attempts that open the door in the last part of "
-        "training, with its 95% bootstrap interval; all: share of visits there in which every "
-        "solution is found. The verdicts are those of “Which learners learn”. meaning: whether "
-        "the door surely comes to be opened less than half as often as by the best learner of a "
-        f"decay above {USUAL:g} that learns there, or surely more often.",
-    )
+def _fits(name: str, table: pd.DataFrame) -> SectionTable:
+    frame = table.assign(near=table["near"].map({True: "yes", False: "no"}))
+    return _PROSE.table(name, frame, _FITS, mean=PAPER_MEAN)

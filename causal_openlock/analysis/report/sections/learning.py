@@ -9,14 +9,14 @@ room; where such a learner is in the record, also what it did, its luck included
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import SUBJECT, ordered
-from causal_openlock.analysis.report.section import Material, Section, Table
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Material, Section, SectionTable
 from causal_openlock.analysis.results.deep.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.analysis.results.deep.visits import (
     FINDS_ALL,
@@ -30,19 +30,12 @@ from causal_openlock.analysis.results.deep.visits import (
     matrix,
     shares,
     starts,
-    visits,
 )
-from causal_openlock.analysis.results.description import mappings_with, random_learners
 from causal_openlock.analysis.statistics import LEVEL
-from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import default_action_limit
-from causal_openlock.formats.schema_file import schema_from_dict
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.room import positions_for
-from causal_openlock.world.schema import Schema
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 LEARNS = "learns"
 FALLS = "rises, then falls"
@@ -58,28 +51,13 @@ SURE_OF_SUBJECT = 0.01
 MANY_CONDITIONS = 3
 """From so many on, all conditions of a learner need not be named one by one."""
 
-RULE = (
-    "A learner's training is cut into five parts of equally many visits. It counts as above chance "
-    "in a part if the whole bootstrap interval over subjects lies above chance. It counts as risen "
-    "there if the mean share is at least twice that at the start, and the whole interval of the "
-    "subjects' gains on their own starts lies above nothing; the start is the first tenth of the "
-    "attempts of the first visit (for finding every solution: the first visit). Intervals cover "
-    "95%, or, where one part of five is enough, 99%. "
-    f"“{LEARNS}”: above chance and risen in the last part. “{FALLS}”: so in some part, and in the "
-    "last at most half of the best, by an interval below nothing. "
-    f"“{FLAT}”: able from the start, or at no time surely twice as good. “{SOME}”: "
-    "the group is surely above chance in no part, but single subjects are in the last, by an exact "
-    f"binomial test of each (p < {SURE_OF_SUBJECT:g} for all subjects together). “{NOT}”: neither "
-    f"the group nor any subject. “{UNDECIDED}”: risen, and in the end neither surely above chance "
-    f"nor surely fallen; or fewer than {LEAST_SUBJECTS} subjects."
-)
-"""The rule of :func:`judge` in words."""
+_PROSE = Prose("learning")
 
 
 def judge(
     start: FloatArray, parts: FloatArray, bar: float, counted: FloatArray | None = None
 ) -> str:
-    """Whether subjects learn, by :data:`RULE`.
+    """Whether subjects learn, by the rule that the section states (``templates/learning.txt.j2``).
 
     Args:
         start: ``[n]`` each subject's share at its start.
@@ -119,35 +97,33 @@ def _any_able(share: FloatArray, bar: float, counted: FloatArray) -> bool:
     return bar > 0 and bool((luck < SURE_OF_SUBJECT / len(share)).any())
 
 
-def progress(record: pa.Table, experiment: Mapping[str, Any]) -> pd.DataFrame:
+def progress(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     """How far each learner came in training, under protocols with many attempts.
 
     Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
-        experiment: As :meth:`causal_openlock.experiment.experiment.Experiment.as_dict` gives it.
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        experiment: What was run.
 
     Returns:
         Two rows for each learner, condition and protocol, one for each ``measure`` (``opens``,
         ``finds_all``), with ``subjects``; ``visits``, how many trials each of them trained in; the
         mean shares at the ``start``, in the ``first`` part, the ``peak`` (the best part) and the
-        ``last``, with the last one's 95% interval ``ci_low``, ``ci_high``; ``chance``, exact (NaN
-        if rooms are not described); ``random``, the share of the random learner (NaN without one);
-        and the ``verdict``. The random learner itself is judged against exact chance alone.
+        ``last``, with the last one's 95% interval ``ci_low``, ``ci_high``; ``chance``, exact;
+        ``random``, the share of the random learner (NaN without one); and the ``verdict``. The
+        random learner itself is judged against exact chance alone.
     """
-    record = going_on(record, experiment)
-    if not record.num_rows:
-        return pd.DataFrame(columns=_COLUMNS)
-    visited = visits(record)
+    visited = going_on(trials, experiment)
     visited = visited[visited["phase"] == "train"]
-    table, start = shares(visited), starts(record, visited)
-    began = dict(each_group(start))
-    by_chance = random_learners(experiment)
+    if visited.empty:
+        return pd.DataFrame(columns=_COLUMNS)
+    table = shares(visited)
+    each, began = dict(each_group(table)), dict(each_group(starts(visited)))
+    by_chance = experiment.random_learners
     lucky = _luck(table, by_chance)
     rooms = _Rooms(experiment)
     found = []
     for group, rows in each_group(visited):
-        parts = table[_mine(table, group)]
+        parts = each[group]
         first = began[group].sort_values(SUBJECT)
         for measure in (OPENS, FINDS_ALL):
             share = matrix(parts, measure)
@@ -158,46 +134,17 @@ def progress(record: pa.Table, experiment: Mapping[str, Any]) -> pd.DataFrame:
             random, most = lucky.get((group.condition, group.protocol, measure), (np.nan, np.nan))
             own = group.learner in by_chance
             bar = np.nanmax([0.0, exact, np.nan if own else most])
-            found.append(
-                (
-                    *group,
-                    measure,
-                    len(share),
-                    len(rows) / len(share),
-                    first[measure].mean(),
-                    means[0],
-                    means.max(),
-                    means[-1],
-                    low,
-                    high,
-                    exact,
-                    random,
-                    judge(first[measure].to_numpy(float), share, float(bar), counted),
-                )
-            )
+            verdict = judge(first[measure].to_numpy(float), share, float(bar), counted)
+            at = (first[measure].mean(), means[0], means.max(), means[-1])
+            size = (len(share), len(rows) / len(share))
+            found.append((*group, measure, *size, *at, low, high, exact, random, verdict))
     return pd.DataFrame(found, columns=_COLUMNS)
 
 
 _COLUMNS = [
-    *Group._fields,
-    "measure",
-    "subjects",
-    "visits",
-    "start",
-    "first",
-    "peak",
-    "last",
-    "ci_low",
-    "ci_high",
-    "chance",
-    "random",
-    "verdict",
+    *(*Group._fields, "measure", "subjects", "visits"),
+    *("start", "first", "peak", "last", "ci_low", "ci_high", "chance", "random", "verdict"),
 ]
-
-
-def _mine(table: pd.DataFrame, group: Group) -> pd.Series:
-    mine = table["learner"] == group.learner
-    return mine & (table["condition"] == group.condition) & (table["protocol"] == group.protocol)
 
 
 def _luck(
@@ -216,30 +163,20 @@ def _luck(
 class _Rooms:
     """What the rooms of an experiment leave to chance."""
 
-    def __init__(self, experiment: Mapping[str, Any]) -> None:
-        self._schemas: dict[str, dict[str, Schema]] = {}
-        self._limits: dict[str, int | None] = {}
-        conditions: Any = experiment.get("conditions")
-        learners: Any = experiment.get("learners")
-        if not mappings_with(conditions, {"name", "train"}) or not mappings_with(
-            learners, {"name", "protocol"}
-        ):
-            return
-        for one in learners:
-            if mappings_with([one["protocol"]], {"name", "action_limit"}):
-                self._limits[str(one["protocol"]["name"])] = one["protocol"]["action_limit"]
-        for one in conditions:
-            held = [*one["train"], *(one.get("test") or ())]
-            self._schemas[str(one["name"])] = dict(_schemas(held))
+    def __init__(self, experiment: Experiment) -> None:
+        self._limits = {one.name: one.action_limit for one in experiment.protocols}
+        self._schemas = {
+            condition.name: {schema.name: schema for schema in condition.schemas}
+            for condition in experiment.conditions
+        }
 
     def chance(self, group: Group, rows: pd.DataFrame, measure: str) -> float:
-        """What random actions come to in these visits, on average; NaN if it cannot be told."""
-        known = self._schemas.get(group.condition, {})
-        if group.protocol not in self._limits or not set(rows["schema"]) <= known.keys():
-            return float("nan")
+        """What random actions come to in these visits, on average."""
+        known = self._schemas[group.condition]
         positions = max(map(positions_for, known.values()))
         total = weight = 0.0
-        for (name, attempts), visited in rows.groupby(["schema", "attempts"]).size().items():
+        rooms = rows.groupby(["schema", "last_attempt"], observed=True).size()
+        for (name, attempts), visited in rooms.items():
             schema = known[name]
             limit = self._limits[group.protocol] or default_action_limit(schema)
             if measure == OPENS:
@@ -251,46 +188,26 @@ class _Rooms:
         return total / weight
 
 
-def _schemas(trials: Iterable[Mapping[str, Any]]) -> Iterable[tuple[str, Schema]]:
-    for one in trials:
-        try:
-            schema = schema_from_dict(one.get("schema") or {})
-        except OpenLockError:
-            continue
-        yield schema.name, schema
-
-
 def section(material: Material) -> Section | None:
     """Which learners learn: a table and its reading, or None if no protocol has many attempts."""
-    table = progress(material.record, material.experiment)
+    table = progress(material.trials, material.experiment)
     if table.empty:
         return None
-    known = set(table["learner"])
-    table = _in_order(table, [name for name in material.learners if name in known])
+    order = ordered(set(table["learner"]), material.learners)
+    place = {name: index for index, name in enumerate(order)}
+    table = table.sort_values("learner", key=lambda names: names.map(place), kind="stable")
     doors, alls = table[table["measure"] == OPENS], table[table["measure"] == FINDS_ALL]
-    text = (
-        f"Opening the door. {said(doors)}",
-        f"Finding every solution within a visit. {said(alls)}",
-        RULE,
-    )
-    told = (
-        ("learning_door", "Who learns to open the door", doors, "Share of attempts that open it."),
-        (
-            "learning_all",
-            "Who learns to find every solution",
-            alls,
-            "Share of visits in which every solution is found.",
-        ),
-    )
-    return Section(
+    return _PROSE.section(
         "learning",
-        "Which learners learn",
-        text,
-        tuple(_shown(name, title, rows, what) for name, title, rows, what in told),
+        [_shown("learning_door", doors), _shown("learning_all", alls)],
+        doors=by_verdict(doors),
+        alls=by_verdict(alls),
+        least=LEAST_SUBJECTS,
+        sure=SURE_OF_SUBJECT,
     )
 
 
-def _shown(name: str, title: str, rows: pd.DataFrame, what: str) -> Table:
+def _shown(name: str, rows: pd.DataFrame) -> SectionTable:
     first = ["learner", "condition", "protocol", "verdict"]
     last = ["subjects", "visits"]
     shares_of = [name for name in rows if name not in (*first, *last, "measure")]
@@ -299,41 +216,31 @@ def _shown(name: str, title: str, rows: pd.DataFrame, what: str) -> Table:
     if frame["protocol"].nunique() == 1:
         frame = frame.drop(columns="protocol")
     frame = frame.rename(columns={"peak": "best"}).reset_index(drop=True)
-    printed = {**dict.fromkeys(shares_of, ".2%"), "best": ".2%", "chance": ".4%", "visits": ".0f"}
-    formats = {name: how for name, how in printed.items() if name in frame}
-    return Table(
-        name,
-        title,
-        frame,
-        formats,
-        f"{what} Means over subjects: at the start, in the first, the best and the last of {PARTS} "
-        "parts of training, with the 95% bootstrap interval of the last. chance: of random "
-        "actions, exactly; random: of the random learner. visits: trials to train on.",
-    )
+    formats = {**dict.fromkeys((*shares_of, "best"), ".2%"), "chance": ".4%", "visits": ".0f"}
+    return _PROSE.table(name, frame, formats, parts=PARTS)
 
 
-def said(rows: pd.DataFrame) -> str:
-    """Verdicts in sentences, such as ``Learns: ddqn (CC4, CE4). Does not learn: random (CC4).``.
+def by_verdict(rows: pd.DataFrame) -> dict[str, list[dict[str, Any]]]:
+    """Which learners came to each verdict, and where.
 
     Args:
         rows: From :func:`progress`, of one measure.
+
+    Returns:
+        By verdict, in the order of :data:`VERDICTS`: ``learner``, ``protocol`` (empty if it has
+        only one) and ``conditions`` (none if it is every one of many).
     """
-    sentences = []
-    for verdict in VERDICTS:
-        names = []
-        for learner, own in rows.groupby("learner", sort=False):
-            several = own["protocol"].nunique() > 1
-            for protocol, part in own.groupby("protocol", sort=False):
-                mine = part.loc[part["verdict"] == verdict, "condition"]
+    found: dict[str, list[dict[str, Any]]] = {verdict: [] for verdict in VERDICTS}
+    for learner, own in rows.groupby("learner", sort=False):
+        several = own["protocol"].nunique() > 1
+        for protocol, part in own.groupby("protocol", sort=False):
+            for verdict, mine in part.groupby("verdict")["condition"]:
                 every = len(mine) == len(part) >= MANY_CONDITIONS
-                where = "every condition" if every else ", ".join(mine)
-                under = f" under {protocol}" if several else ""
-                names += [f"{learner}{under} ({where})"] if len(mine) else []
-        if names:
-            sentences.append(f"{verdict[0].upper()}{verdict[1:]}: {'; '.join(names)}.")
-    return " ".join(sentences)
-
-
-def _in_order(table: pd.DataFrame, learners: list[str]) -> pd.DataFrame:
-    place = {name: index for index, name in enumerate(ordered(set(table["learner"]), learners))}
-    return table.sort_values("learner", key=lambda names: names.map(place), kind="stable")
+                found[str(verdict)].append(
+                    {
+                        "learner": learner,
+                        "protocol": protocol if several else "",
+                        "conditions": [] if every else list(mine),
+                    }
+                )
+    return {verdict: groups for verdict, groups in found.items() if groups}

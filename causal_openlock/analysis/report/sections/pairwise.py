@@ -1,21 +1,19 @@
-"""Learners against learners: who is better than whom, and how good each is in the middle.
+"""Learners against learners: which is better than which, and how good each is in the middle.
 
 A condition is judged by one number of each subject: the attempts in its test, or in the last trial
 of a baseline. Whether one learner is better than another is then a question about two subjects
 drawn at random, one of each (:func:`~causal_openlock.analysis.effects.probability_of_improvement`):
-it needs no scale, so all conditions can be asked together. How good a learner is, is told by the
+it needs no scale, so all conditions count together. How good a learner is by itself is the
 interquartile mean over all its subjects in all its conditions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import Figure
 
 from causal_openlock.analysis.effects import (
     improvement_interval,
@@ -24,53 +22,61 @@ from causal_openlock.analysis.effects import (
     probability_of_improvement,
 )
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.style import Drawing
-from causal_openlock.analysis.report.section import Material, Section, Table
-from causal_openlock.analysis.results.description import random_learners
+from causal_openlock.analysis.plots.comparisons import draw_matrix
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Material, Section, SectionPlot, SectionTable
 from causal_openlock.analysis.results.scores import normalised_score, scores_by_condition
 from causal_openlock.analysis.statistics import SEED
-from causal_openlock.wording import file_names, joined
+from causal_openlock.wording import file_names
 from causal_openlock.world.fsm import FloatArray
 
 Scores = Mapping[str, Mapping[str, FloatArray]]
 """By learner, by condition: ``[n]`` attempts of its subjects."""
 
-_COLOURS = LinearSegmentedColormap.from_list("worse_better", ["#8C510A", "#F7F7F7", "#01665E"])
-_LONGEST = 22  # letters of a name in the drawing
-_NAMED = 6  # comparisons that are named before "and n more"
+_PROSE = Prose("pairwise")
+_NAMES = {
+    "iqm": "IQM",
+    "ci_low": "low",
+    "ci_high": "high",
+    "better_than_next": "better than next",
+    "next_low": "next low",
+    "next_high": "next high",
+}
+_RANKS = {**dict.fromkeys([*_NAMES.values(), "normalised"], ".2f"), "subjects": ","}
+_PAIRS = dict.fromkeys(["probability", "ci_low", "ci_high"], ".3f")
 
 
 def section(material: Material) -> Section | None:
     """Comparisons of all learners under each protocol; None if nowhere two of them can compare."""
     held = scores_by_condition(material.trials)
-    text: list[str] = []
-    tables: list[Table] = []
-    drawings: list[Drawing] = []
-    protocols = ordered({protocol for _, protocol in held}, ("human",))
-    for protocol, part in file_names(protocols).items():
+    protocols: list[dict[str, Any]] = []
+    tables: list[SectionTable] = []
+    plots: list[SectionPlot] = []
+    names = ordered({protocol for _, protocol in held}, ("human",))
+    for protocol, part in file_names(names).items():
         scores = {
             name: held[name, protocol] for name in material.learners if (name, protocol) in held
         }
         pairs = pairwise_table(scores)
         if pairs.empty:
             continue
-        names = [name for name in scores if name in set(pairs["learner"])]
-        scores = {name: scores[name] for name in names}
+        scores = {name: own for name, own in scores.items() if name in set(pairs["learner"])}
         ranks = ranking_table(scores, pairs, _bounds(material, held, protocol))
-        text.append(_told(protocol, ranks, pairs))
-        tables += [_ranking(protocol, part, ranks), _every_pair(protocol, part, pairs)]
-        drawings.append(matrix_drawing(protocol, list(ranks["learner"]), pairs, part))
-    if not text:
+        protocols.append({"protocol": protocol, **compared(ranks, pairs)})
+        known = bool(ranks["normalised"].notna().any())
+        shown = ranks if known else ranks.drop(columns="normalised")
+        shown = shown.rename(columns=_NAMES)
+        drawn = draw_matrix(list(ranks["learner"]), pairs.assign(decided=_decided(pairs)))
+        tables += [
+            _PROSE.table(
+                "ranking", shown, _RANKS, f"ranking_{part}", protocol=protocol, normalised=known
+            ),
+            _PROSE.table("pairwise", pairs, _PAIRS, f"pairwise_{part}", protocol=protocol),
+        ]
+        plots.append(_PROSE.plot(drawn, f"pairwise_{part}", protocol=protocol))
+    if not protocols:
         return None
-    text.append(
-        "A learner counts as better than another if the 95% interval of the probability that its "
-        "subject needs fewer attempts leaves out one half. Intervals are of each comparison by "
-        "itself: of twenty comparisons between equals one leaves out one half by chance."
-    )
-    return Section(
-        "pairwise", "Learners against learners", tuple(text), tuple(tables), tuple(drawings)
-    )
+    return _PROSE.section("pairwise", tables, plots, protocols=protocols)
 
 
 def pairwise_table(scores: Scores) -> pd.DataFrame:
@@ -129,99 +135,25 @@ def ranking_table(
     rows = []
     for name, own in scores.items():
         strata = list(own.values())
-        low, high = interquartile_interval(strata, np.random.default_rng(SEED))
         everyone = np.concatenate(strata)
+        iqm = float(interquartile_mean(everyone))
+        interval = interquartile_interval(strata, np.random.default_rng(SEED))
         normalised = [
-            normalised_score(values, *(bounds or {})[condition])
-            for condition, values in own.items()
-            if condition in (bounds or {})
+            normalised_score(own[condition], *bound)
+            for condition, bound in (bounds or {}).items()
+            if condition in own
         ]
-        rows.append(
-            {
-                "learner": name,
-                "conditions": len(own),
-                "subjects": len(everyone),
-                "mean": float(everyone.mean()),
-                "iqm": float(interquartile_mean(everyone)),
-                "ci_low": low,
-                "ci_high": high,
-                "normalised": float(interquartile_mean(np.concatenate(normalised)))
-                if normalised
-                else np.nan,
-            }
-        )
-    table = pd.DataFrame(rows).sort_values(["iqm", "mean"], kind="stable", ignore_index=True)
-    table = table.drop(columns="mean")
+        score = float(interquartile_mean(np.concatenate(normalised))) if normalised else np.nan
+        rows.append((name, len(own), len(everyone), iqm, *interval, score, everyone.mean()))
+    columns = ["learner", "conditions", "subjects", "iqm", "ci_low", "ci_high", "normalised"]
+    table = pd.DataFrame(rows, columns=[*columns, "mean"])
+    table = table.sort_values(["iqm", "mean"], kind="stable", ignore_index=True)[columns]
     known = pairs.set_index(["learner", "other"])[["probability", "ci_low", "ci_high"]]
     following = [*table["learner"].iloc[1:], None]
     keys = pd.MultiIndex.from_arrays([table["learner"], following])
     beside = known.reindex(keys).to_numpy(float)
     return table.assign(
         better_than_next=beside[:, 0], next_low=beside[:, 1], next_high=beside[:, 2]
-    )
-
-
-def matrix_drawing(
-    protocol: str, names: Sequence[str], pairs: pd.DataFrame, part: str = "human"
-) -> Drawing:
-    """The probabilities of a protocol as a matrix of numbers on colours.
-
-    Args:
-        protocol: Its name.
-        names: Learners in the order of rows and columns.
-        pairs: From :func:`pairwise_table`.
-        part: What its file is called after.
-    """
-    size = len(names)
-    place = {name: number for number, name in enumerate(names)}
-    values = np.full((size, size), np.nan)
-    values[pairs["learner"].map(place), pairs["other"].map(place)] = pairs["probability"]
-    sure = np.zeros((size, size), bool)
-    sure[pairs["learner"].map(place), pairs["other"].map(place)] = _decided(pairs)
-    shown = [name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…" for name in names]
-    shown = [name.replace("$", r"\$") for name in shown]
-    edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
-    cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
-    with style.settings():
-        figure = Figure(
-            figsize=(1.5 * edge + cell * size, 0.7 * edge + cell * size), layout="constrained"
-        )
-        axes = figure.subplots()
-        axes.imshow(values, cmap=_COLOURS, vmin=0, vmax=1)
-        for (row, column), value in np.ndenumerate(values):
-            known = not np.isnan(value)
-            axes.text(
-                column,
-                row,
-                f"{value:.2f}" if known else "–",
-                ha="center",
-                va="center",
-                fontsize=8 if cell > 0.45 else 7,
-                fontweight="bold" if sure[row, column] else "normal",
-                color="white" if known and abs(value - 0.5) > 0.34 else "black",
-            )
-        axes.set_xticks(range(size), shown, rotation=40, ha="left", va="bottom")
-        axes.set_yticks(range(size), shown)
-        axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
-        for label in axes.get_xticklabels():
-            label.set_rotation_mode("anchor")
-            label.set_verticalalignment("center")
-        axes.set_xticks(np.arange(size - 1) + 0.5, minor=True)
-        axes.set_yticks(np.arange(size - 1) + 0.5, minor=True)
-        axes.grid(visible=False)
-        axes.grid(visible=True, which="minor", axis="both", color="white", linewidth=1.2)
-        axes.tick_params(which="minor", length=0)
-        axes.set_axisbelow(False)
-        for side in axes.spines.values():
-            side.set_visible(False)
-    return Drawing(
-        f"pairwise_{part}",
-        f"Who is better than whom, protocol {protocol}",
-        "Probability that a subject of the learner in the row needs fewer attempts than a subject "
-        "of the learner in the column, ties counting half, averaged over the conditions that both "
-        "played. Bold: the 95% bootstrap interval, stratified over conditions, leaves out one "
-        "half.",
-        figure,
     )
 
 
@@ -236,7 +168,7 @@ def _bounds(
     found = {}
     in_test = material.trials.loc[material.trials["phase"] == "test", "condition"]
     tested = set(in_test.unique())
-    by_chance = random_learners(material.experiment)
+    by_chance = material.experiment.random_learners
     for name in (one for one in material.learners if one in by_chance):
         for condition, attempts in held.get((name, protocol), {}).items():
             phase = "test" if condition in tested else "train"
@@ -246,94 +178,27 @@ def _bounds(
     return found
 
 
-def _every_pair(protocol: str, part: str, pairs: pd.DataFrame) -> Table:
-    return Table(
-        f"pairwise_{part}",
-        f"Every comparison, protocol {protocol}",
-        pairs,
-        dict.fromkeys(["probability", "ci_low", "ci_high"], ".3f"),
-        "Probability that a subject of the learner needs fewer attempts than one of the other, "
-        "ties counting half, averaged over the conditions that both played, with the ends of its "
-        "95% bootstrap interval.",
-    )
+def compared(ranks: pd.DataFrame, pairs: pd.DataFrame) -> dict[str, Any]:
+    """Which learner leads, and which comparisons do not follow the order.
 
+    Args:
+        ranks: From :func:`ranking_table`.
+        pairs: From :func:`pairwise_table`.
 
-def _told(protocol: str, ranks: pd.DataFrame, pairs: pd.DataFrame) -> str:
-    """Who leads, and which comparisons do not follow the order, in words."""
+    Returns:
+        ``first`` and ``last`` of the ranks; ``total``, how many comparisons there are of more than
+        one subject each; those in which the later learner is better (``against``), and those that
+        are not decided (``even``), as pairs of names, the one that ranks first at first.
+    """
     order = {name: number for number, name in enumerate(ranks["learner"])}
     ahead = pairs["learner"].map(order) < pairs["other"].map(order)
     each = pairs[ahead & pairs["ci_low"].notna()]
-    first, last = ranks.iloc[0], ranks.iloc[-1]
-    least, most = f"{first['iqm']:.2f}", f"{last['iqm']:.2f}"
-    text = [
-        f"Protocol {protocol}: in the interquartile mean "
-        + (
-            f"all learners need the same number of attempts, {least}."
-            if least == most
-            else f"{first['learner']} needs the fewest attempts, {least}, and {last['learner']} "
-            f"the most, {most}."
-        )
-    ]
-    if each.empty:
-        return " ".join([*text, "A single subject of each decides nothing."])
     decided = _decided(each)
-    even = [f"{one} and {other}" for one, other in _names(each[~decided])]
-    against = [
-        f"{other} is better than {one}"
-        for one, other in _names(each[decided & (each["probability"] < 0.5).to_numpy()])
-    ]
-    if not even and not against:
-        text.append("Every learner is better than all those after it in the table.")
-    elif len(even) == len(each):
-        return " ".join([*text, "No comparison is decided."])
-    else:
-        text.append(
-            f"In {len(each) - len(even) - len(against)} of {len(each)} comparisons the learner "
-            "that stands first in the table is the better one."
-        )
-    if against:
-        text.append(f"Against the order of the table {joined(against[:_NAMED])}{_rest(against)}.")
-    if even:
-        text.append(f"Not decided: {'; '.join(even[:_NAMED])}{_rest(even)}.")
-    return " ".join(text)
-
-
-def _names(pairs: pd.DataFrame) -> list[tuple[str, str]]:
-    return list(zip(pairs["learner"], pairs["other"], strict=True))
-
-
-def _rest(names: Sequence[str]) -> str:
-    return f", and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-
-
-def _ranking(protocol: str, part: str, ranks: pd.DataFrame) -> Table:
-    shown = ranks.rename(
-        columns={
-            "iqm": "IQM",
-            "ci_low": "low",
-            "ci_high": "high",
-            "better_than_next": "better than next",
-        }
-    )
-    numbers = ["IQM", "low", "high", "normalised", "better than next", "next_low", "next_high"]
-    shown = shown.rename(columns={"next_low": "next low", "next_high": "next high"})
-    if shown["normalised"].isna().all():
-        shown = shown.drop(columns="normalised")
-    formats = {name.replace("_", " "): ".2f" for name in numbers} | {"subjects": ","}
-    return Table(
-        f"ranking_{part}",
-        f"Learners in order, protocol {protocol}",
-        shown,
-        {name: spec for name, spec in formats.items() if name in shown},
-        "IQM: interquartile mean of attempts (a quarter of the subjects is left out at either end) "
-        "over all subjects of all conditions, with the ends of its 95% bootstrap interval, "
-        "stratified over conditions; an unsolved trial counts as the limit. "
-        + (
-            "Normalised: the same of scores, where 0 is what the random learner of this record "
-            "needs on average and 1 what the ideal observer needs. "
-            if "normalised" in shown
-            else ""
-        )
-        + "Better than next: probability that a subject needs fewer attempts than one of the "
-        "learner in the row below, with the ends of its interval; one half for equals.",
-    )
+    behind = decided & (each["probability"] < 0.5).to_numpy()
+    return {
+        "first": ranks.iloc[0],
+        "last": ranks.iloc[-1],
+        "total": len(each),
+        "against": each.loc[behind, ["learner", "other"]].to_numpy().tolist(),
+        "even": each.loc[~decided, ["learner", "other"]].to_numpy().tolist(),
+    }

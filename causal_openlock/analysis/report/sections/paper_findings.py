@@ -1,8 +1,9 @@
-"""The section of the report on the paper's tests: what people show, and which learners show it."""
+"""The paper's tests: what people show, and which learners show it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,8 @@ from causal_openlock.analysis.effects import (
     power_of_t,
     subjects_needed,
 )
-from causal_openlock.analysis.report.section import Material, Section, Table
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Material, Section, SectionTable
 from causal_openlock.analysis.results.people.paper_tests import (
     PEOPLE,
     TESTS,
@@ -25,21 +27,14 @@ from causal_openlock.analysis.results.people.paper_tests import (
     printed_tests,
 )
 from causal_openlock.analysis.results.people.published import did_what_people_did
-from causal_openlock.wording import counted, joined
 
 FAMILIES = {
     "baseline": "Baseline trials",
     "training": "Training trials",
     "transfer": "Transfer test",
 }
-_DIFFERENCES = {
-    "baseline": "CE4 − CC4: means of all trials; last: of the last trial.",
-    "training": "CE3 − CC3: means of all trials; CC3, last: last trial of CC3 training, of those "
-    "to be tested in CC4 and in CE4.",
-    "transfer": "CC4: CE3 − CC3: the test of CC4, after training with CE3 and with CC3; CE4 − CC4: "
-    "the tests, whatever the training was.",
-}
 _SUBJECTS_OF_PEOPLE = 40
+_PROSE = Prose("paper_findings")
 
 
 def section(material: Material) -> Section | None:
@@ -48,35 +43,42 @@ def section(material: Material) -> Section | None:
     tests = paper_tests(chosen, material.learners)
     if tests.empty:
         return None
-    sizes = _sizes(tests)
-    text = [
-        "The paper's tests, in the paper's order, on the trials of every learner that did what "
-        "people did. An effect counts as found where p, corrected after Holm for the tests of its "
-        f"family, is below {ALPHA:g}; where none is found there may be one that is too small for "
-        "so few subjects."
-    ]
     own = tests[tests["learner"] != PEOPLE]
-    silent, telling = _split(own)
-    if len(silent):
-        text[0] += (
-            f" No test is defined for {_on_silent(silent)}, so nothing more is said of them here."
-        )
-    tables = []
+    undefined, defined = _split(own)
+    families, tables = [], []
     for family, title in FAMILIES.items():
-        rows = tests[tests["family"] == family]
         if not (own["family"] == family).any():
             continue
         asked = [test for test in TESTS if test.family == family]
-        silent, of_family = _split(telling[telling["family"] == family])
-        found = [_finding(test, of_family[of_family["test"] == test.name]) for test in asked]
-        if len(silent):
-            found.append(f"Not defined for {_on_silent(silent)}.")
-        if any(found):
-            text.append(f"{title}. {' '.join(filter(None, found))}")
-        tables.append(_family_table(family, title, rows, asked, material.learners))
-    tables += [_power_table(min(sizes)), _numbers(tests)]
-    text.append(_on_holm() + " " + _on_power(min(sizes)))
-    return Section("paper_tests", "The paper's tests", tuple(text), tuple(tables))
+        without, rows = _split(defined[defined["family"] == family])
+        found = [finding(test, rows[rows["test"] == test.name]) for test in asked]
+        families.append(
+            {
+                "title": title,
+                "tests": [one for one in found if one["total"]],
+                "undefined": _reasons(without),
+            }
+        )
+        tables.append(_family_table(family, tests[tests["family"] == family], asked, material))
+    subjects = min(_sizes(own))
+    power = power_table(subjects)
+    tables += [_power_table(power, subjects), _PROSE.table("paper_tests_all", tests, _NUMBERS)]
+    return _PROSE.section(
+        "paper_tests",
+        tables,
+        families=families,
+        undefined=_reasons(undefined),
+        lost=_lost(),
+        alpha=ALPHA,
+        **power_found(power, subjects),
+    )
+
+
+_NUMBERS = {
+    **dict.fromkeys(("p", "p_holm"), ".2g"),
+    **dict.fromkeys(("value", "hedges_g", "effect_size"), ".2f"),
+    **{"difference": "+.2f", "subjects": ","},
+}
 
 
 def power_table(subjects: int) -> pd.DataFrame:
@@ -114,10 +116,15 @@ def power_table(subjects: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _sizes(tests: pd.DataFrame) -> list[int]:
+def power_found(power: pd.DataFrame, subjects: int) -> dict[str, Any]:
+    """Of how many ``effects`` as large as people's the power is ``weak`` with so many subjects."""
+    weak = int((power["power_here"] < POWER).sum())
+    return {"subjects": subjects, "weak": weak, "effects": len(power), "power": POWER}
+
+
+def _sizes(own: pd.DataFrame) -> list[int]:
     """How many subjects each learner has in each condition, roughly where these differ."""
     conditions = {(test.family, test.name): len(test.conditions) for test in TESTS}
-    own = tests[tests["learner"] != PEOPLE]
     return [
         max(2, round(subjects / conditions[family, name]))
         for family, name, subjects in zip(own["family"], own["test"], own["subjects"], strict=True)
@@ -125,166 +132,89 @@ def _sizes(tests: pd.DataFrame) -> list[int]:
 
 
 def _family_table(
-    family: str,
-    title: str,
-    rows: pd.DataFrame,
-    asked: Sequence[PaperTest],
-    learners: Sequence[str],
-) -> Table:
+    family: str, rows: pd.DataFrame, asked: Sequence[PaperTest], material: Material
+) -> SectionTable:
     shown = []
-    for name in (PEOPLE, *learners):
+    for name in (PEOPLE, *material.learners):
         cells = {row["test"]: row for row in rows[rows["learner"] == name].to_dict("records")}
-        if cells:
-            n = sorted({round(cells[t.name]["subjects"] / len(t.conditions)) for t in asked
-                        if t.name in cells})  # fmt: skip
-            shown.append(
-                {
-                    "learner": f"{PEOPLE} (printed)" if name == PEOPLE else name,
-                    "n": " to ".join(dict.fromkeys(map(str, (n[0], n[-1])))),
-                    **{t.name: outcome_text(cells[t.name]) if t.name in cells else "not played"
-                       for t in asked},
-                }
-            )  # fmt: skip
-    return Table(
-        f"paper_tests_{family}",
-        f"{title}: tests",
-        pd.DataFrame(shown),
-        caption=(
-            "n: subjects in each condition. Of trials: multivariate test of repeated measures, "
-            if family != "transfer"
-            else "n: subjects in each condition. Of the interaction: 2 × 2 analysis of variance, "
+        if not cells:
+            continue
+        played = [test for test in asked if test.name in cells]
+        n = sorted({round(cells[test.name]["subjects"] / len(test.conditions)) for test in played})
+        outcomes = {test.name: "not played" for test in asked}
+        outcomes |= {test.name: outcome_text(cells[test.name]) for test in played}
+        shown.append(
+            {
+                "learner": f"{PEOPLE} (printed)" if name == PEOPLE else name,
+                "n": " to ".join(dict.fromkeys(map(str, (n[0], n[-1])))),
+                **outcomes,
+            }
         )
-        + "F of two groups: one-way analysis of variance; t: two independent groups, two-sided. "
-        f"{_DIFFERENCES[family]} A difference is the first minus the second, and t is negative "
-        "where the second needed more attempts. Holm: p corrected for the tests in the row. d: "
-        "Cohen's; ηp²: partial eta squared. Of people statistics are as printed, p and the size of "
-        "the effect follow from them" + (", t has no sign." if family == "training" else "."),
-    )
+    about = {"family": family, "title": FAMILIES[family]}
+    return _PROSE.table("family", pd.DataFrame(shown), {}, f"paper_tests_{family}", **about)
 
 
-def _numbers(tests: pd.DataFrame) -> Table:
-    formats = dict.fromkeys(("p", "p_holm"), ".2g") | dict.fromkeys(("value", "hedges_g"), ".2f")
-    return Table(
-        "paper_tests_all",
-        "Every test, as numbers",
-        tests,
-        {**formats, "difference": "+.2f", "effect_size": ".2f", "subjects": ","},
-        caption="Difference: of means, in attempts; of trials the first less the last, of the "
-        "interaction what training with the structure of the test saves, the mean over both. "
-        "p holm: corrected within the family. Paper: what it prints of people.",
-    )
+def finding(test: PaperTest, rows: pd.DataFrame) -> dict[str, Any]:
+    """What came of a test in people, and in which learners.
 
+    Args:
+        test: The test.
+        rows: What came of it in learners.
 
-def _finding(test: PaperTest, rows: pd.DataFrame) -> str:
-    """What came of a test in people and in learners, as a sentence."""
-    if rows.empty:
-        return ""
+    Returns:
+        What the test claims of people (``claim``), what the ``paper`` prints, whether it is found
+        ``in_people``, and of the ``total`` of learners those in which it is ``shown``, its
+        ``opposite``, or is ``absent`` or ``undefined``.
+    """
     defined = rows[rows["note"] == ""]
     significant = defined["p_holm"] < ALPHA
     with_sign = (defined["difference"] > 0) | (not test.directed)
-    shown = list(defined.loc[significant & with_sign, "learner"])
-    opposite = list(defined.loc[significant & ~with_sign, "learner"])
-    none = list(defined.loc[~significant, "learner"])
-    undefined = list(rows.loc[rows["note"] != "", "learner"])
     people = printed_tests().set_index(["family", "test"]).loc[(test.family, test.name)]
-    printed = _statistic(people["paper"])
-    if people["p"] < ALPHA:
-        parts = [f"People {test.claim}, {printed}"]
-        parts += [f"so {_do(shown)} {_all(shown, rows)}"] if shown else []
-        nothing = "no such effect is found in"
-    else:
-        parts = [f"It is not shown that people {test.claim}, {printed}"]
-        parts += [f"it is shown of {_all(shown, rows)}"] if shown else []
-        nothing = "nor is it found in"
-    parts += [f"the opposite is found in {joined(opposite)}"] if opposite else []
-    parts += [f"the test is not defined for {joined(undefined)}"] if undefined else []
-    if len(none) == len(rows):
-        parts += [f"{nothing} {'any learner' if len(none) > 2 else ' or '.join(none)}"]
-    elif none:
-        parts += [f"no such effect is found in {joined(none) if len(none) < 5 else 'the others'}"]
-    return "; ".join(parts) + "."
+    return {
+        "claim": test.claim,
+        "paper": people["paper"],
+        "in_people": bool(people["p"] < ALPHA),
+        "total": len(rows),
+        "shown": list(defined.loc[significant & with_sign, "learner"]),
+        "opposite": list(defined.loc[significant & ~with_sign, "learner"]),
+        "absent": list(defined.loc[~significant, "learner"]),
+        "undefined": list(rows.loc[rows["note"] != "", "learner"]),
+    }
 
 
 def _split(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The rows of learners for whom no test among them is defined, and those of the others."""
+    """The rows of learners for which no test among them is defined, and those of the others."""
     silent = (rows["note"] != "").groupby(rows["learner"]).transform("all").astype(bool)
     return rows[silent], rows[~silent]
 
 
-def _on_silent(rows: pd.DataFrame) -> str:
-    """Who has no test at all, and why."""
+def _reasons(rows: pd.DataFrame) -> dict[str, list[str]]:
+    """By reason, the learners that have no test at all."""
     why: dict[str, list[str]] = {}
     for name, notes in rows.groupby("learner", sort=False)["note"]:
         reasons = list(dict.fromkeys(notes.str.removeprefix("not defined: ")))
         alike = all(reason.startswith("every subject needed") for reason in reasons)
         several = "subjects do not differ" if alike else "for reasons given in the tables"
         why.setdefault(reasons[0] if len(reasons) == 1 else several, []).append(str(name))
-    return joined([f"{joined(names)} ({reason})" for reason, names in why.items()])
+    return why
 
 
-def _statistic(paper: str) -> str:
-    """``t(78)=2.00,p<.05`` as ``t(78) = 2.00``."""
-    return paper.split(",p")[0].replace("=", " = ").replace(",", ", ")
-
-
-def _on_holm() -> str:
+def _lost() -> list[dict[Any, Any]]:
+    """Effects of people that the paper reports and that Holm's correction takes away."""
     people = printed_tests()
     lost = people[(people["p"] < ALPHA) & (people["p_holm"] >= ALPHA)]
-    if lost.empty:
-        return ""
-    names = [
-        f"{FAMILIES[row['family']].lower()}, {row['test']}, {_statistic(row['paper'])}"
-        for _, row in lost.iterrows()
-    ]
-    return (
-        f"Corrected in the same way, one effect of the paper is no longer below {ALPHA:g}: "
-        if len(names) == 1
-        else f"Corrected in the same way, effects of the paper no longer below {ALPHA:g} are: "
-    ) + f"{joined(names)}. Learners are held to the stricter rule."
+    return lost.assign(family=lost["family"].map(FAMILIES)).to_dict("records")
 
 
-def _on_power(subjects: int) -> str:
-    table, played = power_table(subjects), counted(subjects, "subject")
-    weak = table[table["power_here"] < POWER]
-    if weak.empty:
-        return (
-            f"With {played} in each condition effects as large as people's would be "
-            f"found with a probability of {POWER:g} or more, in every test of two groups."
-        )
-    return (
-        f"With {played} in each condition, {len(weak)} of the {len(table)} effects "
-        f"below would be found with a probability of less than {POWER:g} if they were as large as "
-        "in people."
-    )
-
-
-def _power_table(subjects: int) -> Table:
-    table = power_table(subjects).rename(
-        columns={
-            "effect_size": "size in people",
-            "power_here": f"power with n = {subjects}",
-            "power_of_paper": f"power of the paper, n = {_SUBJECTS_OF_PEOPLE}",
-            "subjects_needed": f"n for a power of {POWER:g}",
-        }
-    )
+def _power_table(power: pd.DataFrame, subjects: int) -> SectionTable:
+    needed = f"n for a power of {POWER:g}"
+    names = {
+        "effect_size": "size in people",
+        "power_here": f"power with n = {subjects}",
+        "power_of_paper": f"power of the paper, n = {_SUBJECTS_OF_PEOPLE}",
+        "subjects_needed": needed,
+    }
     if subjects == _SUBJECTS_OF_PEOPLE:
-        table = table.drop(columns=f"power of the paper, n = {_SUBJECTS_OF_PEOPLE}")
-    formats = dict.fromkeys([name for name in table if name.startswith("power ")], ".2f")
-    return Table(
-        "paper_tests_power",
-        "Power to find what people show",
-        table,
-        {**formats, "size in people": ".2f", f"n for a power of {POWER:g}": ",.0f"},
-        caption="Probability that a test finds an effect which is as large as the one measured in "
-        f"people (p below {ALPHA:g}, not corrected), by how many subjects are in each condition, "
-        "and how many it takes. The true effect in people may be smaller than the measured one.",
-    )  # fmt: skip
-
-
-def _all(names: Sequence[str], rows: pd.DataFrame) -> str:
-    """Names, or that it is all of more than a few."""
-    return f"all {len(names)} learners" if len(names) == len(rows) > 2 else joined(names)
-
-
-def _do(names: Sequence[str]) -> str:
-    return "do" if len(names) > 1 else "does"
+        power = power.drop(columns="power_of_paper")
+    formats = {**dict.fromkeys(names.values(), ".2f"), needed: ",.0f"}
+    return _PROSE.table("paper_tests_power", power.rename(columns=names), formats, alpha=ALPHA)

@@ -14,17 +14,19 @@ from typing import Any
 import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.report.section import Material, Section, Table
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Material, Section
 from causal_openlock.analysis.report.sections.learning import (
     FALLS,
     LEARNS,
     NOT,
     SOME,
+    by_verdict,
     progress,
-    said,
 )
 from causal_openlock.analysis.results.deep.visits import FINDS_ALL, OPENS
-from causal_openlock.analysis.results.description import mappings_with, random_learners
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.world.rewards import AuthorsReward, Reward, RewardFunction
 
 LEAST_REWARDS = 3
 """Fewer rewards in an experiment are no study of them."""
@@ -32,6 +34,7 @@ LEAST_REWARDS = 3
 BEST_OF_PAPER = frozenset({"negative_immovable", "partial_sequence", "solution_multiplier"})
 """What the paper found best, beside the basic reward."""
 
+_PROSE = Prose("reward_study")
 _RUNGS = {
     "unique": "unique_solutions",
     "change": "state_change",
@@ -42,34 +45,21 @@ _RUNGS = {
 }
 
 
-def reward_terms(reward: Any) -> frozenset[str]:
-    """What a reward is made of, beside the basic one, in the paper's words.
-
-    Args:
-        reward: As an experiment's description gives it: a sum of ``terms``, or a ladder of the
-            authors' program with a truth value for each rung.
-    """
-    if mappings_with([reward], {"name", "terms"}):
-        return frozenset(reward["terms"]) - {"basic"}
-    if mappings_with([reward], {"name", *_RUNGS}):
-        return frozenset(term for rung, term in _RUNGS.items() if reward[rung])
+def reward_terms(reward: RewardFunction) -> frozenset[str]:
+    """What a reward is made of, beside the basic one, in the paper's words."""
+    if isinstance(reward, Reward):
+        return frozenset(reward.terms) - {"basic"}
+    if isinstance(reward, AuthorsReward):
+        return frozenset(term for rung, term in _RUNGS.items() if getattr(reward, rung))
     return frozenset()
 
 
-def rewards_of(experiment: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The reward of every learner that heeds one, by its label."""
-    learners: Any = experiment.get("learners")
-    if not mappings_with(learners, {"name", "reward"}):
-        return {}
-    by_chance = random_learners(experiment)
-    return {
-        str(one["name"]): one["reward"]
-        for one in learners
-        if str(one["name"]) not in by_chance and mappings_with([one["reward"]], {"name"})
-    }
+def rewards_of(experiment: Experiment) -> dict[str, RewardFunction]:
+    """The reward of every learner by its label, but of those that act at random."""
+    return {spec.name: spec.reward for spec in experiment.learners if not spec.is_random}
 
 
-def study(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
     """What each reward led to, the best first.
 
     Args:
@@ -92,100 +82,85 @@ def study(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -> pd.D
             for condition in conditions:
                 told = own.loc[own["condition"] == condition, "verdict"]
                 row[f"{name} {condition}"] = ", ".join(dict.fromkeys(told))
-        row["reward"] = rewards[str(learner)]["name"]
+        row["reward"] = rewards[str(learner)].name
         row["terms"] = " + ".join(sorted(reward_terms(rewards[str(learner)]))) or "none"
         rows.append(row)
     frame = pd.DataFrame(rows)
     return frame.sort_values(["door", "all"], ascending=False, kind="stable", ignore_index=True)
 
 
-def on_unique_solutions(
-    table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]
-) -> str | None:
-    """Whether unique solutions cannot be learned, as the paper says; None if nobody got them.
+def without_repeats(
+    doors: pd.DataFrame, rewards: Mapping[str, RewardFunction]
+) -> dict[str, Any] | None:
+    """Whether unique solutions cannot be learned, as the paper says; None if no learner got them.
 
     Args:
-        table: From :func:`~causal_openlock.analysis.report.sections.learning.progress`.
+        doors: From :func:`~causal_openlock.analysis.report.sections.learning.progress`, of opening
+            the door.
         rewards: From :func:`rewards_of`.
+
+    Returns:
+        Whether the paper is ``right``: ``yes``, ``no`` (in every condition the door comes to be
+        opened), ``in part`` or ``undecided``; and the learners by ``verdict``.
     """
     unique = [name for name, one in rewards.items() if "unique_solutions" in reward_terms(one)]
-    doors = table[table["learner"].isin(unique) & (table["measure"] == OPENS)]
+    doors = doors[doors["learner"].isin(unique)]
     if doors.empty:
         return None
-    claim = "The paper: with unique solutions nothing is learned. Here: "
     able = doors["verdict"].isin([LEARNS, FALLS])
     if (doors["verdict"] == NOT).all():
-        judged = "the same, in every condition."
+        right = "yes"
     elif able.all():
-        judged = "otherwise, in every condition the door comes to be opened."
-    elif able.any() or (doors["verdict"] == SOME).any():
-        judged = "otherwise in part."
+        right = "no"
     else:
-        judged = "undecided."
-    return f"{claim}{judged} {said(doors)}"
+        right = "in part" if able.any() or (doors["verdict"] == SOME).any() else "undecided"
+    return {"right": right, "verdicts": by_verdict(doors)}
 
 
-def on_the_best(table: pd.DataFrame, rewards: Mapping[str, Mapping[str, Any]]) -> str | None:
-    """Whether the paper's best combination is best; None if nobody got it.
+def best_rewards(
+    doors: pd.DataFrame, rewards: Mapping[str, RewardFunction]
+) -> list[dict[str, Any]]:
+    """How the learners with the paper's best combination do beside the others.
 
     Args:
-        table: From :func:`~causal_openlock.analysis.report.sections.learning.progress`.
+        doors: As for :func:`without_repeats`.
         rewards: From :func:`rewards_of`.
+
+    Returns:
+        ``learner``, ``condition``, ``last`` (its share in the last part of training), how many
+        others are ``better`` and which of them surely (``above``), by intervals.
     """
     best = [
         name
         for name, one in rewards.items()
-        if reward_terms(one) == BEST_OF_PAPER and mappings_with([one], {"terms"})
+        if reward_terms(one) == BEST_OF_PAPER and isinstance(one, Reward)
     ]
-    doors = table[table["learner"].isin(list(rewards)) & (table["measure"] == OPENS)]
-    mine = doors[doors["learner"].isin(best)]
-    if mine.empty:
-        return None
-    parts = []
-    for row in mine.to_dict("records"):
+    found = []
+    for row in doors[doors["learner"].isin(best)].to_dict("records"):
         beside = doors[
             (doors["condition"] == row["condition"])
             & (doors["protocol"] == row["protocol"])
             & ~doors["learner"].isin(best)
         ]
-        above = beside[beside["ci_low"] > row["ci_high"]]
+        above = beside[beside["ci_low"] > row["ci_high"]].to_dict("records")
         better = int((beside["last"] > row["last"]).sum())
-        where = f"{row['learner']} in {row['condition']}"
-        share = f"{where} opens the door in {row['last']:.1%} of the last part's attempts"
-        if len(above):
-            names = ", ".join(f"{one.learner} ({one.last:.1%})" for one in above.itertuples())
-            parts.append(f"{share}, and surely less often than {names}.")
-        elif better:
-            do = "does" if better == 1 else "do"
-            parts.append(f"{share}; {better} of the others {do} so more often, but not surely.")
-        else:
-            parts.append(f"{share}, and nobody more often.")
-    claim = "The paper: negative immovable, partial sequence and solution multiplier are best. Here"
-    return f"{claim}: {' '.join(parts)}"
+        found.append({**row, "better": better, "above": above})
+    return found
 
 
 def section(material: Material) -> Section | None:
     """The reward study: which rewards learn, or None if the experiment has too few of them."""
     rewards = rewards_of(material.experiment)
-    if len({str(one["name"]) for one in rewards.values()}) < LEAST_REWARDS:
+    if len({one.name for one in rewards.values()}) < LEAST_REWARDS:
         return None
-    table = progress(material.record, material.experiment)
+    table = progress(material.trials, material.experiment)
     table = table[table["learner"].isin(list(rewards))]
     if table.empty:
         return None
-    frame = study(table, rewards)
-    text = [on_unique_solutions(table, rewards), on_the_best(table, rewards)]
-    text.append(
-        "“Surely” means that 95% intervals over subjects do not overlap. The verdicts are those of "
-        "“Which learners learn”, where the rule is stated."
-    )
-    told = Table(
+    doors = table[table["measure"] == OPENS]
+    return _PROSE.section(
         "reward_study",
-        "Which rewards learn",
-        frame,
-        {"door": ".2%", "all": ".1%"},
-        "“door”: share of attempts that open the door, “all”: share of visits in which every "
-        "solution is found, both in the last part of training, averaged over conditions; with a "
-        "condition, the verdict there. Terms are beside the basic reward.",
+        [_PROSE.table("reward_study", study(table, rewards), {"door": ".2%", "all": ".1%"})],
+        unique=without_repeats(doors, rewards),
+        best=best_rewards(doors, rewards),
     )
-    return Section("reward_study", "Reward study", tuple(line for line in text if line), (told,))

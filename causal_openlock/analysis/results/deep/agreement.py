@@ -1,12 +1,12 @@
 """Where a learner agrees with the paper's own DDQN, point by point (Figures 6 and 7).
 
 The paper's counts are known for each category and block, but not how many agents they add up, so
-they stand here as plain numbers, and uncertainty is that of the learner's subjects. Two shares
-*agree* if the whole bootstrap interval of ours lies within a margin of the paper's, they *disagree*
-if all of it lies outside, and else it is *undecided*. Of orders and of growth the sign is judged.
+they are taken as exact, and only the learner's subjects have uncertainty. Two shares *agree* if the
+whole bootstrap interval of ours lies within a margin of the paper's, they *disagree* if all of it
+lies outside, and otherwise it is *undecided*. Of orders and of growth the sign is judged.
 
-Figure 6 has five blocks of 30,000 attempts. Whether one agent made them all, in 100 loops, or ten
-made them in 10 loops each, is not said: ours are cut into five blocks too, whatever the course.
+Figure 6 has five blocks of 30,000 attempts. The paper does not say whether one agent made them all,
+in 100 loops, or ten made them in 10 loops each: ours are cut into five blocks in any case.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import BASELINES, TRANSFERS
+from causal_openlock.analysis.measures import BASELINES, SUBJECT, TRANSFERS
 from causal_openlock.analysis.results.deep.visits import (
     ELSE,
     FINDS_ALL,
@@ -30,7 +30,7 @@ from causal_openlock.analysis.results.deep.visits import (
     interval,
     matrix,
 )
-from causal_openlock.analysis.statistics import RESAMPLES, SEED, percentile_interval
+from causal_openlock.analysis.statistics import SEED, bootstrap_interval
 from causal_openlock.world import reference
 from causal_openlock.world.fsm import FloatArray
 
@@ -81,9 +81,9 @@ def same(
         values: ``[n]`` one number for each subject.
         paper: The paper's number.
         margin: How far from it counts as the same.
-        visits: If the numbers are shares of visits, of how many in all. Where all subjects agree,
-            as on none of few visits, the bootstrap sees no doubt; so the interval is at least
-            Wilson's for so many visits.
+        visits: If the numbers are shares of visits, of how many in all. Where all subjects are
+            equal, as with no success in few visits, the bootstrap interval has no width; so the
+            interval is at least Wilson's for so many visits.
 
     Returns:
         Their mean, the ends of its interval, and the verdict.
@@ -165,52 +165,45 @@ def transfer_order(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
     for group, mine in each_group(tested, "test", learners):
         cases = played.setdefault((group.learner, group.protocol), {})
         cases[group.condition] = matrix(mine, OPENS)[:, 0]
+    pairs = list(combinations(range(len(TRANSFERS)), 2))
+
+    def order(*cases: FloatArray) -> FloatArray:
+        means = [values.mean(axis=-1) for values in cases]
+        return np.stack([kendall(means, paper), *(means[a] - means[b] for a, b in pairs)])
+
     rows: list[tuple[Any, ...]] = []
-    for who, cases in played.items():
+    for names, cases in played.items():
         if not all(case in cases for case in TRANSFERS):
             continue
         samples = [cases[case] for case in TRANSFERS]
         few = min(map(len, samples)) < LEAST_SUBJECTS
-        means = np.array([sample.mean() for sample in samples])
-        drawn = resampled_group_means(samples)
-        tau, taus = kendall(means[None], paper)[0], kendall(drawn, paper)
-        low, high = percentile_interval(taus)
+        ends = bootstrap_interval(order, samples, np.random.default_rng(SEED))
+        (tau, *ours), (low, *lows), (high, *highs) = order(*samples), *ends
         verdict = AGREES if low > 0 else DISAGREES if high <= 0 else UNDECIDED
-        rows.append((*who, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
-        for a, b in combinations(range(len(TRANSFERS)), 2):
-            told = paper[a] - paper[b]
-            low, high = percentile_interval(drawn[:, a] - drawn[:, b])
-            if abs(told) < MARGIN:
+        rows.append((*names, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
+        for (a, b), value, low, high in zip(pairs, ours, lows, highs, strict=True):
+            published_gap = paper[a] - paper[b]
+            if abs(published_gap) < MARGIN:
                 alike = low >= -MARGIN and high <= MARGIN
                 apart = low > MARGIN or high < -MARGIN
             else:
-                alike, apart = (low > 0, high < 0) if told > 0 else (high < 0, low > 0)
+                alike, apart = (low > 0, high < 0) if published_gap > 0 else (high < 0, low > 0)
             verdict = AGREES if alike else DISAGREES if apart else UNDECIDED
             pair = f"{TRANSFERS[a]} − {TRANSFERS[b]}"
-            ours = means[a] - means[b]
-            rows.append((*who, pair, ours, low, high, told, UNDECIDED if few else verdict))
+            row = (*names, pair, value, low, high, published_gap, UNDECIDED if few else verdict)
+            rows.append(row)
     return pd.DataFrame(rows, columns=ORDER_COLUMNS)
 
 
 ORDER_COLUMNS = ["learner", "protocol", "pair", "ours", "ci_low", "ci_high", "paper", "verdict"]
 
 
-def kendall(values: FloatArray, paper: FloatArray) -> FloatArray:
-    """``[R]`` Kendall's tau (a) of ``[R, k]`` values with the paper's ``[k]``, all different."""
+def kendall(values: Sequence[FloatArray], paper: FloatArray) -> FloatArray:
+    """``[...]`` Kendall's tau (a) of k values ``[...]`` with the paper's ``[k]``, all different."""
     pairs = list(combinations(range(len(paper)), 2))
-    signs = [np.sign(values[:, a] - values[:, b]) * np.sign(paper[a] - paper[b]) for a, b in pairs]
+    signs = [np.sign(values[a] - values[b]) * np.sign(paper[a] - paper[b]) for a, b in pairs]
     tau: FloatArray = np.sum(signs, axis=0) / len(pairs)
     return tau
-
-
-def resampled_group_means(samples: Sequence[FloatArray]) -> FloatArray:
-    """``[R, k]`` means of k independent groups of subjects, each resampled R times."""
-    rng = np.random.default_rng(SEED)
-    drawn = [
-        sample[rng.integers(len(sample), size=(RESAMPLES, len(sample)))].mean(axis=1)
-        for sample in samples
-    ]
-    return np.stack(drawn, axis=1)
 
 
 def baseline_course(parts: pd.DataFrame, learners: Sequence[str] = ()) -> pd.DataFrame:
@@ -233,7 +226,7 @@ def baseline_course(parts: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
             values = [block[measure] for block in blocks]
             rows.append(("paper", condition, "", measure, *values, round(total, -3)))
     for group, mine in _baselines(parts, learners):
-        attempts = mine["attempts"].sum() / mine.groupby(["experiment", "seed", "subject"]).ngroups
+        attempts = mine["attempts"].sum() / mine.groupby(SUBJECT, observed=True).ngroups
         for measure in (OPENS, FINDS_ALL, ELSE):
             values = matrix(mine, measure).mean(axis=0).tolist()
             rows.append((*group, measure, *values, attempts))
@@ -259,8 +252,8 @@ def baseline_points(parts: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
         blocks = [published_shares(block) for block in counts]
         other = matrix(mine, ELSE)
         gain = other[:, -1] - other[:, 0]
-        told = blocks[-1][ELSE] - blocks[0][ELSE]
-        growth = (float(gain.mean()), *interval(gain), told, MARGIN, grows(gain))
+        published_gain = blocks[-1][ELSE] - blocks[0][ELSE]
+        growth = (float(gain.mean()), *interval(gain), published_gain, MARGIN, grows(gain))
         rows.append((*group, "else grows", *growth))
         for measure in (OPENS, FINDS_ALL, ELSE):
             share = matrix(mine, measure)

@@ -2,10 +2,10 @@
 
 The paper fits an exponential decay to people's attempts over the six training trials, gets 0.548
 (median) and 0.743 (mean), and lets epsilon of a DDQN shrink by these factors: "no meaningful
-learning". How it fitted is not said, and people's attempts are published as means only, so here are
-three usual ways to fit means, by which one can see what size the numbers are, and no more. People
-in training are known from a later paper, *Decomposing Human Causal Learning* (Edmonds et al.,
-CogSci 2019, 80 in each condition), people in the baseline from Figure 3.
+learning". It does not say how it fitted, and people's attempts are published as means only, so
+three usual ways to fit means here show the size of the numbers, and no more. Means of people in
+training come from a later paper, *Decomposing Human Causal Learning* (Edmonds et al., CogSci 2019,
+80 in each condition), those in the baseline from Figure 3.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PAPER_MEDIAN, PAPER_MEAN = 0.548, 0.743
 """The paper's decays, of the median and of the mean of people's attempts."""
 
 NEAR = 0.035
-"""Fits within so much of the paper's decay count as near it: people's means are no more exact."""
+"""Fits this close to the paper's decay count as near it: people's means are no more exact."""
 
 LEAST_TRIALS = 4
 """Three parameters fit any three points."""
@@ -55,19 +55,24 @@ class DecayFit:
 
 
 def exponential_fit(values: Sequence[float] | FloatArray) -> DecayFit:
-    """Least squares of ``a * d ** t``.
+    """Least squares of ``a * d ** t`` through mean attempts in successive trials.
 
-    Args:
-        values: Mean attempts in successive trials.
+    >>> round(exponential_fit([8, 4, 2, 1]).decay, 6)
+    0.5
     """
     return _least_squares("exponential", values, with_offset=False)
 
 
+def log_linear_fit(values: Sequence[float] | FloatArray) -> DecayFit:
+    """A straight line through the logarithms: ``a * d ** t``, small values weighing as much."""
+    known = np.asarray(values, dtype=float)
+    slope, intercept = np.polyfit(np.arange(len(known)), np.log(known), 1)
+    scale, decay = math.exp(intercept), math.exp(slope)
+    return DecayFit("log-linear", scale, decay, 0.0, _error(known, scale, decay, 0.0))
+
+
 def offset_fit(values: Sequence[float] | FloatArray) -> DecayFit:
     """Least squares of ``c + a * d ** t``.
-
-    Args:
-        values: As in :func:`exponential_fit`.
 
     Returns:
         The fit; NaN but for its error where the best decay is next to 0 or 1, as of a level curve
@@ -79,48 +84,33 @@ def offset_fit(values: Sequence[float] | FloatArray) -> DecayFit:
     return DecayFit(found.form, math.nan, math.nan, math.nan, found.error)
 
 
-def log_linear_fit(values: Sequence[float] | FloatArray) -> DecayFit:
-    """A straight line through the logarithms: ``a * d ** t``, small values weighing as much.
-
-    Args:
-        values: As in :func:`exponential_fit`; positive.
-    """
-    known = np.asarray(values, dtype=float)
-    slope, intercept = np.polyfit(np.arange(len(known)), np.log(known), 1)
-    scale, decay = math.exp(intercept), math.exp(slope)
-    return DecayFit("log-linear", scale, decay, 0.0, _error(known, scale, decay, 0.0))
-
-
 FITS = (exponential_fit, log_linear_fit, offset_fit)
 
 
 def _least_squares(form: str, values: Sequence[float] | FloatArray, with_offset: bool) -> DecayFit:
-    """Given the decay the rest is linear, so only the decay is searched."""
+    """For a given decay the fit is linear, so only the decay is searched."""
     from scipy.optimize import minimize_scalar
 
     known = np.asarray(values, dtype=float)
     trial = np.arange(len(known))
 
-    def solved(decay: float) -> tuple[float, float, float]:
+    def fit(decay: float) -> DecayFit:
         columns = [decay**trial, np.ones(len(known))][: 1 + with_offset]
         found = np.linalg.lstsq(np.stack(columns, axis=1), known, rcond=None)[0]
         scale, offset = float(found[0]), float(found[1]) if with_offset else 0.0
-        return scale, offset, _error(known, scale, decay, offset)
+        return DecayFit(form, scale, decay, offset, _error(known, scale, decay, offset))
 
     low, high = _SEARCHED[0], _BELOW_ONE if with_offset else _SEARCHED[1]
     grid = np.linspace(low, high, 300)
-    best = int(np.argmin([solved(float(decay))[2] for decay in grid]))
+    best = int(np.argmin([fit(float(decay)).error for decay in grid]))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
-    decay = float(
-        minimize_scalar(
-            lambda decay: solved(float(decay))[2],
-            bounds=bounds,
-            method="bounded",
-            options={"xatol": 1e-9},
-        ).x
+    nearest = minimize_scalar(
+        lambda decay: fit(float(decay)).error,
+        bounds=bounds,
+        method="bounded",
+        options={"xatol": 1e-9},
     )
-    scale, offset, error = solved(decay)
-    return DecayFit(form, scale, decay, offset, error)
+    return fit(float(nearest.x))
 
 
 def _error(values: FloatArray, scale: float, decay: float, offset: float) -> float:
@@ -158,14 +148,12 @@ def fitted(curves: Mapping[str, Sequence[float]]) -> pd.DataFrame:
         ``trials``, ``form``, ``scale``, ``decay``, ``offset``, ``error``, and ``near``, whether the
         decay is within :data:`NEAR` of the paper's .743.
     """
-    rows = []
-    for name, values in curves.items():
-        if len(values) < LEAST_TRIALS:
-            continue
-        for fit in FITS:
-            found = fit(values)
-            near = abs(found.decay - PAPER_MEAN) <= NEAR
-            rows.append((name, len(values), *vars(found).values(), near))
+    rows = [
+        (name, len(values), *vars(found).values(), abs(found.decay - PAPER_MEAN) <= NEAR)
+        for name, values in curves.items()
+        if len(values) >= LEAST_TRIALS
+        for found in (fit(values) for fit in FITS)
+    ]
     columns = ["curve", "trials", "form", "scale", "decay", "offset", "error", "near"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -187,6 +175,9 @@ def learning_curves(trials: pd.DataFrame, protocol: str) -> dict[tuple[str, str]
 
 def steps_until(decay: float, floor: float = 0.01, start: float = 1.0) -> int:
     """How often a share must shrink until it is below ``floor``.
+
+    >>> steps_until(0.5)
+    7
 
     Args:
         decay: The factor, below 1.

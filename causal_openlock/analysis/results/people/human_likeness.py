@@ -7,11 +7,11 @@ test of each of the four transfer conditions. A learner's likeness is measured t
   people's standard errors, which weighs each deviation by how well people's mean is known.
 * *Effects*: what people show, each a difference of means: they learn over the trials, they find
   common effect harder than common cause, and training with the structure of the test helps more
-  than training with the other one. An effect is there if it has people's sign.
+  than training with the other one. A learner shows an effect if its difference has people's sign.
 
 A small distance without the effects is an average, and effects without a small distance are a
-caricature; so both are told. The same is computed for the published theory-based model. Where only
-means and error bars are known they are all that is used: a t-test needs no more.
+caricature; so both are reported. The same is computed for the published theory-based model, of
+which, as of people, only means and error bars are known: a t-test needs no more.
 """
 
 from __future__ import annotations
@@ -22,10 +22,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import BASELINES, TRANSFERS, by_subject, mean_by_trial
-from causal_openlock.analysis.results.people.hypotheses import Group, contrast_test
+from causal_openlock.analysis.measures import (
+    BASELINES,
+    SUBJECT,
+    TRANSFERS,
+    by_subject,
+    mean_by_trial,
+)
+from causal_openlock.analysis.results.people.hypotheses import GroupSummary, contrast_test
 from causal_openlock.analysis.results.people.published import model, people
-from causal_openlock.world.fsm import FloatArray
 
 POINT = ["condition", "phase", "trial"]
 """What tells the fourteen points apart."""
@@ -40,7 +45,7 @@ class Effect:
 
     Attributes:
         name: For tables.
-        claim: What it says of whoever shows it.
+        claim: What it means, for captions.
         weights: Of each point in the difference.
         within: Whether the same subjects are at all of its points.
     """
@@ -98,17 +103,11 @@ def published_points() -> pd.DataFrame:
         Their :data:`POINT`, and ``people_mean``, ``people_se``, ``model_mean`` and ``model_se`` in
         attempts; error bars as published, population SD / √n.
     """
-    both = people().merge(model(), on=POINT, suffixes=("", "_model"), validate="one_to_one")
-    renamed = both.rename(
-        columns={
-            "mean": "people_mean",
-            "se": "people_se",
-            "mean_model": "model_mean",
-            "se_model": "model_se",
-        }
-    )
-    columns: pd.DataFrame = renamed[[*POINT, "people_mean", "people_se", "model_mean", "model_se"]]
-    return columns
+    both = [
+        table.set_index(POINT)[["mean", "se"]].add_prefix(f"{name}_")
+        for name, table in (("people", people()), ("model", model()))
+    ]
+    return both[0].join(both[1], validate="one_to_one").reset_index()
 
 
 def points_of(trials: pd.DataFrame) -> pd.DataFrame:
@@ -116,38 +115,30 @@ def points_of(trials: pd.DataFrame) -> pd.DataFrame:
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, of learners that
-            did what people did.
+            played as people did.
 
     Returns:
         One row for each ``learner`` and point, in the order of publication: :data:`POINT`,
         ``subjects``, ``mean`` and ``se`` (population SD / √n), ``people_mean`` and ``people_se``.
     """
-    means = mean_by_trial(trials)
-    plain = means.assign(**{name: means[name].astype(str) for name in ("learner", "condition")})
-    plain["phase"] = plain["phase"].astype(str)
-    order = published_points().assign(place=lambda table: range(len(table)))
-    found = plain.merge(order, on=POINT, how="inner").sort_values(["learner", "place"])
-    columns = [*POINT, "subjects", "mean", "se", "people_mean", "people_se"]
-    kept: pd.DataFrame = found[["learner", *columns]].reset_index(drop=True)
-    return kept
+    names = ["learner", "condition", "phase"]
+    return _beside_people(mean_by_trial(trials).astype(dict.fromkeys(names, str)))
 
 
 def points_of_model() -> pd.DataFrame:
     """The published model's points, in the form of :func:`points_of`."""
-    table = model().merge(published_points(), on=POINT)
-    columns = [*POINT, "subjects", "mean", "se", "people_mean", "people_se"]
-    named: pd.DataFrame = table[columns]
-    named.insert(0, "learner", PUBLISHED_MODEL)
-    return named
+    return _beside_people(model().assign(learner=PUBLISHED_MODEL))
 
 
 def points_of_people() -> pd.DataFrame:
-    """People's own points, in the form of :func:`points_of`; nobody is nearer to people."""
-    table = people().assign(learner="people")
-    table = table.assign(people_mean=table["mean"], people_se=table["se"])
-    columns = [*POINT, "subjects", "mean", "se", "people_mean", "people_se"]
-    named: pd.DataFrame = table[["learner", *columns]]
-    return named
+    """People's own points, in the form of :func:`points_of`; no learner is nearer to people."""
+    return _beside_people(people().assign(learner="people"))
+
+
+def _beside_people(means: pd.DataFrame) -> pd.DataFrame:
+    found = published_points().merge(means, on=POINT).sort_values("learner", kind="stable")
+    columns = ["learner", *POINT, "subjects", "mean", "se", "people_mean", "people_se"]
+    return found[columns].reset_index(drop=True)
 
 
 def distance(points: pd.DataFrame) -> tuple[float, float]:
@@ -166,44 +157,15 @@ def distance(points: pd.DataFrame) -> tuple[float, float]:
     return float(np.sqrt((off**2).mean())), float(np.sqrt(((off / error) ** 2).mean()))
 
 
-def contrast(
-    means: FloatArray, errors: FloatArray, subjects: FloatArray, weights: FloatArray
-) -> tuple[float, float, int, float]:
-    """A weighted sum of the means of independent groups, tested against zero.
-
-    Variances are pooled, as in the paper's tests:
-    :func:`~causal_openlock.analysis.results.people.hypotheses.contrast_test`, whose F has a sign
-    here.
-
-    Args:
-        means: ``[G]`` of the groups.
-        errors: ``[G]`` error bars, population SD / √n.
-        subjects: ``[G]`` sizes of the groups.
-        weights: ``[G]`` weights, which sum to 0.
-
-    Returns:
-        The sum, t, its degrees of freedom and the two-sided p; NaN where there is no variance.
-    """
-    groups = [
-        Group.published(float(mean), float(se), int(n)) if n > 1 else Group(1, float(mean), 0.0)
-        for mean, se, n in zip(means, errors, subjects, strict=True)
-    ]
-    found = contrast_test(groups, weights.tolist())
-    if found.value is None or found.p is None:
-        return found.difference, float("nan"), found.df[1], float("nan")
-    t = float(np.copysign(np.sqrt(found.value), found.difference))
-    return found.difference, t, found.df[1], found.p
-
-
 def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Which of people's effects somebody shows.
+    """Which of people's effects a learner shows.
 
     Args:
-        points: Somebody's points, as :func:`points_of` gives them.
+        points: Its points, as :func:`points_of` gives them.
         trials: What its subjects did, from
             :func:`~causal_openlock.analysis.measures.attempts_to_solve`; learning is then tested
-            within subjects. Without it the trials are compared as if others had played each of
-            them, which finds too little rather than too much.
+            within subjects. Without it the trials are compared as if other subjects had played each
+            of them, which finds too little rather than too much.
 
     Returns:
         One row for each of :data:`EFFECTS` that there are points for: ``effect``, ``difference``
@@ -211,35 +173,36 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
         is people's.
     """
     at = {
-        (row.condition, row.phase, row.trial): (row.mean, row.se, row.subjects)
+        (row.condition, row.phase, row.trial): GroupSummary.published(
+            row.mean, row.se, int(row.subjects)
+        )
         for row in points.itertuples()
     }
     rows = []
     for effect in EFFECTS:
         if not all(place in at for place in effect.weights):
             continue
-        numbers = np.array([at[place] for place in effect.weights], dtype=float).T
-        weights = np.array(list(effect.weights.values()))
-        tested = (
-            _within(effect, trials)
-            if effect.within and trials is not None
-            else contrast(numbers[0], numbers[1], numbers[2], weights)
-        )
+        if effect.within and trials is not None:
+            tested = _within(effect, trials)
+        else:
+            groups = [at[place] for place in effect.weights]
+            found = contrast_test(groups, list(effect.weights.values()))
+            t, p = np.nan, np.nan
+            if found.value is not None and found.p is not None:
+                t, p = float(np.copysign(np.sqrt(found.value), found.difference)), found.p
+            tested = found.difference, t, found.df[1], p
         rows.append((effect.name, *tested, tested[0] > 0))
     return pd.DataFrame(rows, columns=["effect", "difference", "t", "df", "p", "like_people"])
 
 
 def _within(effect: Effect, trials: pd.DataFrame) -> tuple[float, float, int, float]:
     """An effect within subjects: the mean of each one's weighted sum, tested against zero."""
-    from scipy.stats import t as student
+    from scipy.stats import ttest_1samp
 
     condition = next(iter(effect.weights))[0]
     own = by_subject(trials[trials["condition"] == condition], ["phase", "trial"])
     wide = own.pivot_table(
-        index=["experiment", "seed", "subject"],
-        columns=["phase", "trial"],
-        values="attempts",
-        observed=True,
+        index=SUBJECT, columns=["phase", "trial"], values="attempts", observed=True
     )
     sums = sum(
         weight * wide[phase, trial].to_numpy(float)
@@ -248,22 +211,21 @@ def _within(effect: Effect, trials: pd.DataFrame) -> tuple[float, float, int, fl
     value, freedom = float(np.mean(sums)), len(wide) - 1
     if np.ptp(sums) == 0:  # as of a single subject
         return value, float("nan"), freedom, float("nan")
-    t = value / float(np.std(sums, ddof=1) / np.sqrt(len(wide)))
-    return value, t, freedom, float(2 * student.sf(abs(t), freedom))
+    found = ttest_1samp(sums, 0.0)
+    return value, float(found.statistic), freedom, float(found.pvalue)
 
 
 def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Everybody by how near they are to people.
+    """Learners in the order of their distance from people.
 
     Args:
-        points: Of each of them, as :func:`points_of` gives them for one learner.
-        effects: Of each of them, from :func:`effects_of`.
+        points: Of each learner, as :func:`points_of` gives them.
+        effects: Of each learner, from :func:`effects_of`.
 
     Returns:
-        One row for each, the nearest first: ``learner``, ``points`` (how many), ``rmse`` in
-        attempts, ``rmse_se`` in standard errors, ``shown`` (how many effects have people's sign)
-        and a column for each effect with its difference in attempts. Who came to all points stands
-        before who did not.
+        One row for each, the nearest first, those with fewer points last: ``learner``, ``points``
+        (how many), ``rmse`` in attempts, ``rmse_se`` in standard errors, ``shown`` (how many
+        effects have people's sign) and a column for each effect with its difference in attempts.
     """
     rows = []
     for own, seen in zip(points, effects, strict=True):
@@ -279,6 +241,6 @@ def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFram
                 **{effect.name: found.get(effect.name, np.nan) for effect in EFFECTS},
             }
         )
-    table = pd.DataFrame(rows)
-    ordered = table.sort_values(["points", "rmse"], ascending=[False, True], kind="stable")
-    return ordered.reset_index(drop=True)
+    return pd.DataFrame(rows).sort_values(
+        ["points", "rmse"], ascending=[False, True], kind="stable", ignore_index=True
+    )

@@ -1,12 +1,12 @@
-"""Tests of hypotheses about groups of subjects, from their values or from published means alone.
+"""Significance tests of groups of subjects, from their values or from published means alone.
 
-A comparison of means needs no more of a group than its size, its mean and its variance: a
-:class:`Group`. So the same functions test learners, of which every value is known, and people, of
-whom the paper publishes means and error bars. Only the test of learning over trials needs every
-value, because it asks how a subject's own trials vary together.
+A comparison of means needs only the size, the mean and the variance of each group: a
+:class:`GroupSummary`. So the same functions test learners, of which every value is known, and
+people, of whom the paper publishes means and error bars. Only the test of learning over trials
+needs every value, because it depends on how a subject's own trials vary together.
 
-A test can lack what it needs: where subjects do not differ, nothing tells how much a difference
-means. Then its :class:`Outcome` says why, in words, and has no numbers.
+Where subjects do not differ, a test is not defined: its :class:`SignificanceTest` then says why and
+has no numbers.
 """
 
 from __future__ import annotations
@@ -17,11 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from causal_openlock.analysis.effects import partial_eta_squared
+from causal_openlock.wording import joined
 from causal_openlock.world.fsm import FloatArray
+
+INTERACTION = (0.5, -0.5, -0.5, 0.5)
+"""Weights of the interaction of a 2 × 2 design, row by row; every cell counts alike (sums of
+squares of type III)."""
 
 
 @dataclass(frozen=True)
-class Group:
+class GroupSummary:
     """What a comparison of means needs to know of a group of subjects.
 
     Attributes:
@@ -35,39 +40,25 @@ class Group:
     variance: float
 
     @classmethod
-    def of(cls, values: FloatArray) -> Group:
+    def of(cls, values: FloatArray) -> GroupSummary:
         """The group of ``[n]`` values, one for each of at least one subject."""
-        if len(values) == 0:
-            raise ValueError("a group needs at least one subject")
         if (values == values[0]).all():  # means of equal values may differ in the last digit
             return cls(len(values), float(values[0]), 0.0)
         return cls(len(values), float(np.mean(values)), float(np.var(values, ddof=1)))
 
     @classmethod
-    def published(cls, mean: float, se: float, size: int) -> Group:
+    def published(cls, mean: float, se: float, size: int) -> GroupSummary:
         """The group behind a mean and an error bar of the paper, population SD / √n."""
-        return cls(size, mean, se**2 * size**2 / (size - 1))
-
-    @classmethod
-    def merged(cls, groups: Sequence[Sample]) -> Group:
-        """The group of all subjects of several groups."""
-        parts = [group_of(one) for one in groups]
-        size = sum(one.size for one in parts)
-        mean = sum(one.size * one.mean for one in parts) / size
-        within = sum((one.size - 1) * one.variance for one in parts)
-        between = sum(one.size * (one.mean - mean) ** 2 for one in parts)
-        if all(one.mean == parts[0].mean for one in parts):
-            mean, between = parts[0].mean, 0.0
-        return cls(size, mean, (within + between) / max(1, size - 1))
+        return cls(size, mean, se**2 * size**2 / (size - 1) if size > 1 else 0.0)
 
 
-Sample = Group | FloatArray
+Sample = GroupSummary | FloatArray
 """A group of subjects: a summary of it, or ``[n]`` their values."""
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What came of a test.
+class SignificanceTest:
+    """The result of a significance test.
 
     Attributes:
         statistic: ``t`` or ``F``.
@@ -96,13 +87,12 @@ class Outcome:
         return f"{self.statistic}({', '.join(map(str, self.df))}) = {self.value:.2f}, {p}"
 
 
-def group_of(sample: Sample) -> Group:
-    """The summary of a sample, whichever form it has."""
-    return sample if isinstance(sample, Group) else Group.of(np.asarray(sample, float))
-
-
-def t_test(first: Sample, second: Sample) -> Outcome:
+def t_test(first: Sample, second: Sample) -> SignificanceTest:
     """Student's t of two independent groups, variances pooled, two-sided: the paper's t(78).
+
+    >>> people = GroupSummary.published(9.425, 1.24, 40), GroupSummary.published(6.45, 0.86, 40)
+    >>> print(t_test(*people))
+    t(78) = 1.95, p = .055
 
     Args:
         first: A group, or ``[n]`` values.
@@ -112,21 +102,31 @@ def t_test(first: Sample, second: Sample) -> Outcome:
         t with n + m − 2 degrees of freedom, positive where the first mean is larger, and
         Cohen's d.
     """
-    from scipy.stats import t as distribution
+    from scipy.stats import ttest_ind_from_stats
 
-    groups = [group_of(first), group_of(second)]
-    difference = groups[0].mean - groups[1].mean
-    pooled, df, reason = _pooled(groups)
+    one, other = _summaries([first, second])
+    difference = one.mean - other.mean
+    _, df, reason = _pooled([one, other])
     if reason:
-        return Outcome("t", (df,), difference, undefined=reason)
-    d = difference / np.sqrt(pooled)
-    value = float(d / np.sqrt(sum(1 / one.size for one in groups)))
-    p = 2 * float(distribution.sf(abs(value), df))
-    return Outcome("t", (df,), difference, value, p, float(d))
+        return SignificanceTest("t", (df,), difference, undefined=reason)
+    found = ttest_ind_from_stats(
+        *(one.mean, np.sqrt(one.variance), one.size),
+        *(other.mean, np.sqrt(other.variance), other.size),
+    )
+    t = float(found.statistic)
+    d = t * float(np.sqrt(1 / one.size + 1 / other.size))
+    return SignificanceTest("t", (df,), difference, t, float(found.pvalue), d)
 
 
-def contrast_test(groups: Sequence[Sample], weights: Sequence[float]) -> Outcome:
+def contrast_test(groups: Sequence[Sample], weights: Sequence[float] = (1, -1)) -> SignificanceTest:
     """F of a weighted sum of the means of independent groups, with one degree of freedom.
+
+    Of two groups it is a one-way analysis of variance, the paper's F(1, 78) and F(1, 158); with
+    the weights :data:`INTERACTION` it is the paper's F(1, 156).
+
+    >>> cells = [np.array([7.0, 9]), np.array([4.0, 6]), np.array([3.0, 4]), np.array([6.0, 9])]
+    >>> print(contrast_test(cells, INTERACTION))
+    F(1, 4) = 10.89, p = .030
 
     Args:
         groups: G groups, or ``[n]`` values of each.
@@ -135,56 +135,21 @@ def contrast_test(groups: Sequence[Sample], weights: Sequence[float]) -> Outcome
     Returns:
         F(1, N − G) and partial η²; the difference is the weighted sum.
     """
-    parts = [group_of(one) for one in groups]
+    parts = _summaries(groups)
     difference = float(sum(w * one.mean for w, one in zip(weights, parts, strict=True)))
     pooled, df, reason = _pooled(parts)
     if reason:
-        return Outcome("F", (1, df), difference, undefined=reason)
+        return SignificanceTest("F", (1, df), difference, undefined=reason)
     spread = pooled * sum(w**2 / one.size for w, one in zip(weights, parts, strict=True))
     return _f(difference**2 / spread, (1, df), difference)
 
 
-def interaction_test(cells: Sequence[Sequence[Sample]]) -> Outcome:
-    """The interaction of a 2 × 2 analysis of variance: the paper's F(1, 156).
-
-    Args:
-        cells: Two rows of two groups, or of ``[n]`` values each. Groups may differ in size; every
-            cell counts alike (sums of squares of type III).
-
-    Returns:
-        F(1, N − 4) and partial η². The difference is half of what the first mean of the first row
-        exceeds the second by, less half of the same in the second row.
-    """
-    (a, b), (c, d) = cells
-    return contrast_test([a, b, c, d], [0.5, -0.5, -0.5, 0.5])
-
-
-def one_way_test(groups: Sequence[Sample]) -> Outcome:
-    """F of a one-way analysis of variance: the paper's F(1, 78) and F(1, 158).
-
-    Args:
-        groups: G groups, or ``[n]`` values of each.
-
-    Returns:
-        F(G − 1, N − G) and partial η²; the difference is the first mean minus the last.
-    """
-    parts = [group_of(one) for one in groups]
-    difference = parts[0].mean - parts[-1].mean
-    pooled, error, reason = _pooled(parts)
-    df = (len(parts) - 1, error)
-    if reason:
-        return Outcome("F", df, difference, undefined=reason)
-    grand = sum(one.size * one.mean for one in parts) / sum(one.size for one in parts)
-    between = sum(one.size * (one.mean - grand) ** 2 for one in parts)
-    return _f(between / df[0] / pooled, df, difference)
-
-
-def trial_test(groups: Sequence[FloatArray]) -> Outcome:
+def trial_test(groups: Sequence[FloatArray]) -> SignificanceTest:
     """Whether trials differ: the multivariate test of repeated measures, F(4, 75) in the paper.
 
     The differences between successive trials of the same subject are tested against zero, all at
     once (Hotelling's T² with covariances pooled within groups; every group counts alike). Unlike
-    the univariate analysis it does not suppose that all pairs of trials vary together alike.
+    the univariate analysis it does not suppose that all pairs of trials are equally correlated.
 
     Args:
         groups: ``[n_g, T]`` values of the subjects of each of G groups in the same T trials.
@@ -202,7 +167,7 @@ def trial_test(groups: Sequence[FloatArray]) -> Outcome:
     difference = -float(mean.sum())
     reason = _not_testable(groups, steps, df)
     if reason:
-        return Outcome("F", df, difference, undefined=reason)
+        return SignificanceTest("F", df, difference, undefined=reason)
     residuals = np.concatenate([one - m for one, m in zip(steps, means, strict=True)])
     weight = sum(1 / len(one) for one in steps) / count**2
     covariance = residuals.T @ residuals / error
@@ -210,25 +175,31 @@ def trial_test(groups: Sequence[FloatArray]) -> Outcome:
     return _f(squared * df[1] / (error * tested), df, difference)
 
 
-def _f(value: float, df: tuple[int, int], difference: float) -> Outcome:
+def _f(value: float, df: tuple[int, int], difference: float) -> SignificanceTest:
     from scipy.stats import f as distribution
 
     effect = partial_eta_squared(value, *df)
-    return Outcome("F", df, difference, float(value), float(distribution.sf(value, *df)), effect)
+    return SignificanceTest(
+        "F", df, difference, float(value), float(distribution.sf(value, *df)), effect
+    )
 
 
-def _pooled(groups: Sequence[Group]) -> tuple[float, int, str]:
+def _summaries(groups: Sequence[Sample]) -> list[GroupSummary]:
+    return [one if isinstance(one, GroupSummary) else GroupSummary.of(one) for one in groups]
+
+
+def _pooled(groups: Sequence[GroupSummary]) -> tuple[float, int, str]:
     """The variance within groups, its degrees of freedom, and why it cannot be used."""
     df = sum(one.size for one in groups) - len(groups)
     if df < 1:
-        return 0.0, df, "a single subject in each group tells nothing of how subjects differ"
+        return 0.0, df, "a single subject in each group does not show how subjects differ"
     pooled = sum((one.size - 1) * one.variance for one in groups) / df
     if pooled > 0:
         return pooled, df, ""
     means = list(dict.fromkeys(f"{one.mean:.4g}" for one in groups))
     if len(means) == 1:
         return 0.0, df, f"every subject needed {means[0]} attempts"
-    each = f"{', '.join(means[:-1])} and {means[-1]}"
+    each = joined(means)
     return 0.0, df, f"every subject of a group needed as many attempts as the others ({each})"
 
 

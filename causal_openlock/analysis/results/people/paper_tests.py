@@ -1,10 +1,10 @@
 """The paper's tests, in the paper's order, for every learner that did what people did.
 
-The paper asks three things of people: whether they learn over the baseline trials, and which
-structure is the harder one; whether the groups that are trained learn alike; and whether training
-with one structure helps to find out about the same structure more than about the other. The same
-tests are run on learners here, and what the paper prints stands beside them. The p values of a
-family of tests are corrected after Holm, learner by learner.
+The paper tests whether people learn over the baseline trials, and which structure is the harder
+one; whether the groups that are trained learn alike; and whether training with one structure helps
+more with the same structure than with the other. The same tests are run on learners here, and what
+the paper prints stands beside them. The p values of a family of tests are corrected after Holm,
+learner by learner.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import pandas as pd
 from causal_openlock.analysis.effects import hedges_g, holm, partial_eta_squared
 from causal_openlock.analysis.measures import SUBJECT, by_subject
 from causal_openlock.analysis.results.people.hypotheses import (
-    Outcome,
-    interaction_test,
-    one_way_test,
+    INTERACTION,
+    SignificanceTest,
+    contrast_test,
     t_test,
     trial_test,
 )
@@ -47,7 +47,7 @@ TEST_COLUMNS = (
     "paper",
     "note",
 )
-"""Columns of the tables of this module; see :func:`learner_tests`."""
+"""Columns of the tables of this module; see :func:`paper_tests`."""
 
 PEOPLE = "People"
 
@@ -74,8 +74,8 @@ class PaperTest:
         sides: Conditions that are compared; those of a side are one group.
         phase: Of the trials: ``train`` or ``test``.
         last: Whether the last trial alone is compared, and not the mean of all.
-        claim: What it asks, so that *people* and *learners* can stand before it.
-        directed: Whether only a difference above zero is what it asks for.
+        claim: What it tests, as the end of a sentence about people or learners.
+        directed: Whether only a difference above zero confirms it.
     """
 
     family: str
@@ -93,16 +93,16 @@ class PaperTest:
         """All conditions that it needs."""
         return tuple(name for side in self.sides for name in side)
 
-    def run(self, attempts: Mapping[str, FloatArray]) -> Outcome:
+    def run(self, attempts: Mapping[str, FloatArray]) -> SignificanceTest:
         """Run it on ``[n, T]`` attempts of the n subjects of each condition in its T trials."""
         if self.kind == "trials":
             return trial_test([attempts[name] for name in self.conditions])
         groups = [
             np.concatenate([self._values(attempts[name]) for name in side]) for side in self.sides
         ]
-        if self.kind == "interaction":
-            return interaction_test([groups[:2], groups[2:]])
-        return t_test(*groups) if self.kind == "t" else one_way_test(groups)
+        if self.kind == "t":
+            return t_test(*groups)
+        return contrast_test(groups, INTERACTION if self.kind == "interaction" else (1, -1))
 
     def _values(self, attempts: FloatArray) -> FloatArray:
         return attempts[:, -1] if self.last else attempts.mean(axis=1)
@@ -143,56 +143,8 @@ TESTS = (
 the effect."""
 
 
-def learner_tests(trials: pd.DataFrame, learner: str) -> pd.DataFrame:
-    """Every test of the paper for which a learner played the conditions.
-
-    Subjects that have not played every trial of a condition are left out of it; the loops of a
-    subject are averaged first.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, of those who did
-            what people did.
-        learner: Label of the learner.
-
-    Returns:
-        A row for each test in the paper's order, with the columns :data:`TEST_COLUMNS`:
-
-        - ``learner``, ``family``, ``test``; ``subjects``: in all groups together.
-        - ``difference``: of means, in attempts: the first minus the second of ``test``; of trials
-          the first minus the last; of the interaction what training with the structure of the
-          test saves, the mean over both structures.
-        - ``statistic`` (t or F), ``df`` (such as ``1, 78``), ``value``, ``p``, and ``p_holm``,
-          which is corrected within the family.
-        - ``effect`` (``d`` or ``ηp²``), ``effect_size`` and, of d, ``hedges_g``.
-        - ``paper``: what the paper prints of people.
-        - ``note``: why the test is not defined; then its numbers are NaN. Empty otherwise.
-    """
-    return _tests_of(by_subject(trials[trials["learner"] == learner], _TRIAL), learner)
-
-
-def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
-    printed = _printed()
-    rows = []
-    for phase in ("train", "test"):
-        held = _matrices(means[(means["learner"] == learner) & (means["phase"] == phase)])
-        for test in TESTS:
-            if test.phase == phase and all(name in held for name in test.conditions):
-                attempts = {name: held[name][0] for name in test.conditions}
-                if len({one.shape[1] for one in attempts.values()}) > 1:
-                    continue  # groups that played different trials
-                unsolved = not any(held[name][1] for name in test.conditions)
-                outcome = test.run(attempts)
-                limit = max(float(one.max()) for one in attempts.values())
-                note = str(outcome) if outcome.undefined else ""
-                if note and unsolved:
-                    note = f"not defined: no subject solved a trial within {limit:g} attempts"
-                subjects = sum(map(len, attempts.values()))
-                rows.append(_row(learner, test, subjects, outcome, printed[test.key], note))
-    return _corrected(rows)
-
-
 def printed_tests() -> pd.DataFrame:
-    """What the paper prints, in the form of :func:`learner_tests`.
+    """What the paper prints, in the form of :func:`paper_tests`.
 
     p values and sizes of effects follow from the printed statistics and their degrees of freedom,
     differences from the published means. Training trials are not published: there differences are
@@ -219,22 +171,66 @@ def _published_tests() -> pd.DataFrame:
 
 
 def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
-    """:func:`printed_tests`, then :func:`learner_tests` of each learner; none without any."""
+    """Every test of the paper: people's as printed, then those of each learner.
+
+    Subjects that have not played every trial of a condition are left out of it; the loops of a
+    subject are averaged first.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, under the
+            conditions that people had.
+        learners: Labels of learners, in order.
+
+    Returns:
+        A row for each test of the paper's conditions that a learner played, in the paper's order
+        (nothing at all if none did), with the columns :data:`TEST_COLUMNS`:
+
+        - ``learner``, ``family``, ``test``; ``subjects``: in all groups together.
+        - ``difference``: of means, in attempts: the first minus the second of ``test``; of trials
+          the first minus the last; of the interaction what training with the structure of the
+          test saves, the mean over both structures.
+        - ``statistic`` (t or F), ``df`` (such as ``1, 78``), ``value``, ``p``, and ``p_holm``,
+          which is corrected within the family.
+        - ``effect`` (``d`` or ``ηp²``), ``effect_size`` and, of d, ``hedges_g``.
+        - ``paper``: what the paper prints of people.
+        - ``note``: why the test is not defined; then its numbers are NaN. Empty otherwise.
+    """
     means = by_subject(trials, _TRIAL)
     own = [table for name in learners if len(table := _tests_of(means, name))]
     return pd.concat([printed_tests(), *own], ignore_index=True) if own else _corrected([])
+
+
+def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
+    printed = _printed()
+    mine = means[means["learner"] == learner]
+    played = {phase: _matrices(mine[mine["phase"] == phase]) for phase in ("train", "test")}
+    rows = []
+    for test in TESTS:
+        held = played[test.phase]
+        if not all(name in held for name in test.conditions):
+            continue
+        attempts = {name: held[name][0] for name in test.conditions}
+        if len({one.shape[1] for one in attempts.values()}) > 1:
+            continue  # groups that played different trials
+        outcome = test.run(attempts)
+        note = str(outcome) if outcome.undefined else ""
+        if note and not any(held[name][1] for name in test.conditions):
+            limit = max(float(one.max()) for one in attempts.values())
+            note = f"not defined: no subject solved a trial within {limit:g} attempts"
+        subjects = sum(map(len, attempts.values()))
+        rows.append(_row(learner, test, subjects, outcome, printed[test.key], note))
+    return _corrected(rows)
 
 
 def outcome_text(row: Mapping[str, object]) -> str:
     """A row of such a table as a paper prints it, with the corrected p and the effect's size."""
     if row["note"]:
         return str(row["note"])
-    effect = "d" if row["effect"] == "d" else "ηp²"
     parts = [
         f"{row['statistic']}({row['df']}) = {_number(row['value'])}",
         _p("p", row["p"]),
         _p("Holm", row["p_holm"]),
-        f"{effect} = {_number(row['effect_size'])}",
+        f"{row['effect']} = {_number(row['effect_size'])}",
     ]
     return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
 
@@ -252,13 +248,10 @@ def _p(name: str, value: object) -> str:
 
 def _printed() -> dict[str, str]:
     """What the paper prints of each test, as its text has it."""
-    return {
-        **_PRINTED_OF_TRAINING,
-        **reference.results()["cogsci2018"]["human"]["statistics"],
-    }
+    return {**_PRINTED_OF_TRAINING, **reference.results()["cogsci2018"]["human"]["statistics"]}
 
 
-def _parsed(text: str) -> Outcome:
+def _parsed(text: str) -> SignificanceTest:
     """``F(4,75)=40.16,p<.001`` as the outcome of a test of groups of equal size."""
     from scipy.stats import f, t
 
@@ -270,7 +263,7 @@ def _parsed(text: str) -> Outcome:
         p, effect = float(f.sf(value, *df)), partial_eta_squared(value, df[0], df[1])
     else:  # n + n − 2 = df
         p, effect = 2 * float(t.sf(value, *df)), value * float(np.sqrt(4 / (df[0] + 2)))
-    return Outcome(found[1], df, np.nan, value, p, effect)
+    return SignificanceTest(found[1], df, np.nan, value, p, effect)
 
 
 def _matrices(means: pd.DataFrame) -> dict[str, tuple[FloatArray, bool]]:
@@ -283,7 +276,7 @@ def _matrices(means: pd.DataFrame) -> dict[str, tuple[FloatArray, bool]]:
 
 
 def _row(
-    learner: str, test: PaperTest, subjects: int, outcome: Outcome, paper: str, note: str
+    learner: str, test: PaperTest, subjects: int, outcome: SignificanceTest, paper: str, note: str
 ) -> dict[str, object]:
     d = outcome.effect if outcome.statistic == "t" else None
     return {

@@ -1,10 +1,10 @@
 """What is published to compare with: what people did, and what a model of people did.
 
-Both are known as means and error bars only, in the same trials: the baseline trials, and the test
-after training. People are those of the paper (Figures 3 and 4). The published model is the
-theory-based causal model of a later paper, *Theory-based Causal Transfer* (Edmonds et al., AAAI
-2020, Figure 5), whose agents did what people had done. They stand beside learners that played under
-the same protocol, ``human``, in the same rooms, and no others; see
+Only means and error bars are published, of the same trials: the baseline trials, and the test after
+training. People are those of the paper (Figures 3 and 4). The published model is the theory-based
+causal model of a later paper, *Theory-based Causal Transfer* (Edmonds et al., AAAI 2020, Figure 5),
+whose agents played as people had. They are compared only with learners that played under the same
+protocol, ``human``, in the same rooms; see
 :mod:`~causal_openlock.analysis.results.people.comparable`.
 """
 
@@ -21,7 +21,7 @@ from causal_openlock.world import reference
 from causal_openlock.world.fsm import BoolArray
 
 AGENTS = 40
-"""How many agents each published mean of the model is of."""
+"""Number of agents behind each published mean of the model."""
 
 PUBLISHED_COLUMNS = ("human_attempts", "human_se", "difference", "model_attempts", "model_se")
 """What :func:`beside_published` adds to a table."""
@@ -31,6 +31,9 @@ _PLACE = ["condition", "phase", "trial"]
 
 def people() -> pd.DataFrame:
     """What people did, as published.
+
+    >>> people().query("condition == 'CC4'")["mean"].tolist()
+    [19.375, 12.825, 8.525, 7.225, 6.45]
 
     Returns:
         One row for each ``condition``, ``phase`` and ``trial`` that the paper reports, with
@@ -50,13 +53,12 @@ def model() -> pd.DataFrame:
 
 
 def did_what_people_did(table: pd.DataFrame, pairs: Pairs | None = None) -> BoolArray:
-    """``[N]`` whether people compare with each row, by its learner, condition and protocol."""
+    """``[N]`` whether people can be compared with each row: its learner, condition and protocol."""
     human: BoolArray = (table["protocol"] == HUMAN_PROTOCOL).to_numpy(dtype=bool)
     if pairs is None:
         return human
     played = zip(table["learner"], table["condition"], strict=True)
-    known: BoolArray = np.array([pair in pairs for pair in played], dtype=bool)
-    return known & human
+    return human & np.array([pair in pairs for pair in played], dtype=bool)
 
 
 def beside_published(table: pd.DataFrame, pairs: Pairs | None = None) -> pd.DataFrame:
@@ -64,9 +66,7 @@ def beside_published(table: pd.DataFrame, pairs: Pairs | None = None) -> pd.Data
 
     Args:
         table: One row for each learner, condition, protocol, phase and trial, with ``attempts``.
-        pairs: Whom people compare with, from
-            :func:`~causal_openlock.analysis.results.people.comparable.comparable`; by default
-            whoever played a condition of the paper's name under ``human``.
+        pairs: As in :func:`~causal_openlock.analysis.results.summary.summarise`.
 
     Returns:
         The table with :data:`PUBLISHED_COLUMNS`, which are NaN where nothing compares.
@@ -74,10 +74,10 @@ def beside_published(table: pd.DataFrame, pairs: Pairs | None = None) -> pd.Data
     compares = did_what_people_did(table, pairs)
     keys = pd.MultiIndex.from_arrays([table[column].astype(object) for column in _PLACE])
     found: dict[str, Any] = {}
-    for who, means in (("human", people()), ("model", model())):
+    for source, means in (("human", people()), ("model", model())):
         beside = means.set_index(_PLACE).reindex(keys)
         for column, value in (("attempts", "mean"), ("se", "se")):
-            found[f"{who}_{column}"] = np.where(compares, beside[value].to_numpy(float), np.nan)
+            found[f"{source}_{column}"] = np.where(compares, beside[value].to_numpy(float), np.nan)
     return table.assign(**found, difference=table["attempts"] - found["human_attempts"])
 
 

@@ -1,8 +1,7 @@
 """What is missing from the results of a folder, and why.
 
-Cells may not have been played yet, or have failed. Whatever is said about the others is said
-without them, so every place that gives numbers names them: the page, the terminal and
-``summary.csv``.
+Cells may not have been played yet, or have failed. All numbers are without them, so every place
+that gives numbers names them: the page, the terminal and ``summary.csv``.
 """
 
 from __future__ import annotations
@@ -11,11 +10,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.results.description import mappings_with
+from causal_openlock.experiment.stored import StoredExperiment
 
 _CELL = re.compile(r"(\d+)-(\d+)_[0-9a-f]{12}")
 NOT_PLAYED = "not played yet"
@@ -31,7 +29,7 @@ class Missing:
         condition: Its condition.
         protocol: Its protocol.
         subjects: How many subjects it is of.
-        told: Which it is, and why it is missing, in a line.
+        text: Which it is, and why it is missing, in a line.
         failed: Whether it was played, and failed.
     """
 
@@ -40,26 +38,17 @@ class Missing:
     condition: str
     protocol: str
     subjects: int
-    told: str
+    text: str
     failed: bool
 
 
-def missing_cells(description: Mapping[str, Any]) -> list[Missing]:
-    """The cells that are missing.
-
-    Args:
-        description: What :meth:`causal_openlock.experiment.store.Store.record` gives beside a
-            record.
-    """
-    learners: Any = description.get("learners")
-    conditions: Any = description.get("conditions")
-    known: dict[str, tuple[str, str, str]] = {}
-    if mappings_with(learners, {"name", "protocol"}) and mappings_with(conditions, {"name"}):
-        for entry, condition in product(learners, conditions):
-            name = f"{entry['name']}_{condition['name']}"
-            known[name] = entry["name"], condition["name"], entry["protocol"]["name"]
-    failures = description.get("failures") or {}
-    return [_missing(str(cell), known, failures) for cell in description.get("missing_cells") or ()]
+def missing_cells(experiment: StoredExperiment) -> list[Missing]:
+    """The cells that are missing."""
+    known = {
+        f"{spec.name}_{condition.name}": (spec.name, condition.name, spec.protocol.name)
+        for spec, condition in product(experiment.learners, experiment.conditions)
+    }
+    return [_missing(cell, known, experiment.failures) for cell in experiment.missing]
 
 
 def _missing(
@@ -70,10 +59,10 @@ def _missing(
     learner, condition, protocol = known.get(name, ("", "", ""))
     among = _CELL.fullmatch(f"{numbers}_{identity}")
     subjects = int(among[2]) - int(among[1]) + 1 if among else 0
-    told = f"{learner} in {condition}, subjects {numbers}" if learner and among else cell
+    where = f"{learner} in {condition}, subjects {numbers}" if learner and among else cell
     why = failures.get(cell)
     return Missing(
-        cell, learner, condition, protocol, subjects, why or f"{told}: {NOT_PLAYED}", bool(why)
+        cell, learner, condition, protocol, subjects, why or f"{where}: {NOT_PLAYED}", bool(why)
     )
 
 
@@ -96,7 +85,7 @@ def with_missing(summary: pd.DataFrame, missing: Sequence[Missing]) -> pd.DataFr
     for one in missing:
         key = one.learner, one.condition, one.protocol
         subjects[key] = subjects.get(key, 0) + one.subjects
-        reasons.setdefault(key, {})[one.told] = None
+        reasons.setdefault(key, {})[one.text] = None
     keys = ["learner", "condition", "protocol"]
     there = [tuple(map(str, row)) for row in summary[keys].itertuples(index=False)]
     table = summary.assign(

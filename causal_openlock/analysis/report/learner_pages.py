@@ -1,0 +1,84 @@
+"""A page for each learner: what it is, what it came to, and how much its subjects vary.
+
+A mean hides whether all subjects did alike or half of them never solved a trial. So beside its
+numbers each learner has a figure in which every subject counts: a circle is as large as the share
+of subjects that needed so many attempts.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import pandas as pd
+
+from causal_openlock.analysis.measures import by_subject
+from causal_openlock.analysis.plots.subjects import draw_subjects
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.results.summary import judged
+
+FORMATS = {
+    "subjects": ",",
+    **dict.fromkeys(("attempts", "ci_low", "ci_high", "people", "model", "ideal"), ".2f"),
+    "difference": "+.2f",
+    "solved": ".1%",
+}
+_RENAMED = {
+    "share_solved": "solved",
+    "human_attempts": "people",
+    "model_attempts": "model",
+    "ideal_attempts": "ideal",
+}
+_PROSE = Prose("learner")
+
+
+def learner_pages(
+    trials: pd.DataFrame,
+    headline: pd.DataFrame,
+    learners: Sequence[str],
+    described: Sequence[Mapping[str, Any]] = (),
+) -> list[Section]:
+    """A section for each learner.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        headline: From :func:`~causal_openlock.analysis.results.summary.headline`.
+        learners: The order of the pages.
+        described: What each learner is, from
+            :func:`~causal_openlock.analysis.report.what_was_run.what_was_run`.
+
+    Returns:
+        The sections, called ``learner_1``, ``learner_2``, ...; their tables and plots are
+        called by the learner's name.
+    """
+    known = {one["name"]: one for one in described}
+    values = by_subject(judged(trials), ["phase", "trial"])
+    limits = trials.groupby("protocol", observed=True)["last_attempt"].max().to_dict()
+    played = [name for name in learners if (headline["learner"] == name).any()]
+    pages, taken = [], set[str]()
+    for name in played:
+        own = headline[headline["learner"] == name]
+        label = "learner_" + (re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_") or "_")
+        while label in taken:  # names that differ in signs only
+            label += "_2"
+        taken.add(label)
+        plot = draw_subjects(values[values["learner"] == name], own, limits)
+        page = _PROSE.section(
+            f"learner_{learners.index(name) + 1}",
+            [_PROSE.table("learner", _shown(own), FORMATS, label, learner=name)],
+            [_PROSE.plot(plot, label, learner=name)],
+            learner=known.get(name),
+        )
+        pages.append(replace(page, title=name))
+    return pages
+
+
+def _shown(own: pd.DataFrame) -> pd.DataFrame:
+    """The headline of a learner, without columns that say nothing."""
+    frame = own.drop(columns=["learner", "human_se", "model_se"]).rename(columns=_RENAMED)
+    if frame["protocol"].nunique() == 1:
+        frame = frame.drop(columns="protocol")
+    return frame.dropna(axis="columns", how="all").reset_index(drop=True)

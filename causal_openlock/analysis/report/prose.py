@@ -1,0 +1,160 @@
+"""The sentences of a report, each in one place: templates in plain text.
+
+A section has a template ``templates/NAME.txt.j2``, which is made of macros. ``title`` is its
+heading and ``text`` what it says; ``X_table`` and ``X_plot`` give the title and the caption of a
+table or plot X. A pilcrow (¶) starts a paragraph; line breaks and indentation mean nothing.
+Python passes what was found, as numbers and names; filters print these (:data:`FILTERS`).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from causal_openlock.analysis.plots.style import Plot
+from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.report.table_files import printed
+from causal_openlock.wording import counted, joined
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+LONG = 24
+"""Tables of more rows than this are closed until they are opened; in print they are open."""
+
+_SHOWN = 8  # names in a list before "and n more"
+
+
+class Prose:
+    """The sentences of one template.
+
+    Args:
+        name: Which: ``templates/NAME.txt.j2``.
+
+    >>> Prose("difference").sentence("changes", things=["seed"])
+    '1 thing differs in what was run: seed.'
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def paragraphs(self, macro: str, **findings: Any) -> tuple[str, ...]:
+        """The paragraphs of a macro, filled in."""
+        template = environment().get_template(f"{self.name}.txt.j2")
+        parts = getattr(template.module, macro)(**findings).split("¶")
+        return tuple(text for part in parts if (text := re.sub(r"\s+", " ", part).strip()))
+
+    def sentence(self, macro: str, **findings: Any) -> str:
+        """The same, as one paragraph."""
+        return " ".join(self.paragraphs(macro, **findings))
+
+    def section(
+        self,
+        name: str,
+        tables: Sequence[SectionTable] = (),
+        plots: Sequence[SectionPlot] = (),
+        **findings: Any,
+    ) -> Section:
+        """A section of which ``title`` and ``text`` are filled in."""
+        text = self.paragraphs("text", **findings)
+        return Section(name, self.sentence("title"), text, tuple(tables), tuple(plots))
+
+    def table(
+        self,
+        kind: str,
+        frame: pd.DataFrame,
+        formats: Mapping[str, str],
+        name: str = "",
+        **findings: Any,
+    ) -> SectionTable:
+        """A table with the title and caption of the macro ``KIND_table``.
+
+        Args:
+            kind: What it is.
+            frame: Its values.
+            formats: How to print its columns, and perhaps others.
+            name: Its file name, if other than ``kind``.
+            findings: For the macro.
+        """
+        title, *caption = self.paragraphs(f"{kind}_table", **findings)
+        own = {column: form for column, form in formats.items() if column in frame}
+        return SectionTable(name or kind, title, frame, own, " ".join(caption))
+
+    def plot(self, plot: Plot, name: str = "", **findings: Any) -> SectionPlot:
+        """A plot with the title and caption of the macro ``KIND_plot``; named as tables are."""
+        title, *caption = self.paragraphs(f"{plot.kind}_plot", **plot.facts, **findings)
+        return SectionPlot(name or plot.name, title, " ".join(caption), plot.figure)
+
+
+@lru_cache(maxsize=1)
+def environment() -> Environment:
+    """The templates; those of HTML escape what they are given."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(
+        loader=PackageLoader("causal_openlock.analysis.report"),
+        autoescape=lambda name: name is not None and ".html" in name,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    made.filters.update(FILTERS)
+    made.globals["LONG"] = LONG
+    return made
+
+
+def some(names: Iterable[str] | Mapping[str, Any]) -> str:
+    """A list of names, or of names with values, that is cut off when it gets long."""
+    if isinstance(names, Mapping):
+        names = [f"{name}: {value}" for name, value in names.items()]
+    names = list(names)
+    more = len(names) - _SHOWN
+    shown = "; ".join(names[:_SHOWN])
+    return f"{shown}; and {more} more" if more > 0 else shown
+
+
+def percent(share: float) -> str:
+    """A share, such as ``12.5%``; never 0 or 100 where it is not."""
+    if 0 < share < 0.0005 or 0.9995 < share < 1:  # some is not none, and not all
+        return "<0.1%" if share < 0.5 else ">99.9%"
+    return f"{100 * share:.1f}%"
+
+
+def _decimals(value: float) -> str:
+    return f"{value + 0.0:.2f}"
+
+
+def _signed(value: float) -> str:
+    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
+
+
+def _interval(row: Mapping[str, Any]) -> str:
+    """The interval, or nothing where subjects do not differ or there is only one."""
+    low = row["ci_low"]
+    if low is None or math.isnan(low) or low == row["ci_high"]:
+        return ""
+    return f"{_decimals(low)}–{_decimals(row['ci_high'])}"
+
+
+def _plain(values: Iterable[Any]) -> bool:
+    return all(value is None or isinstance(value, str | int | float) for value in values)
+
+
+FILTERS: dict[str, Callable[..., Any]] = {
+    "counted": counted,
+    "decimals": _decimals,
+    "interval": _interval,
+    "joined": lambda names: joined(list(names)),
+    "number": printed,
+    "percent": percent,
+    "plain": _plain,
+    "signed": _signed,
+    "some": some,
+}
+"""``3 | counted("attempt")``, ``names | joined`` (a, b and c), ``names | some`` (cut off if long),
+``0.5 | number(".0%")``, and, for the tables of the page, ``decimals``, ``signed``, ``percent``,
+``interval``, ``plain``."""

@@ -1,0 +1,150 @@
+"""What was run, in words: an experiment as short texts for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.protocol import Protocol
+from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.world.schema import Schema
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_PROSE = Prose("what_was_run")
+
+
+def what_was_run(experiment: StoredExperiment) -> dict[str, Any]:
+    """An experiment as short texts.
+
+    Returns:
+        A dictionary:
+
+        - ``learners``: ``name``, ``kind`` (its class), ``package``, ``protocol``, ``subjects``,
+          ``reward`` and ``parameters`` of each.
+        - ``rewards``: by name, what they are made of.
+        - ``conditions``: ``name``, ``train`` and ``test`` of each.
+        - ``schemas``: ``name``, ``title`` and ``edges`` of each schema that is met.
+        - ``protocols``: by name, the budgets in a sentence.
+        - ``versions``: one text for each package.
+        - ``rest``: everything else.
+    """
+    rewards = {spec.reward.name: spec.reward.as_dict() for spec in experiment.learners}
+    conditions = experiment.conditions
+    met = {schema.name: schema for condition in conditions for schema in condition.schemas}
+    return {
+        "learners": [_learner(spec) for spec in experiment.learners],
+        "rewards": {
+            name: pairs({key: value for key, value in reward.items() if key != "name"})
+            for name, reward in rewards.items()
+        },
+        "conditions": [
+            {
+                "name": one.name,
+                "train": _PROSE.sentence("rooms", group=one.train),
+                "test": _PROSE.sentence("rooms", group=one.test),
+            }
+            for one in conditions
+        ],
+        "schemas": [
+            {"name": name, "title": schema.title, "edges": edges(schema)}
+            for name, schema in met.items()
+        ],
+        "protocols": {protocol.name: budgets(protocol) for protocol in experiment.protocols},
+        "versions": [f"{name} {in_words(each)}" for name, each in experiment.versions.items()],
+        "rest": {"cell size": experiment.cell_size},
+    }
+
+
+def budgets(protocol: Protocol) -> str:
+    """The budgets of a protocol in sentences.
+
+    >>> from causal_openlock.experiment.protocol import PROTOCOLS
+    >>> budgets(PROTOCOLS["human"])[:71]
+    'At most 30 attempts in a trial, which ends as soon as it is solved. Bas'
+    """
+    return _PROSE.sentence("budgets", protocol=protocol)
+
+
+def trials_played(trials: pd.DataFrame) -> dict[str, str]:
+    """How many trials a subject played in each condition, from the record itself.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+    Returns:
+        By condition a text such as ``5 training trials, then 1 test trial``, for each protocol if
+        there are several.
+    """
+    keys = ["condition", "protocol", "phase"]
+    counts = trials.groupby(keys, observed=True)[["trial", "loop"]].max().reset_index()
+    several = counts["protocol"].nunique() > 1
+    found: dict[str, dict[str, dict[str, tuple[int, int]]]] = {}
+    for condition, protocol, phase, number, loops in counts.itertuples(index=False):
+        phases = found.setdefault(str(condition), {}).setdefault(str(protocol), {})
+        phases[str(phase)] = number, loops
+    return {
+        condition: _PROSE.sentence("played", protocols=protocols, several=several)
+        for condition, protocols in found.items()
+    }
+
+
+def edges(schema: Schema) -> str:
+    """A schema's edges in a line, such as ``L0 → L1, L2; L1, L2 → door``.
+
+    Strengths other than 1 stand in brackets after the effect, gates other than ``any`` at the end.
+    """
+    data = schema.as_dict()
+    causes: dict[str, list[str]] = {}
+    for cause, effects in data["edges"].items():
+        named = effects if isinstance(effects, Mapping) else dict.fromkeys(effects)
+        text = ", ".join(
+            f"{effect} ({in_words(values['strength'])})"
+            if values and "strength" in values
+            else effect
+            for effect, values in named.items()
+        )
+        causes.setdefault(text, []).append(cause)
+    parts = [f"{', '.join(names)} → {effects}" for effects, names in causes.items()]
+    for node, gate in data.get("gates", {}).items():
+        need = f"at least {gate['at_least']}" if isinstance(gate, Mapping) else gate
+        parts.append(f"{node} needs {need} of its causes")
+    if schema.inert:
+        parts.append(f"without effect: {', '.join(schema.inert)}")
+    return "; ".join(parts)
+
+
+def _learner(spec: LearnerSpec) -> dict[str, Any]:
+    return {
+        "name": spec.name,
+        "kind": spec.origin.class_name,
+        "package": spec.origin.package,
+        "protocol": spec.protocol.name,
+        "subjects": spec.subjects,
+        "reward": spec.reward.name,
+        "parameters": pairs(spec.parameters),
+    }
+
+
+def pairs(values: Mapping[str, Any]) -> str:
+    """``gamma 0.8, batch_size 64``; a list of reward terms needs no heading."""
+    return ", ".join(
+        in_words(value) if key == "terms" else f"{key}\u00a0{in_words(value)}"
+        for key, value in values.items()
+    )
+
+
+def in_words(value: Any) -> str:
+    """Plain data as a reader would write them."""
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return "(" + pairs(value) + ")"
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return ", ".join(map(in_words, value))
+    return str(value)

@@ -1,0 +1,110 @@
+"""Experiments as a results folder holds them, for tests that have records and no folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from causal_openlock.analysis.report.section import Material
+from causal_openlock.experiment.experiment import RANDOM_CLASS, Experiment, LearnerSpec, Origin
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition, Protocol
+from causal_openlock.experiment.stored import StoredExperiment, parse_experiment
+from causal_openlock.files.checksums import json_bytes, read_json
+from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.world.rewards import find_reward
+from support.fabricated_records import table
+
+
+def stored(experiment: Experiment, **known: Any) -> StoredExperiment:
+    """An experiment written as ``experiment.json`` and read from it.
+
+    Args:
+        experiment: The experiment.
+        known: What the folder would tell of its cells: ``versions``, ``missing``, ``failures``.
+    """
+    data = {"identity": experiment.identity, **experiment.as_dict(), "cells": []}
+    found = parse_experiment(json.loads(json.dumps(data)))
+    return StoredExperiment(**{**vars(found), **known})
+
+
+def declared(folder: Path, text: str) -> StoredExperiment:
+    """The experiment of an experiment file, given what follows its name."""
+    path = folder / "made_up.yaml"
+    path.write_text(f"name: made_up\n{text}")
+    return stored(read_experiment(path))
+
+
+def spec(name: str, protocol: Protocol = PROTOCOLS["human"], **changed: Any) -> LearnerSpec:
+    """A learner that is not installed."""
+    given: dict[str, Any] = {
+        "learner": "made_up",
+        "parameters": {},
+        "reward": find_reward("paper"),
+        "subjects": 1,
+        "recorded": Origin(RANDOM_CLASS if name == "random" else "made_up:Learner", "made-up 1.0"),
+        **changed,
+    }
+    return LearnerSpec(name=name, protocol=protocol, **given)
+
+
+def condition_called(name: str) -> Condition:
+    """The paper's condition of that name, or one in rooms of CC4."""
+    schemas = bundled_schemas()
+    if name in PAPER_CONDITIONS or name in schemas:
+        return Condition.named(name, schemas.__getitem__)
+    return Condition(name, Condition.named("CC4", schemas.__getitem__).train)
+
+
+def experiment_of(record: pa.Table, **known: Any) -> StoredExperiment:
+    """An experiment that a record may be of; protocols of other names go on when solved.
+
+    Args:
+        record: The record.
+        known: Attributes of the experiment that are not to be made up.
+    """
+    names = ("learner", "protocol", "condition")
+    found = {n: sorted(map(str, record[n].unique().to_pylist())) for n in names}
+    played = record.select(["learner", "protocol"]).to_pylist() if record.num_rows else []
+    protocols = {n: PROTOCOLS.get(n) or Protocol(n, 30, False) for n in found["protocol"]}
+    pairs = sorted({(row["learner"], row["protocol"]) for row in played})
+    given: dict[str, Any] = {
+        "name": "made_up",
+        "title": "Made up",
+        "seed": 1,
+        "cell_size": 40,
+        "conditions": tuple(map(condition_called, found["condition"])),
+        "learners": tuple(spec(learner, protocols[protocol]) for learner, protocol in pairs),
+        **known,
+    }
+    return StoredExperiment(**given)
+
+
+def edit_stored(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    """Change the content of a folder's ``experiment.json``, and give it the checksum it needs."""
+    path = folder / "experiment.json"
+    held = read_json(path.read_bytes())
+    change(held)
+    path.write_bytes(json_bytes(held))
+
+
+NOBODY = experiment_of(table([]))
+"""An experiment that nobody plays."""
+
+
+def material_of(record: pa.Table, experiment: StoredExperiment, **values: Any) -> Material:
+    """What sections are made of, without people or bounds to compare with."""
+    from causal_openlock.analysis.measures import attempts_to_solve
+
+    given: dict[str, Any] = {
+        "trials": attempts_to_solve(record),
+        "learners": tuple(one.name for one in experiment.learners),
+        "pairs": frozenset(),
+        "bounds": {},
+        **values,
+    }
+    return Material(record=record, experiment=experiment, **given)
