@@ -1,12 +1,12 @@
-"""Networks with a memory that choose actions: a policy, and a value of what is still to come.
+"""Recurrent networks that choose actions: a policy, and a value of the reward still to come.
 
-:class:`LeverMemory` is not told where a lever stands: every lever has a small recurrent state of
-its own, all of them are updated by the same weights, and one more state belongs to the room as a
-whole. What was learned about one place so holds for every other, and in rooms of any size. This
-is assumed and not learned, and it is all that is assumed; :class:`FlatMemory`, an ordinary
-recurrent network, assumes nothing, so that one can see what the assumption is worth.
+:class:`LeverPolicy` treats all positions alike: every lever has a small hidden state of its own,
+all of them are updated by the same weights, and one more state belongs to the room as a whole. What
+was learned about one position so holds for every other, and in rooms of any size. This is built in
+and not learned, and it is all that is built in; :class:`FlatPolicy`, an ordinary recurrent network,
+has nothing built in, to show what the assumption is worth.
 
-As in :mod:`learners.networks.stacked_recurrent`, N networks are one: their weights are ``[N, in,
+As in :mod:`learners.networks.recurrent_cells`, N networks are one: their weights are ``[N, in,
 out]``. Meta-training has a single network in many rooms; subjects that go on learning have one
 each.
 """
@@ -22,10 +22,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from learners.networks.stacked_recurrent import StackedGRU, StackedLinear
+from learners.networks.recurrent_cells import StackedGRU, StackedLinear
 
 OWN, SHARED = 4, 9
-"""What is perceived of each lever (pushed, grey, just pushed, just pulled), and beside that."""
+"""Numbers perceived of each lever (pushed, grey, just pushed, just pulled), and of the room."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class Sizes:
     """Kind and sizes of a network; a checkpoint holds them.
 
     Attributes:
-        kind: ``levers``, :class:`LeverMemory`, or ``flat``, :class:`FlatMemory`.
-        lever: Numbers that are remembered of each lever, H; a flat memory knows of none.
-        room: Numbers that are remembered of the room as a whole, G.
-        reader: Units of the layer that reads the memory.
+        kind: ``levers``, :class:`LeverPolicy`, or ``flat``, :class:`FlatPolicy`.
+        lever: Hidden units of each lever, H; a flat policy has none.
+        room: Hidden units of the room as a whole, G.
+        reader: Units of the layer that reads the hidden state.
     """
 
     kind: Literal["levers", "flat"] = "levers"
@@ -46,10 +46,10 @@ class Sizes:
 
 
 def split(inputs: Tensor, positions: int) -> tuple[Tensor, Tensor]:
-    """What is perceived, sorted by lever.
+    """Inputs, sorted by lever.
 
     Args:
-        inputs: ``[..., in]`` as :class:`~learners.networks.perception.Perception` gives them.
+        inputs: ``[..., in]`` as :class:`~learners.networks.perception.Perception` returns them.
         positions: Levers, P.
 
     Returns:
@@ -63,8 +63,8 @@ def split(inputs: Tensor, positions: int) -> tuple[Tensor, Tensor]:
     return torch.stack([pushed, grey, push, pull], dim=-1), torch.cat([door, rest], dim=-1)
 
 
-class Memory(nn.Module, ABC):
-    """N recurrent networks that tell what to do next and what is still to come.
+class RecurrentPolicy(nn.Module, ABC):
+    """N recurrent networks with a policy and a value.
 
     Attributes:
         sizes: Kind and sizes.
@@ -76,32 +76,32 @@ class Memory(nn.Module, ABC):
 
     @abstractmethod
     def state_size(self, positions: int) -> int:
-        """Numbers that are remembered in a room of so many positions, S."""
+        """Numbers in a hidden state for a room of so many positions, S."""
 
     @abstractmethod
     def forward(
         self, inputs: Tensor, state: Tensor, fresh: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Walk through time.
+        """Run over T steps.
 
         Args:
             inputs: ``[N, T, M, in]`` what each network perceives in M rooms at T steps.
-            state: ``[N, M, S]`` what it remembers to begin with.
-            fresh: ``[N, T, M]`` steps before which everything is forgotten; by default none.
+            state: ``[N, M, S]`` hidden state before the first step.
+            fresh: ``[N, T, M]`` steps before which the hidden state is reset; by default none.
 
         Returns:
-            ``[N, T, M, A]`` logits of the actions, ``[N, T, M]`` values, and ``[N, M, S]`` what is
-            remembered in the end.
+            ``[N, T, M, A]`` logits of the actions, ``[N, T, M]`` values, and ``[N, M, S]`` the last
+            hidden state.
         """
 
 
-class LeverMemory(Memory):
-    """Networks that know levers, and not where they stand.
+class LeverPolicy(RecurrentPolicy):
+    """Networks with a hidden state for each lever, wherever it stands.
 
     The room's state is updated from what is perceived of the room, from the states of all levers
     (their mean and their maximum) and from that of the lever acted on last; each lever's from what
-    is perceived of it, and from the room's. A lever's own state and the room's then say how good
-    it is to push it or to pull it.
+    is perceived of it, and from the room's. A lever's own state and the room's then give the logits
+    of pushing it and of pulling it.
 
     Args:
         sizes: Its sizes.
@@ -118,7 +118,7 @@ class LeverMemory(Memory):
         self.reads_room = StackedLinear(room + 2 * lever, 2 * reader, generators)
         self.moves = StackedLinear(reader, 2, generators)
         self.door_and_value = StackedLinear(reader, 2, generators)
-        _undecided(self.moves, self.door_and_value)
+        _make_undecided(self.moves, self.door_and_value)
 
     def state_size(self, positions: int) -> int:
         """H for each lever, and G."""
@@ -127,56 +127,57 @@ class LeverMemory(Memory):
     def forward(
         self, inputs: Tensor, state: Tensor, fresh: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Walk through time; see :class:`Memory`."""
+        """Run over T steps; see :class:`RecurrentPolicy`."""
         networks, steps, rooms, width = inputs.shape
         size = self.sizes
-        levers = (width - SHARED) // OWN
-        own, shared = split(inputs, levers)
+        positions = (width - SHARED) // OWN
+        own, shared = split(inputs, positions)
         acted = (own[..., 2] + own[..., 3]).unbind(1)
-        # What depends on no step before goes through one product for all of them.
+        # What depends on no step before goes through one product for all steps.
         weight = self.lever.input_weight
-        seen = torch.bmm(own.flatten(1, 3), weight[:, :OWN])
-        seen_of_lever = seen.view(networks, steps, rooms, levers, -1).unbind(1)
+        projected_own = torch.bmm(own.flatten(1, 3), weight[:, :OWN])
+        lever_inputs = projected_own.view(networks, steps, rooms, positions, -1).unbind(1)
         now = torch.bmm(shared.flatten(1, 2), weight[:, OWN : OWN + SHARED])
-        seen_beside = (now + self.lever.input_bias).view(networks, steps, rooms, 1, -1).unbind(1)
+        shared_inputs = (now + self.lever.input_bias).view(networks, steps, rooms, 1, -1).unbind(1)
         from_room = weight[:, OWN + SHARED :]
         weight = self.room.input_weight
         now = torch.baddbmm(self.room.input_bias, shared.flatten(1, 2), weight[:, :SHARED])
-        seen_of_room = now.view(networks, steps, rooms, -1).unbind(1)
+        room_inputs = now.view(networks, steps, rooms, -1).unbind(1)
         from_levers = weight[:, SHARED:]
 
-        held = state[..., : levers * size.lever].reshape(networks, rooms, levers, size.lever)
-        room = state[..., levers * size.lever :]
-        remembered, of_room = [], []
-        pooled = _pooled(held)
+        end = positions * size.lever
+        levers = state[..., :end].reshape(networks, rooms, positions, size.lever)
+        room = state[..., end:]
+        all_levers, all_rooms = [], []
+        pooled = _pooled(levers)
         for step in range(steps):
             if fresh is not None and bool(fresh[:, step].any()):
-                kept = (~fresh[:, step]).to(held.dtype)[..., None]
-                room, held, pooled = room * kept, held * kept[..., None], pooled * kept
-            last = (acted[step][..., None] * held).sum(dim=2)
-            told = torch.cat([pooled, last], dim=-1)
-            projected = torch.baddbmm(seen_of_room[step], told, from_levers)
-            recalled = torch.baddbmm(self.room.hidden_bias, room, self.room.hidden_weight)
-            room = self.room.step(projected, recalled, room)
-            beside = seen_beside[step] + torch.bmm(room, from_room)[:, :, None]
-            recalled = torch.baddbmm(
-                self.lever.hidden_bias, held.flatten(1, 2), self.lever.hidden_weight
+                kept = (~fresh[:, step]).to(levers.dtype)[..., None]
+                room, levers, pooled = room * kept, levers * kept[..., None], pooled * kept
+            last = (acted[step][..., None] * levers).sum(dim=2)
+            summary = torch.cat([pooled, last], dim=-1)
+            projected = torch.baddbmm(room_inputs[step], summary, from_levers)
+            recurrent = torch.baddbmm(self.room.hidden_bias, room, self.room.hidden_weight)
+            room = self.room.step(projected, recurrent, room)
+            recurrent = torch.baddbmm(
+                self.lever.hidden_bias, levers.flatten(1, 2), self.lever.hidden_weight
             )
-            held = self.lever.step(
-                seen_of_lever[step] + beside, recalled.view((*beside.shape[:2], levers, -1)), held
-            )
-            pooled = _pooled(held)
-            remembered.append(held)
-            of_room.append(torch.cat([room, pooled], dim=-1))
-        logits, values = self._read(torch.stack(remembered, dim=1), torch.stack(of_room, dim=1))
-        return logits, values, torch.cat([held.flatten(2), room], dim=-1)
+            shared = shared_inputs[step] + torch.bmm(room, from_room)[:, :, None]
+            projected = lever_inputs[step] + shared
+            recurrent = recurrent.view(networks, rooms, positions, -1)
+            levers = self.lever.step(projected, recurrent, levers)
+            pooled = _pooled(levers)
+            all_levers.append(levers)
+            all_rooms.append(torch.cat([room, pooled], dim=-1))
+        logits, values = self._read(torch.stack(all_levers, dim=1), torch.stack(all_rooms, dim=1))
+        return logits, values, torch.cat([levers.flatten(2), room], dim=-1)
 
-    def _read(self, held: Tensor, room: Tensor) -> tuple[Tensor, Tensor]:
+    def _read(self, levers: Tensor, room: Tensor) -> tuple[Tensor, Tensor]:
         """Logits and values from ``[N, T, M, P, H]`` of the levers and ``[N, T, M, ...]``."""
-        shape = held.shape
+        shape = levers.shape
         whole = self.reads_room(room.flatten(1, 2)).view(*shape[:3], -1)
         for_levers, for_room = whole.chunk(2, dim=-1)
-        each = self.reads_lever(held.flatten(1, 3)).view(*shape[:4], -1)
+        each = self.reads_lever(levers.flatten(1, 3)).view(*shape[:4], -1)
         each = torch.relu(each + for_levers[..., None, :])
         moves = self.moves(each.flatten(1, 3)).view(*shape[:4], 2)
         last = self.door_and_value(torch.relu(for_room).flatten(1, 2)).view(*shape[:3], 2)
@@ -184,13 +185,13 @@ class LeverMemory(Memory):
         return logits, last[..., 1]
 
 
-def _pooled(held: Tensor) -> Tensor:
+def _pooled(levers: Tensor) -> Tensor:
     """``[N, M, 2H]`` mean and maximum over the levers, ``[N, M, P, H]``."""
-    return torch.cat([held.mean(dim=2), held.amax(dim=2)], dim=-1)
+    return torch.cat([levers.mean(dim=2), levers.amax(dim=2)], dim=-1)
 
 
-class FlatMemory(Memory):
-    """A plain recurrent network: to it, every position is something else.
+class FlatPolicy(RecurrentPolicy):
+    """A plain recurrent network, with inputs and actions of each position of its own.
 
     Args:
         sizes: Its sizes.
@@ -207,36 +208,35 @@ class FlatMemory(Memory):
         self.reads = StackedLinear(sizes.room, 2 * sizes.reader, generators)
         self.moves = StackedLinear(sizes.reader, 2 * positions + 1, generators)
         self.value = StackedLinear(sizes.reader, 1, generators)
-        _undecided(self.moves, self.value)
+        _make_undecided(self.moves, self.value)
 
     def state_size(self, positions: int) -> int:
-        """G, whatever the room."""
+        """G, in any room."""
         return self.sizes.room
 
     def forward(
         self, inputs: Tensor, state: Tensor, fresh: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Walk through time; see :class:`Memory`."""
+        """Run over T steps; see :class:`RecurrentPolicy`."""
         projected = torch.baddbmm(
             self.room.input_bias, inputs.flatten(1, 2), self.room.input_weight
         )
-        remembered = []
-        pieces = projected.view(*inputs.shape[:3], -1).unbind(1)
-        for step, seen in enumerate(pieces):
+        states = []
+        for step, piece in enumerate(projected.view(*inputs.shape[:3], -1).unbind(1)):
             if fresh is not None and bool(fresh[:, step].any()):
                 kept = (~fresh[:, step]).to(state.dtype)[..., None]
                 state = torch.mul(state, kept)
-            recalled = torch.baddbmm(self.room.hidden_bias, state, self.room.hidden_weight)
-            state = self.room.step(seen, recalled, state)
-            remembered.append(state)
-        read = torch.relu(self.reads(torch.stack(remembered, dim=1).flatten(1, 2)))
-        policy, judge = read.chunk(2, dim=-1)
+            recurrent = torch.baddbmm(self.room.hidden_bias, state, self.room.hidden_weight)
+            state = self.room.step(piece, recurrent, state)
+            states.append(state)
+        read = torch.relu(self.reads(torch.stack(states, dim=1).flatten(1, 2)))
+        policy, critic = read.chunk(2, dim=-1)
         logits = self.moves(policy).view(*inputs.shape[:3], -1)
-        values: Tensor = self.value(judge)
+        values: Tensor = self.value(critic)
         return logits, values.view(*inputs.shape[:3]), state
 
 
-def _undecided(*heads: StackedLinear) -> None:
+def _make_undecided(*heads: StackedLinear) -> None:
     """Make all actions about equally likely at first."""
     with torch.no_grad():
         for head in heads:
@@ -244,8 +244,10 @@ def _undecided(*heads: StackedLinear) -> None:
             head.bias.zero_()
 
 
-def make_memory(sizes: Sizes, positions: int, generators: Sequence[np.random.Generator]) -> Memory:
+def make_policy(
+    sizes: Sizes, positions: int, generators: Sequence[np.random.Generator]
+) -> RecurrentPolicy:
     """A network of a kind, for rooms of so many positions; one for each generator."""
     if sizes.kind == "flat":
-        return FlatMemory(sizes, positions, generators)
-    return LeverMemory(sizes, generators)
+        return FlatPolicy(sizes, positions, generators)
+    return LeverPolicy(sizes, generators)
