@@ -34,6 +34,7 @@ from causal_openlock.contract.probes import GlobalRandomness
 from causal_openlock.errors import LearnerError
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import IntArray
+from learners.ddqn import Count
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")
 OURS = ("policy", "env", "seed", "_init_setup_model")
@@ -57,19 +58,16 @@ class StableBaselinesParameters:
         Literal["attempt", "trial"], "what an episode is: nothing that follows it is valued"
     ] = "attempt"
     total_actions: Annotated[
-        int | None,
+        Count | None,
         "of a whole run, for schedules (exploration of DQN); null takes the most that the protocol "
         "allows",
     ] = None
-    threads: Annotated[int, "of torch; more than one gains nothing at this size"] = 1
+    threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
 
     def __post_init__(self) -> None:
         for name in OURS:
             if name in self.settings:
                 raise ValueError(f"settings cannot hold {name!r}, which the learner itself sets")
-        for name in ("total_actions", "threads"):
-            if (getattr(self, name) or 1) < 1:
-                raise ValueError(f"{name} must be at least 1")
 
 
 class Feedback(NamedTuple):
@@ -250,14 +248,16 @@ class StableBaselines(Learner):
             self._models.append(model)
 
     def act(self, view: View) -> IntArray:
-        """``[B]`` what each model does next."""
+        """``[B]`` the action of each model."""
         if not self._history:
-            first = view.observation.copy()
-            self._pending = [Feedback(row, 0.0, False, False, row) for row in first]
-            self._history.append((_packed(first),))
+            self._begin_with(view.observation.copy())
         for subject in np.flatnonzero(view.playing):
             self._act(int(subject))
         return self._actions.copy()
+
+    def _begin_with(self, observation: NDArray[np.int8]) -> None:
+        self._pending = [Feedback(row, 0.0, False, False, row) for row in observation]
+        self._history.append((_packed(observation),))
 
     def _act(self, subject: int) -> None:
         feedback = self._pending[subject]
@@ -307,9 +307,7 @@ class StableBaselines(Learner):
         if not state["history"]:
             return
         first, *later = state["history"]
-        observation = self._unpacked(first[0])
-        self._history.append((first[0].copy(),))
-        self._pending = [Feedback(row, 0.0, False, False, row) for row in observation]
+        self._begin_with(self._unpacked(first[0]))
         for outcome, following, *rest in later:
             for subject in np.flatnonzero(rest[-1]):
                 self._act(int(subject))

@@ -19,8 +19,7 @@ from causal_openlock.world.room import PAPER_POSITIONS
 from learners.ddqn import Count, Share
 from learners.meta.random_schemas import random_schemas
 from learners.meta.rooms import Distribution
-
-Units = Annotated[int, Field(ge=1, le=1024)]  # as learners.networks.network_file reads them
+from learners.networks.recurrent_policy import Sizes
 
 
 class RandomSchemas(StrictModel):
@@ -62,15 +61,6 @@ class RoomsFile(StrictModel):
     ]
 
 
-class NetworkFile(StrictModel):
-    """Kind and sizes of the network: :class:`learners.networks.recurrent_policy.Sizes`."""
-
-    kind: Literal["levers", "flat"] = "levers"
-    lever: Units = 32
-    room: Units = 48
-    reader: Units = 48
-
-
 class TrainingFile(StrictModel):
     """A meta-training."""
 
@@ -82,7 +72,7 @@ class TrainingFile(StrictModel):
     at_once: Annotated[Count, Field(description="Rooms at a time.")] = 512
     steps: Annotated[Count, Field(description="Of each room, in a rollout.")] = 45
     actions: Annotated[Count, Field(description="Of all rooms together, in all.")] = 20_000_000
-    network: NetworkFile = Field(default_factory=NetworkFile)
+    network: Sizes = Field(default_factory=Sizes)
     learning_rate: Annotated[float, Field(gt=0, description="At first; it falls to a tenth.")] = (
         0.002
     )

@@ -21,7 +21,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -35,17 +35,18 @@ from causal_openlock.formats.schema_file import bundled
 from causal_openlock.world.fsm import BoolArray
 from learners.meta.file import TrainingFile, read_training
 from learners.meta.rooms import MetaRooms
+from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
 from learners.networks.network_file import write_network
 from learners.networks.perception import Perception
 from learners.networks.ppo import PPO, Floats, PPOSettings, Rollout, log_prob, sample_actions
-from learners.networks.recurrent_policy import Sizes, make_policy
+from learners.networks.recurrent_policy import make_policy
 
 LOG_EVERY = 10.0
 """Seconds between two lines of progress, and between two checkpoints of the training."""
 
 
-class MetaTraining:
+class MetaTraining(Checkpointed):
     """A meta-training that can be interrupted after any update.
 
     Args:
@@ -53,13 +54,21 @@ class MetaTraining:
         beside: Folder in which schemas are searched first.
     """
 
+    checkpointed: ClassVar = {
+        "trainer": "trainer",
+        "rooms": "rooms",
+        "perception": "perception",
+        "memory": "_hidden_state",
+        "fresh": "_fresh",
+        "updates": "updates",
+        "tally": "tally",
+    }
+
     def __init__(self, file: TrainingFile, beside: Path = Path()) -> None:
         self.file = file
         weights, rooms, policy, order = np.random.default_rng(file.seed).spawn(4)
         self.rooms = MetaRooms(file.distribution(beside), file.at_once, rooms)
-        self.network = make_policy(
-            Sizes(**file.network.model_dump()), self.rooms.brief.positions, [weights]
-        )
+        self.network = make_policy(file.network, self.rooms.brief.positions, [weights])
         self.trainer = PPO(
             self.network,
             PPOSettings(
@@ -169,27 +178,17 @@ class MetaTraining:
 
     def state_dict(self) -> dict[str, Any]:
         """All that is needed to go on as if not interrupted."""
-        return {
+        generators = [generator.bit_generator.state for generator in (self._policy, self._order)]
+        return super().state_dict() | {
             "file": self.file.model_dump_json(),
-            "trainer": self.trainer.state_dict(),
-            "rooms": self.rooms.state_dict(),
-            "perception": self.perception.state_dict(),
-            "memory": self._hidden_state,
-            "fresh": self._fresh,
-            "generators": [g.bit_generator.state for g in (self._policy, self._order)],
-            "updates": self.updates,
-            "tally": self.tally,
+            "generators": generators,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        self.trainer.load_state_dict(state["trainer"])
-        self.rooms.load_state_dict(state["rooms"])
-        self.perception.load_state_dict(state["perception"])
-        self._hidden_state, self._fresh = state["memory"].clone(), state["fresh"].copy()
+        super().load_state_dict(state)
         for generator, kept in zip((self._policy, self._order), state["generators"], strict=True):
             generator.bit_generator.state = kept
-        self.updates, self.tally = state["updates"], state["tally"].copy()
 
 
 def save_training(path: Path, training: MetaTraining) -> None:

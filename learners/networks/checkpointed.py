@@ -18,18 +18,19 @@ class Checkpointed:
     checkpointed: ClassVar[Mapping[str, str]]
 
     def state_dict(self) -> dict[str, Any]:
-        """All that is needed to go on, for a checkpoint."""
-        parts = {key: getattr(self, name) for key, name in self.checkpointed.items()}
-        return {
-            key: part.state_dict() if hasattr(part, "state_dict") else copy.deepcopy(part)
-            for key, part in parts.items()
-        }
+        """A copy of all that is needed to go on, for a checkpoint."""
+        state = {}
+        for key, name in self.checkpointed.items():
+            part = getattr(self, name)
+            held = part.state_dict() if hasattr(part, "state_dict") else part
+            state[key] = held if isinstance(part, Checkpointed) else copy.deepcopy(held)
+        return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint, which stays as it is."""
         for key, name in self.checkpointed.items():
-            part = getattr(self, name)
+            held, part = copy.deepcopy(state[key]), getattr(self, name)
             if hasattr(part, "load_state_dict"):
-                part.load_state_dict(state[key])
+                part.load_state_dict(held)
             else:
-                setattr(self, name, copy.deepcopy(state[key]))
+                setattr(self, name, held)

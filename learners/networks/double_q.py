@@ -202,10 +202,6 @@ class StackedDoubleQ:
         best: NDArray[np.int64] = self.online(inputs).squeeze(1).argmax(dim=1).cpu().numpy()
         return best
 
-    def td_errors(self, batch: Batch) -> Tensor:
-        """``[N, M]`` value of each transition's action, less its double-Q target."""
-        return self._evaluate(batch)[0]
-
     def _evaluate(self, batch: Batch) -> tuple[Tensor, list[Tensor], Tensor]:
         """TD errors; the activations; and ``[N, M]`` which output each transition is about."""
         rows, before, after = self._rows_of(batch)

@@ -39,7 +39,7 @@ def networks_of(stack: StackedMLP) -> kernels.Networks:
 
 
 class CompiledDoubleQ(StackedDoubleQ):
-    """Double Q-learning as :class:`StackedDoubleQ` does it, in compiled code for a CPU."""
+    """A :class:`StackedDoubleQ` in compiled code for a CPU."""
 
     _views: tuple[kernels.Networks, kernels.Networks] | None = None
 
@@ -94,20 +94,8 @@ class CompiledDoubleQ(StackedDoubleQ):
         inputs = observations.astype(self._type)
         return kernels.greedy(self._networks[0], inputs, wanted, self._scratch)
 
-    def td_errors(self, batch: Batch) -> Tensor:
-        """As for :class:`~learners.networks.double_q.StackedDoubleQ`."""
-        nothing = self._networks[0].flat
-        idle = kernels.Optimizer(kernels.SGD, np.zeros(6, self._type), nothing, nothing)
-        return self._run(batch, np.zeros(self.online.agents, dtype=bool), idle)
-
     def update(self, batch: Batch, trains: Tensor | None = None) -> Tensor:
         """As for :class:`~learners.networks.double_q.StackedDoubleQ`."""
-        who = np.ones(self.online.agents, dtype=bool) if trains is None else trains.numpy()
-        errors = self._run(batch, who, self._optimizer_step())
-        self._after_step()
-        return errors
-
-    def _run(self, batch: Batch, trains: NDArray[np.bool_], optimizer: kernels.Optimizer) -> Tensor:
         most = min(2 * batch.before.shape[1], len(self._table))
         if len(self._scratch.rows) < most:
             self._scratch = self._scratch_for(most)
@@ -119,17 +107,17 @@ class CompiledDoubleQ(StackedDoubleQ):
             batch.not_done,
             batch.weight,
         )
-        batches = kernels.Minibatch(*(np.ascontiguousarray(part.numpy()) for part in parts))
         errors = kernels.update(
             *self._networks,
-            batches,
-            trains,
+            kernels.Minibatch(*(np.ascontiguousarray(part.numpy()) for part in parts)),
+            np.ones(self.online.agents, dtype=bool) if trains is None else trains.numpy(),
             self._target_table,
-            optimizer,
+            self._optimizer_step(),
             self.gamma,
             LOSSES[self.loss],
             self._scratch,
         )
+        self._after_step()
         return torch.from_numpy(errors)
 
     def _target_changed(self) -> None:

@@ -11,28 +11,34 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 import numpy as np
 import torch
+from pydantic import Field
 
 from causal_openlock.errors import LearnerError
 from causal_openlock.files.archive import HEADER, Archive, ArchiveError, open_archive, reading
+from causal_openlock.files.model_faults import StrictModel
 from causal_openlock.files.whole import replacing
 from causal_openlock.world.room import PAPER_POSITIONS
 from causal_openlock.world.schema import MAX_LEVERS
 from learners.networks.recurrent_policy import RecurrentPolicy, Sizes, make_policy
 
-FORMAT = 1
-MOST_UNITS = 1024
-"""The largest size that a network may have."""
 MOST_BYTES = 1 << 27
 """Most bytes that a network may have, packed or not."""
 _MOST_ABOUT = 1 << 20
 BUNDLED = Path(__file__).parents[1] / "checkpoints" / "rl2.npz"
 """The checkpoint that comes with the package."""
+
+
+class About(StrictModel, extra="allow"):
+    """The description in a file: what is needed to make the network, and anything else."""
+
+    format: Literal[1]
+    sizes: Sizes
+    positions: Annotated[int, Field(ge=len(PAPER_POSITIONS), le=MAX_LEVERS)]
 
 
 def write_network(
@@ -46,7 +52,7 @@ def write_network(
         positions: Levers of the rooms that it was trained in.
         about: Anything else to write about it, as plain data.
     """
-    about = {"format": FORMAT, "sizes": asdict(network.sizes), "positions": positions, **about}
+    about = {"format": 1, "sizes": network.sizes.model_dump(), "positions": positions, **about}
     weights = {name: tensor[0].numpy() for name, tensor in network.state_dict().items()}
     with replacing(path) as file:
         np.savez_compressed(file, about=np.array(json.dumps(about)), **weights)
@@ -67,8 +73,11 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
     """
     try:
         with open_archive(path, MOST_BYTES) as archive, reading():
-            about = _about(archive)
-            sizes, positions = Sizes(**about["sizes"]), about["positions"]
+            if archive.sizes.get("about", 0) > _MOST_ABOUT:
+                _refuse("its description is too long")
+            about = json.loads(str(archive.read("about")))
+            checked = About.model_validate(about)
+            sizes, positions = checked.sizes, checked.positions
             # A stack of no networks has all shapes and takes no memory.
             expected = make_policy(sizes, positions, []).state_dict()
             if archive.sizes.keys() != {"about", *expected}:
@@ -92,24 +101,6 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
     for name, tensor in network.state_dict().items():
         tensor.copy_(torch.from_numpy(weights[name]).expand_as(tensor))
     return network, about
-
-
-def _about(archive: Archive) -> dict[str, Any]:
-    """The description in the file, checked."""
-    if archive.sizes.get("about", 0) > _MOST_ABOUT:
-        _refuse("its description is too long")
-    about = json.loads(str(archive.read("about")))
-    if about["format"] != FORMAT:
-        _refuse(f"it has format {str(about['format'])[:20]!r} and this version reads {FORMAT}")
-    kind, *units = (about["sizes"][name] for name in ("kind", "lever", "room", "reader"))
-    if kind not in ("levers", "flat"):
-        _refuse("the kind of its network is not known")
-    if any(type(size) is not int or not 1 <= size <= MOST_UNITS for size in units):
-        _refuse(f"the sizes of a network are 1 to {MOST_UNITS}")
-    positions = about["positions"]
-    if type(positions) is not int or not len(PAPER_POSITIONS) <= positions <= MAX_LEVERS:
-        _refuse("its number of positions is impossible")
-    return about
 
 
 def _weights(archive: Archive, name: str, shape: tuple[int, ...]) -> Any:

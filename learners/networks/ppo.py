@@ -8,15 +8,15 @@ Schulman et al., 2016).
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from learners.networks.checkpointed import Checkpointed
 from learners.networks.recurrent_policy import RecurrentPolicy
 
 Floats = NDArray[np.float32]
@@ -110,13 +110,15 @@ class PPOSettings:
     max_grad_norm: float = 0.5
 
 
-class PPO:
+class PPO(Checkpointed):
     """Improves N policies from their rollouts.
 
     Args:
         network: The policies.
         settings: How.
     """
+
+    checkpointed: ClassVar = {"network": "network", "optimiser": "optimizer"}
 
     def __init__(self, network: RecurrentPolicy, settings: PPOSettings) -> None:
         self.network, self.settings = network, settings
@@ -195,14 +197,3 @@ class PPO:
         share = (self.settings.max_grad_norm / (squares.sqrt() + 1e-6)).clamp(max=1.0)
         for gradient in gradients:
             gradient *= share.view(-1, *[1] * (gradient.dim() - 1))
-
-    def state_dict(self) -> dict[str, Any]:
-        """Networks and optimizer as they are now."""
-        return copy.deepcopy(
-            {"network": self.network.state_dict(), "optimiser": self.optimizer.state_dict()}
-        )
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        self.network.load_state_dict(state["network"])
-        self.optimizer.load_state_dict(copy.deepcopy(state["optimiser"]))

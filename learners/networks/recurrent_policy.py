@@ -15,22 +15,27 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
+from pydantic import Field
 from torch import Tensor, nn
 
+from causal_openlock.files.model_faults import StrictModel
 from learners.networks.recurrent_cells import StackedGRU, StackedLinear
 
 OWN, SHARED = 4, 9
 """Numbers perceived of each lever (pushed, grey, just pushed, just pulled), and of the room."""
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """Kind and sizes of a network; a checkpoint holds them.
+MOST_UNITS = 1024
+"""The largest size that a network may have."""
+Units = Annotated[int, Field(ge=1, le=MOST_UNITS)]
+
+
+class Sizes(StrictModel):
+    """Kind and sizes of a network, as in a checkpoint and in a file of meta-training.
 
     Attributes:
         kind: ``levers``, :class:`LeverPolicy`, or ``flat``, :class:`FlatPolicy`.
@@ -40,9 +45,9 @@ class Sizes:
     """
 
     kind: Literal["levers", "flat"] = "levers"
-    lever: int = 32
-    room: int = 48
-    reader: int = 48
+    lever: Units = 32
+    room: Units = 48
+    reader: Units = 48
 
 
 def split(inputs: Tensor, positions: int) -> tuple[Tensor, Tensor]:

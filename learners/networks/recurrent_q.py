@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import copy
 from dataclasses import fields
-from typing import Any
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
+from learners.networks.checkpointed import Checkpointed
 from learners.networks.recurrent_cells import CELLS, CellName, Generators, StackedLinear
 from learners.networks.sequence_buffer import Sequences
 
@@ -44,7 +45,7 @@ class StackedRecurrentNetwork(nn.Module):
         return outputs.view(*inputs.shape[:3], -1), state
 
 
-class RecurrentDoubleQ:
+class RecurrentDoubleQ(Checkpointed):
     """Double Q-learning on sequences, for N agents (R2D2: Kapturowski et al., 2019).
 
     The hidden state that was kept with a sequence was computed with older weights. Some steps of
@@ -58,6 +59,13 @@ class RecurrentDoubleQ:
         target_period: Updates between copies of the network to the target network; ``None`` never
             copies it again.
     """
+
+    checkpointed: ClassVar = {
+        "online": "online",
+        "target": "target",
+        "optimiser": "optimizer",
+        "updates": "updates",
+    }
 
     def __init__(
         self,
@@ -129,22 +137,3 @@ class RecurrentDoubleQ:
         if self.target_period and self.updates % self.target_period == 0:
             self.target.load_state_dict(self.online.state_dict())
         return losses.detach()
-
-    def state_dict(self) -> dict[str, Any]:
-        """Networks, optimizer and counter as they are now."""
-        return copy.deepcopy(
-            {
-                "online": self.online.state_dict(),
-                "target": self.target.state_dict(),
-                "optimiser": self.optimizer.state_dict(),
-                "updates": self.updates,
-            }
-        )
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        self.online.load_state_dict(state["online"])
-        self.target.load_state_dict(state["target"])
-        # Unlike the networks, the optimizer would take over the checkpoint's own tensors.
-        self.optimizer.load_state_dict(copy.deepcopy(state["optimiser"]))
-        self.updates = state["updates"]

@@ -8,7 +8,6 @@ import os
 import tempfile
 import tracemalloc
 import zipfile
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +129,7 @@ def small() -> bytes:
     """The file of a small network."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "net.npz"
-        network = make_policy(Sizes("levers", 2, 3, 2), 7, [np.random.default_rng(0)])
+        network = make_policy(Sizes(lever=2, room=3, reader=2), 7, [np.random.default_rng(0)])
         write_network(path, network, 7, {"trained": "not at all"})
         return path.read_bytes()
 
@@ -185,8 +184,8 @@ def test_a_damaged_network_is_refused_in_a_sentence_or_is_the_same(
 
 def forged(**changes: Any) -> bytes:
     """A file that says what it likes of itself; arrays may be replaced."""
-    network = make_policy(Sizes("levers", 2, 3, 2), 7, [np.random.default_rng(0)])
-    told: dict[str, Any] = {"format": 1, "sizes": asdict(network.sizes), "positions": 7}
+    network = make_policy(Sizes(lever=2, room=3, reader=2), 7, [np.random.default_rng(0)])
+    told: dict[str, Any] = {"format": 1, "sizes": network.sizes.model_dump(), "positions": 7}
     told.update(changes.pop("about", {}))
     arrays = {name: tensor[0].numpy() for name, tensor in network.state_dict().items()}
     file = io.BytesIO()

@@ -199,7 +199,7 @@ def test_an_interrupted_training_ends_with_the_same_weights(
     file, whole, parts = small(tmp_path), tmp_path / "whole.npz", tmp_path / "parts.npz"
     assert main([str(file), "--out", str(whole)]) == 0
 
-    monkeypatch.setattr("learners.meta.training.TOLD_EVERY", 0.0)
+    monkeypatch.setattr("learners.meta.training.LOG_EVERY", 0.0)
     update = MetaTraining.update
 
     def interrupted(self: MetaTraining) -> dict[str, float]:

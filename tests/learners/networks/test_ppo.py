@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,9 @@ def one_thread() -> None:
 
 
 def network_of(kind: Any, networks: int = 1) -> RecurrentPolicy:
-    return make_policy(replace(TINY, kind=kind), 7, [rng(n) for n in range(networks)]).double()
+    return make_policy(
+        TINY.model_copy(update={"kind": kind}), 7, [rng(n) for n in range(networks)]
+    ).double()
 
 
 # -- networks -------------------------------------------------------------------------------------
@@ -72,7 +73,7 @@ def test_networks_together_are_as_each_alone(kind: Any) -> None:
     inputs = random_inputs(2, 4, 3)
     state = torch.zeros(2, 3, both.state_size(7)).double()
     logits, values, _ = both(inputs, state)
-    alone = make_policy(replace(TINY, kind=kind), 7, [rng(1)]).double()
+    alone = make_policy(TINY.model_copy(update={"kind": kind}), 7, [rng(1)]).double()
     one, value, _ = alone(inputs[1:], state[1:])
     assert torch.allclose(one[0], logits[1], atol=1e-12)
     assert torch.allclose(value[0], values[1], atol=1e-12)
