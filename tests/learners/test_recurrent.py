@@ -52,7 +52,7 @@ def in_double(learner: Recurrent) -> None:
     q.values = lambda inputs, state: values(inputs.double(), state.double())  # type: ignore[method-assign]
 
     def doubled(batch: Sequences) -> torch.Tensor:
-        floats = ("inputs", "state", "reward", "not_done", "counts")
+        floats = ("inputs", "state", "reward", "not_done", "mask")
         return losses(replace(batch, **{f: getattr(batch, f).astype(np.float64) for f in floats}))
 
     q.losses = doubled  # type: ignore[method-assign]
@@ -274,7 +274,7 @@ def made_up(burn_in: int, unroll: int, agents: int = 2, number: int = 3) -> Sequ
         action=rng.integers(4, size=shape),
         reward=rng.normal(size=shape),  # type: ignore[arg-type]
         not_done=(rng.random(shape) < 0.8).astype(np.float64),  # type: ignore[arg-type]
-        counts=np.ones(shape),  # type: ignore[arg-type]
+        mask=np.ones(shape),  # type: ignore[arg-type]
     )
 
 
