@@ -171,7 +171,7 @@ def _report(folder: Path) -> dict[str, float]:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     import resource
 
-    from causal_openlock.cli.comparison import report
+    from causal_openlock.cli.report import report
 
     report(folder)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -1,22 +1,22 @@
-"""Double deep Q-learning, as in the paper, with and without a memory of what was found.
+"""Double deep Q-learning, as in the paper, with and without a count of what was found.
 
 A network of four hidden layers of 128 units maps the 16 bits of the room to the values of its 15
 actions (paper, Figure 5). Actions are chosen epsilon-greedily; epsilon starts at 1, shrinks by
-.995 with every action to .01, and is set to .5 at the end of each trial, so that the learner does
-not cling to the room it leaves. What the paper leaves open (optimiser, loss, batch, replay,
-target network, whether values reach over the end of an attempt) is a parameter here.
+.995 with every action to .01, and is set to .5 at the end of each trial, so that the learner
+explores the next room. What the paper leaves open (optimizer, loss, batch, replay, target network,
+whether values reach over the end of an attempt) is a parameter here.
 
 :class:`DDQN` sees the room and nothing of what came before in the trial: it cannot know which
-solutions it has found. :class:`SemiMarkovDDQN` is told in a few more bits how many. All subjects of
-a cell are trained at once, each with a network, a replay memory and randomness of its own: on a CPU
-by compiled loops (:mod:`learners.networks.compiled`), on a GPU by torch, replayed as a CUDA graph
-(:mod:`learners.networks.captured`).
+solutions it has found. :class:`SemiMarkovDDQN` sees in a few more bits how many. All subjects of a
+cell are trained at once, each with a network, a replay buffer and randomness of its own: on a CPU
+by compiled loops (:mod:`learners.networks.double_q_compiled`), on a GPU by torch, replayed as a
+CUDA graph (:mod:`learners.networks.double_q_captured`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -24,14 +24,15 @@ from pydantic import Field
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
+from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
 
 if TYPE_CHECKING:
     import torch
     from torch import Tensor
 
-    from learners.networks.replay import PrioritisedReplay, Replay
-    from learners.networks.stacked import StackedDoubleQ
+    from learners.networks.double_q import StackedDoubleQ
+    from learners.networks.replay_buffer import PrioritisedReplayBuffer, ReplayBuffer
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
@@ -95,29 +96,42 @@ class DDQNParameters:
             )
 
 
-def double_q(device: torch.device) -> type[StackedDoubleQ]:
-    """What trains there: on a CPU compiled loops, elsewhere torch's, captured as a CUDA graph."""
+def double_q_class(device: torch.device) -> type[StackedDoubleQ]:
+    """The implementation for a device: compiled loops on a CPU, a CUDA graph on a GPU."""
     if device.type == "cpu":
-        from learners.networks.compiled import CompiledDoubleQ
+        from learners.networks.double_q_compiled import CompiledDoubleQ
 
         return CompiledDoubleQ
-    from learners.networks.captured import CapturedDoubleQ
+    from learners.networks.double_q_captured import CapturedDoubleQ
 
     return CapturedDoubleQ
 
 
-class DDQN(Learner):
+class DDQN(Checkpointed, Learner):
     """Double Q-learning with experience replay, one gradient step with every action."""
 
     Parameters = DDQNParameters
     parameters: DDQNParameters
+    checkpointed: ClassVar = {
+        "q": "q",
+        "table": "_table",
+        "replay": "_replay",
+        "exploration": "_exploration",
+        "batches": "_batches",
+        "epsilon": "epsilon",
+        "actions": "_actions",
+    }
 
     def begin(self, brief: Brief) -> None:
-        """Make a network, a replay memory and streams of randomness for each subject."""
+        """Make a network, a replay buffer and streams of randomness for each subject."""
         import torch
 
-        from learners.networks.replay import ObservationTable, PrioritisedReplay, Replay
-        from learners.networks.stacked import find_device
+        from learners.networks.double_q import find_device
+        from learners.networks.replay_buffer import (
+            ObservationTable,
+            PrioritisedReplayBuffer,
+            ReplayBuffer,
+        )
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
@@ -130,7 +144,7 @@ class DDQN(Learner):
         self._exploration = Streams(exploration, width=2)
         self._batches = Streams(batches, width=settings.batch_size, block=64)
         hidden = [settings.hidden_units] * settings.hidden_layers
-        self.q: StackedDoubleQ = double_q(self._device)(
+        self.q: StackedDoubleQ = double_q_class(self._device)(
             [self._inputs, *hidden, brief.actions],
             weights,
             settings.learning_rate,
@@ -141,11 +155,13 @@ class DDQN(Learner):
             self._device,
         )
         self._table = ObservationTable(self._inputs)
-        ring = (brief.subjects, settings.replay_size)
-        self._prioritised: PrioritisedReplay | None = None
+        size = (brief.subjects, settings.replay_size)
+        self._prioritised: PrioritisedReplayBuffer | None = None
         if settings.prioritised:
-            self._prioritised = PrioritisedReplay(*ring, settings.priority_exponent, self._device)
-        self._replay: Replay = self._prioritised or Replay(*ring, self._device)
+            self._prioritised = PrioritisedReplayBuffer(
+                *size, settings.priority_exponent, self._device
+            )
+        self._replay: ReplayBuffer = self._prioritised or ReplayBuffer(*size, self._device)
         self.epsilon = np.full(brief.subjects, settings.epsilon_start)
         self._actions = np.zeros(brief.subjects, dtype=np.int64)
         self._errors: Tensor | None = None
@@ -154,18 +170,18 @@ class DDQN(Learner):
     def _inputs(self) -> int:
         return self.brief.observation_size
 
-    def _seen(self, observation: Observations, found: IntArray) -> Observations:
-        """``[B, in]`` the networks' inputs, from what is seen and ``[B]`` solutions found."""
+    def _network_input(self, observation: Observations, found: IntArray) -> Observations:
+        """``[B, in]`` the networks' inputs, from observations and ``[B]`` solutions found."""
         return observation
 
     def act(self, view: View) -> IntArray:
         """``[B]`` epsilon-greedy actions."""
-        draws = self._exploration.uniform()
-        explores = draws[:, 0] < self.epsilon
-        actions = self._explore(view, explores, draws[:, 1])
+        uniform = self._exploration.uniform()
+        explores = uniform[:, 0] < self.epsilon
+        actions = self._explore(view, explores, uniform[:, 1])
         if not explores.all():
-            seen = self._seen(view.observation, view.console.solutions_found)
-            actions = np.where(explores, actions, self.q.greedy(seen, ~explores))
+            inputs = self._network_input(view.observation, view.console.solutions_found)
+            actions = np.where(explores, actions, self.q.greedy(inputs, ~explores))
         return actions
 
     def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:
@@ -173,25 +189,25 @@ class DDQN(Learner):
         return (draw * self.brief.actions).astype(np.int64)
 
     def learn(self, step: Step) -> None:
-        """Remember what happened, take a gradient step, and cool down."""
+        """Add the transition to the buffer, take a gradient step, and lower epsilon."""
         playing = step.view.playing
-        self._remember(step, np.flatnonzero(playing))
+        self._add_transition(step, np.flatnonzero(playing))
         self._actions += playing
         trains = playing & (self._replay.length >= self.parameters.batch_size)
         if trains.any():
             for _ in range(self.parameters.gradient_steps):
                 self._train(trains)
-        self._cool_down(step)
+        self._decay_epsilon(step)
 
-    def _remember(self, step: Step, who: IntArray) -> None:
+    def _add_transition(self, step: Step, who: IntArray) -> None:
         found = step.view.console.solutions_found
-        before = self._seen(step.view.observation, found)
+        before = self._network_input(step.view.observation, found)
         if self.parameters.bootstrap_over_attempts:
-            after = self._seen(step.next.observation, step.next.console.solutions_found)
-            goes_on = ~step.trial_over
+            after = self._network_input(step.next.observation, step.next.console.solutions_found)
+            done = step.trial_over
         else:
-            after = self._seen(step.outcome, found + step.new_solution)
-            goes_on = ~step.attempt_over
+            after = self._network_input(step.outcome, found + step.new_solution)
+            done = step.attempt_over
         known = len(self._table.rows)
         self._replay.add(
             who,
@@ -199,88 +215,63 @@ class DDQN(Learner):
             step.action[who],
             step.reward[who],
             self._table.number(after[who]),
-            goes_on[who],
+            ~done[who],
         )
         if len(self._table.rows) > known:
-            self._observe()
+            self.q.observe(self._torch.from_numpy(self._table.rows))
 
     def _train(self, trains: BoolArray) -> None:
-        luck = self._batches.uniform()
+        uniform = self._batches.uniform()
         if self._prioritised:
-            batch = self._prioritised.sample(luck, self.importance)
+            batch = self._prioritised.sample(uniform, self.importance)
         else:
-            batch = self._replay.sample(luck)
+            batch = self._replay.sample(uniform)
         mask = None if trains.all() else self._torch.from_numpy(trains).to(self._device)
         with denormals_flushed():
             errors = self._errors = self.q.update(batch, mask)
         if self._prioritised:
-            self._prioritised.reprioritise(batch.slot, errors, trains)
+            self._prioritised.update_priorities(batch.slot, errors, trains)
 
     @property
     def importance(self) -> FloatArray:
-        """``[B]`` beta of prioritised replay, which grows in a straight line to 1."""
+        """``[B]`` beta of prioritised replay, which grows linearly to 1."""
         brief, start = self.brief, self.parameters.importance_start
         most = brief.trials * brief.attempt_limit * brief.action_limit
         course = self._actions / (self.parameters.importance_actions or most)
         return np.minimum(start + (1.0 - start) * course, 1.0)
 
-    def _cool_down(self, step: Step) -> None:
-        settings = self.parameters
-        moments = {
-            "action": step.view.playing,
-            "attempt": step.attempt_over,
-            "trial": step.trial_over,
-        }
-        cools = moments[settings.epsilon_decays_with] & step.view.playing
-        cooled = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
-        self.epsilon = np.where(cools, cooled, self.epsilon)
+    def _decay_epsilon(self, step: Step) -> None:
+        settings, playing = self.parameters, step.view.playing
+        decays_at = {"action": playing, "attempt": step.attempt_over, "trial": step.trial_over}
+        decays = decays_at[settings.epsilon_decays_with] & playing
+        decayed = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
+        self.epsilon = np.where(decays, decayed, self.epsilon)
         if settings.epsilon_after_trial is not None:
-            self.epsilon[step.trial_over & step.view.playing] = settings.epsilon_after_trial
-
-    def _observe(self) -> None:
-        self.q.observe(self._torch.from_numpy(self._table.rows))
+            self.epsilon[step.trial_over & playing] = settings.epsilon_after_trial
 
     def metrics(self) -> dict[str, float]:
-        """Epsilon, the loss of the last minibatch, what the observations met are worth, dead units.
+        """Epsilon, loss of the last minibatch, values of the observations met, dead units.
 
         A unit is dead if no observation met so far switches it on: its ReLU passes nothing on, and
-        nothing back that could change it (Sokar et al. 2023, "dormant neurons").
+        no gradient back that could change it (Sokar et al. 2023, "dormant neurons").
         """
-        told = {"epsilon": float(self.epsilon.mean())}
+        metrics = {"epsilon": float(self.epsilon.mean())}
         if self._errors is not None:
             size = self._errors.abs()
             square = size.square() / 2
             huber = self._torch.where(size < 1, square, size - 0.5)
-            told["loss"] = float((huber if self.parameters.loss == "huber" else square).mean())
+            metrics["loss"] = float((huber if self.parameters.loss == "huber" else square).mean())
             rows = self._torch.from_numpy(self._table.rows).to(self._errors)
-            *layers, values = self.q.online.trace(rows)
-            told["max_q"] = float(values.amax(dim=2).mean())
+            *layers, values = self.q.online.activations(rows)
+            metrics["max_q"] = float(values.amax(dim=2).mean())
             dead = [(layer <= 0).all(dim=1).float().mean() for layer in layers[1:]]
-            told["dead_units"] = float(self._torch.stack(dead).mean())
-        return told
-
-    def state_dict(self) -> dict[str, Any]:
-        """Networks, memories, randomness and epsilon."""
-        return {
-            "q": self.q.state_dict(),
-            "table": self._table.state_dict(),
-            "replay": self._replay.state_dict(),
-            "exploration": self._exploration.state_dict(),
-            "batches": self._batches.state_dict(),
-            "epsilon": self.epsilon.copy(),
-            "actions": self._actions.copy(),
-        }
+            metrics["dead_units"] = float(self._torch.stack(dead).mean())
+        return metrics
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        self.q.load_state_dict(state["q"])
-        self._table.load_state_dict(state["table"])
-        self._observe()
-        self._replay.load_state_dict(state["replay"])
-        self._exploration.load_state_dict(state["exploration"])
-        self._batches.load_state_dict(state["batches"])
-        self.epsilon = state["epsilon"].copy()
-        self._actions = state["actions"].copy()
+        super().load_state_dict(state)
+        self.q.observe(self._torch.from_numpy(self._table.rows))
 
 
 @dataclass(frozen=True)
@@ -293,11 +284,11 @@ class SemiMarkovDDQNParameters(DDQNParameters):
 
 
 class SemiMarkovDDQN(DDQN):
-    """A DDQN that is told how many solutions of the trial it has found.
+    """A DDQN that sees how many solutions of the trial it has found.
 
-    The count is appended to what is seen, in unary: one bit for each solution found so far. How
-    many there are is not told, which is why the number of bits is a parameter; three are enough for
-    the paper's rooms.
+    The count is appended to the observation in unary: one bit for each solution found so far. How
+    many there are is not shown, which is why the number of bits is a parameter; three are enough
+    for the paper's rooms.
     """
 
     Parameters = SemiMarkovDDQNParameters
@@ -307,6 +298,6 @@ class SemiMarkovDDQN(DDQN):
     def _inputs(self) -> int:
         return self.brief.observation_size + self.parameters.solution_bits
 
-    def _seen(self, observation: Observations, found: IntArray) -> Observations:
+    def _network_input(self, observation: Observations, found: IntArray) -> Observations:
         bits = found[:, None] > np.arange(self.parameters.solution_bits)
         return np.concatenate([observation, bits.astype(observation.dtype)], axis=1)

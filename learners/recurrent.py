@@ -1,20 +1,21 @@
-"""A Q-learner with memory: what it did in a trial, and what came of it, it can know later.
+"""A Q-learner with a recurrent network: it can know what it did in a trial, and what it led to.
 
 The DDQN sees the room and nothing else, so that it cannot know which solutions it has found. This
-learner's network is recurrent: it perceives the room, the console, and its own last action with
-what came of it, and carries a state from action to action, across the attempts of a trial. The
-state is reset at the end of each trial or only at the start of the condition.
+learner's network is recurrent: it perceives the room, the console, its own last action and what
+that led to, and carries a hidden state from action to action, across the attempts of a trial. The
+hidden state is reset at the end of each trial or only at the start of the condition.
 
 It is trained as R2D2 is (Kapturowski et al., 2019): on sequences of steps, which begin with the
-state that was kept with their first step; some steps of burn-in bring that state up to date before
-the others are learned from, by double Q-learning. Exploration is the DDQN's. All subjects of a
-cell are trained at once, each with a network, a replay memory and randomness of its own.
+hidden state that was stored with their first step; some steps of burn-in bring that state up to
+date before the others are learned from, by double Q-learning. Exploration is the DDQN's. All
+subjects of a cell are trained at once, each with a network, a replay buffer and randomness of its
+own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -23,14 +24,15 @@ from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.world.fsm import BoolArray, IntArray
 from causal_openlock.world.randomness import Streams
 from learners.ddqn import Count, Share
+from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
 from learners.networks.perception import Perception
-from learners.networks.sequence_replay import SequenceReplay
+from learners.networks.sequence_buffer import SequenceBuffer
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from learners.networks.stacked_recurrent import RecurrentDoubleQ
+    from learners.networks.recurrent_q import RecurrentDoubleQ
 
 
 @dataclass(frozen=True)
@@ -77,17 +79,26 @@ class RecurrentParameters:
             )
 
 
-class Recurrent(Learner):
+class Recurrent(Checkpointed, Learner):
     """Double Q-learning with a memory of the trial, trained on sequences with burn-in (R2D2)."""
 
     Parameters = RecurrentParameters
     parameters: RecurrentParameters
+    checkpointed: ClassVar = {
+        "q": "q",
+        "memory": "_hidden_state",
+        "perception": "_perception",
+        "replay": "_replay",
+        "exploration": "_exploration",
+        "batches": "_batches",
+        "epsilon": "epsilon",
+    }
 
     def begin(self, brief: Brief) -> None:
-        """Make a network, a replay memory and streams of randomness for each subject."""
+        """Make a network, a replay buffer and streams of randomness for each subject."""
         import torch
 
-        from learners.networks.stacked_recurrent import RecurrentDoubleQ, StackedRecurrentNetwork
+        from learners.networks.recurrent_q import RecurrentDoubleQ, StackedRecurrentNetwork
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
@@ -105,8 +116,8 @@ class Recurrent(Learner):
             network, settings.learning_rate, settings.gamma, settings.target_period
         )
         state = network.cell.state_size
-        self._memory = np.zeros((brief.subjects, state), dtype=np.float32)
-        self._replay = SequenceReplay(
+        self._hidden_state = np.zeros((brief.subjects, state), dtype=np.float32)
+        self._replay = SequenceBuffer(
             brief.subjects, settings.replay_size, settings.burn_in, settings.unroll, inputs, state
         )
         self._exploration = Streams(exploration, width=2)
@@ -116,40 +127,40 @@ class Recurrent(Learner):
         self._losses: Tensor | None = None
 
     def act(self, view: View) -> IntArray:
-        """``[B]`` epsilon-greedy actions; what is perceived is remembered once it is acted on."""
+        """``[B]`` epsilon-greedy actions; :meth:`learn` then keeps the next hidden state."""
         from_numpy = self._torch.from_numpy
         self._inputs = self._perception.inputs(view)
-        values, state = self.q.values(from_numpy(self._inputs), from_numpy(self._memory))
-        self._values, self._memory_after = values, state.numpy()
-        draws = self._exploration.uniform()
-        random = (draws[:, 1] * self.brief.actions).astype(np.int64)
-        return np.where(draws[:, 0] < self.epsilon, random, values.argmax(dim=1).numpy())
+        values, state = self.q.values(from_numpy(self._inputs), from_numpy(self._hidden_state))
+        self._values, self._next_hidden_state = values, state.numpy()
+        uniform = self._exploration.uniform()
+        random = (uniform[:, 1] * self.brief.actions).astype(np.int64)
+        return np.where(uniform[:, 0] < self.epsilon, random, values.argmax(dim=1).numpy())
 
     def learn(self, step: Step) -> None:
-        """Remember what happened, take a gradient step if one is due, and cool down."""
+        """Add the step to the buffer, take a gradient step if one is due, and lower epsilon."""
         settings, playing = self.parameters, step.view.playing
         resets = step.trial_over & playing & (settings.reset == "trial")
-        ends = step.trial_over if settings.bootstrap_over_attempts else step.attempt_over
+        done = step.trial_over if settings.bootstrap_over_attempts else step.attempt_over
         who = np.flatnonzero(playing)
         self._replay.add(
             who,
             self._inputs[who],
-            self._memory[who],
+            self._hidden_state[who],
             step.action[who],
             step.reward[who],
-            ~ends[who],
+            ~done[who],
             resets[who],
         )
-        self._memory = np.where(playing[:, None], self._memory_after, self._memory)
+        self._hidden_state = np.where(playing[:, None], self._next_hidden_state, self._hidden_state)
         self._perception.note(step)
-        self._memory[resets] = 0
+        self._hidden_state[resets] = 0
         self._perception.forget(resets)
         count = self._replay.count
         self._train(playing & (count > settings.unroll) & (count % settings.train_period == 0))
-        cooled = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
+        decayed = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
         if settings.epsilon_after_trial is not None:
-            cooled[step.trial_over] = settings.epsilon_after_trial
-        self.epsilon = np.where(playing, cooled, self.epsilon)
+            decayed[step.trial_over] = settings.epsilon_after_trial
+        self.epsilon = np.where(playing, decayed, self.epsilon)
 
     def _train(self, trains: BoolArray) -> None:
         if trains.any():
@@ -158,32 +169,10 @@ class Recurrent(Learner):
                 self._losses = self.q.update(batch, self._torch.from_numpy(trains))
 
     def metrics(self) -> dict[str, float]:
-        """Epsilon, the loss of the last minibatch, and what the last views are worth."""
-        told = {"epsilon": float(self.epsilon.mean())}
+        """Epsilon, the loss of the last minibatch, and the values of what was seen last."""
+        metrics = {"epsilon": float(self.epsilon.mean())}
         if self._losses is not None:
-            told["loss"] = float(self._losses.mean())
+            metrics["loss"] = float(self._losses.mean())
         if self._values is not None:
-            told["max_q"] = float(self._values.amax(dim=1).mean())
-        return told
-
-    def state_dict(self) -> dict[str, Any]:
-        """Networks, memories of both kinds, randomness and epsilon."""
-        return {
-            "q": self.q.state_dict(),
-            "memory": self._memory.copy(),
-            "perception": self._perception.state_dict(),
-            "replay": self._replay.state_dict(),
-            "exploration": self._exploration.state_dict(),
-            "batches": self._batches.state_dict(),
-            "epsilon": self.epsilon.copy(),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        self.q.load_state_dict(state["q"])
-        self._memory = state["memory"].copy()
-        self._perception.load_state_dict(state["perception"])
-        self._replay.load_state_dict(state["replay"])
-        self._exploration.load_state_dict(state["exploration"])
-        self._batches.load_state_dict(state["batches"])
-        self.epsilon = state["epsilon"].copy()
+            metrics["max_q"] = float(self._values.amax(dim=1).mean())
+        return metrics

@@ -1,13 +1,13 @@
-"""A learner that has learned to find out: RL² (Duan et al., 2016; Wang et al., 2016).
+"""RL²: a learner that was trained to find out (Duan et al., 2016; Wang et al., 2016).
 
 Its network was trained by policy gradient in rooms of many schemas, in layouts other than those
 that are tested (:mod:`learners.meta.training`). Now its weights are frozen, and it finds out how a
-room works with its memory alone, which is carried from attempt to attempt, and also from trial to
-trial unless it is reset. What it perceives is what the recurrent Q-learner perceives: the room, the
-console, its own last action and what came of it.
+room works in its hidden state alone, which is carried from attempt to attempt, and also from trial
+to trial unless it is reset. It perceives what the recurrent Q-learner perceives: the room, the
+console, its own last action and what that led to.
 
-It can also go on learning while it plays: then every subject has a network of its own, which
-begins with the trained weights and follows the same policy gradient, on the experiment's reward.
+It can also go on learning while it plays: then every subject has a network of its own, which begins
+with the trained weights and follows the same policy gradient, on the experiment's reward.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -24,14 +24,16 @@ from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.errors import LearnerError
 from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams
+from learners.ddqn import Count, Share
+from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
 from learners.networks.perception import Perception
 
 if TYPE_CHECKING:
-    from learners.networks.actor_critic import Floats, Rollout
+    from learners.networks.ppo import PPO, Floats, Rollout
 
-Share = Annotated[float, Field(ge=0, le=1)]
-Count = Annotated[int, Field(ge=1)]
+RENAMED = {"log_chance": "log_prob", "over": "done", "counts": "mask"}
+"""Names of the parts of a step in checkpoints of version 0.2, and now."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +64,20 @@ class RL2Parameters:
     threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
 
 
-class RL2(Learner):
+class RL2(Checkpointed, Learner):
     """A recurrent policy, meta-trained over many rooms and schemas: it learns in its memory."""
 
     Parameters = RL2Parameters
     parameters: RL2Parameters
+    checkpointed: ClassVar = {
+        "memory": "_hidden_state",
+        "fresh": "_fresh",
+        "perception": "_perception",
+        "streams": "_streams",
+        "trainer": "trainer",
+        "steps": "_steps",
+        "memory_before": "_state_before",
+    }
 
     @classmethod
     def artifact_hash(cls, parameters: RL2Parameters) -> str:
@@ -79,15 +90,15 @@ class RL2(Learner):
                 raise LearnerError(f"{path} is no checkpoint of rl2; name a file of its weights")
             return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         except (OSError, ValueError) as error:
-            said = getattr(error, "strerror", None) or error
-            raise LearnerError(f"the network of rl2 cannot be read: {path}: {said}") from None
+            reason = getattr(error, "strerror", None) or error
+            raise LearnerError(f"the network of rl2 cannot be read: {path}: {reason}") from None
 
     def begin(self, brief: Brief) -> None:
         """Load the network, once for each subject."""
         import torch
 
-        from learners.networks.actor_critic import PolicyGradient, Trainer
         from learners.networks.network_file import BUNDLED, read_network
+        from learners.networks.ppo import PPO, PPOSettings
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
@@ -97,24 +108,24 @@ class RL2(Learner):
         self.network, self.about = read_network(settings.checkpoint or BUNDLED, brief.subjects)
         if self.network.positions not in (None, brief.positions):
             raise LearnerError(
-                f"this network of rl2 knows rooms of {self.network.positions} positions and this "
-                f"one has {brief.positions}; train one of kind levers, which knows them all"
+                f"this network of rl2 is for rooms of {self.network.positions} positions and this "
+                f"one has {brief.positions}; train one of kind levers, which fits them all"
             )
-        self.trainer: Trainer | None = None
+        self.trainer: PPO | None = None
         if settings.learns:
-            gradient = PolicyGradient(
+            ppo = PPOSettings(
                 learning_rate=settings.learning_rate,
                 gamma=settings.gamma,
-                decay=settings.decay,
+                gae_lambda=settings.decay,
                 clip=settings.clip,
                 epochs=settings.epochs,
                 minibatches=1,
             )
-            self.trainer = Trainer(self.network, gradient)
+            self.trainer = PPO(self.network, ppo)
         self._perception = Perception(brief)
         self._streams = Streams(brief.generators)
         size = self.network.state_size(brief.positions)
-        self._memory = np.zeros((brief.subjects, size), dtype=np.float32)
+        self._hidden_state = np.zeros((brief.subjects, size), dtype=np.float32)
         self._fresh = np.zeros(brief.subjects, dtype=bool)
         self._logits: Floats = np.zeros((brief.subjects, brief.actions), dtype=np.float32)
         self._values: Floats = np.zeros(brief.subjects, dtype=np.float32)
@@ -122,41 +133,37 @@ class RL2(Learner):
 
     def _begin_rollout(self) -> None:
         self._steps: list[dict[str, Any]] = []
-        self._memory_before = self._memory.copy()
+        self._state_before = self._hidden_state.copy()
 
-    def _think(self, view: View) -> tuple[Any, Any, Any]:
-        """``[B, A]`` logits, ``[B]`` values and ``[B, S]`` what will be remembered."""
+    def _evaluate(self, view: View) -> tuple[Any, Any, Any]:
+        """``[B, A]`` logits, ``[B]`` values and ``[B, S]`` the next hidden state."""
         self._inputs = self._perception.inputs(view)
         from_numpy = self._torch.from_numpy
         with self._torch.no_grad():
-            logits, values, memory = self.network(
+            logits, values, state = self.network(
                 from_numpy(self._inputs)[:, None, None],
-                from_numpy(self._memory)[:, None],
+                from_numpy(self._hidden_state)[:, None],
                 from_numpy(self._fresh)[:, None, None],
             )
-        return (
-            logits.reshape(self.brief.subjects, -1).numpy(),
-            values.reshape(self.brief.subjects).numpy(),
-            memory.reshape(self.brief.subjects, -1).numpy(),
-        )
+        return logits[:, 0, 0].numpy(), values[:, 0, 0].numpy(), state[:, 0].numpy()
 
     def act(self, view: View) -> IntArray:
-        """``[B]`` what the policy says; what is perceived is remembered once it is acted on."""
-        from learners.networks.actor_critic import chosen
+        """``[B]`` actions of the policy; :meth:`learn` then keeps the next hidden state."""
+        from learners.networks.ppo import sample_actions
 
-        self._logits, self._values, self._memory_after = self._think(view)
+        self._logits, self._values, self._next_hidden_state = self._evaluate(view)
         uniform = self._streams.uniform()
         if self.parameters.greedy:
             likeliest: IntArray = self._logits.argmax(axis=1)
             return likeliest
-        return chosen(self._logits, uniform)
+        return sample_actions(self._logits, uniform)
 
     def learn(self, step: Step) -> None:
-        """Remember, and forget at the end of what the memory lasts for."""
+        """Keep the hidden state, or reset it; update the weights if they change and it is time."""
         playing = step.view.playing
         if self.trainer is not None:
-            self._steps.append(self._happened(step))
-        self._memory = np.where(playing[:, None], self._memory_after, self._memory)
+            self._steps.append(self._rollout_step(step))
+        self._hidden_state = np.where(playing[:, None], self._next_hidden_state, self._hidden_state)
         self._perception.note(step)
         self._fresh = step.trial_over & playing & (self.parameters.reset == "trial")
         self._perception.forget(self._fresh)
@@ -165,63 +172,45 @@ class RL2(Learner):
                 self.trainer.update(self._rollout(step.next), self.parameters.entropy_weight)
             self._begin_rollout()
 
-    def _happened(self, step: Step) -> dict[str, Any]:
-        from learners.networks.actor_critic import log_chance
+    def _rollout_step(self, step: Step) -> dict[str, Any]:
+        from learners.networks.ppo import log_prob
 
         action = np.where(step.view.playing, step.action, 0)
         return {
             "inputs": self._inputs,
             "fresh": self._fresh,
             "action": action,
-            "log_chance": log_chance(self._logits, action),
+            "log_prob": log_prob(self._logits, action),
             "value": self._values,
             "reward": (step.reward / self.parameters.reward_scale).astype(np.float32),
-            "over": step.trial_over.copy(),
-            "counts": step.view.playing.copy(),
+            "done": step.trial_over.copy(),
+            "mask": step.view.playing.copy(),
         }
 
     def _rollout(self, after: View) -> Rollout:
         """The steps since the last update, ``[B, T, 1]``."""
-        from learners.networks.actor_critic import Rollout
+        from learners.networks.ppo import Rollout
 
         from_numpy = self._torch.from_numpy
         stacked = {
             name: from_numpy(np.stack([step[name] for step in self._steps], axis=1)).unsqueeze(2)
             for name in self._steps[0]
         }
-        _, values, _ = self._think(after)
-        state = from_numpy(self._memory_before)[:, None]
+        _, values, _ = self._evaluate(after)
+        state = from_numpy(self._state_before)[:, None]
         return Rollout(**stacked, state=state, bootstrap=from_numpy(values)[:, None])
 
     def metrics(self) -> dict[str, float]:
-        """How undecided the policy is, in nats, and what it expects still to earn."""
-        chances = np.exp(self._logits - self._logits.max(axis=1, keepdims=True))
-        chances /= chances.sum(axis=1, keepdims=True)
-        entropy = -(chances * np.log(chances + 1e-12)).sum(axis=1)
+        """Entropy of the policy, in nats, and the mean of its values."""
+        probs = np.exp(self._logits - self._logits.max(axis=1, keepdims=True))
+        probs /= probs.sum(axis=1, keepdims=True)
+        entropy = -(probs * np.log(probs + 1e-12)).sum(axis=1)
         return {"entropy": float(entropy.mean()), "value": float(self._values.mean())}
-
-    def state_dict(self) -> dict[str, Any]:
-        """Memory and randomness; networks and the steps since the last update if it learns."""
-        import copy
-
-        return {
-            "memory": self._memory.copy(),
-            "fresh": self._fresh.copy(),
-            "perception": self._perception.state_dict(),
-            "streams": self._streams.state_dict(),
-            "trainer": copy.deepcopy(self.trainer.state_dict()) if self.trainer else None,
-            "steps": list(self._steps),
-            "memory_before": self._memory_before.copy(),
-        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        import copy
-
-        self._memory, self._fresh = state["memory"].copy(), state["fresh"].copy()
-        self._perception.load_state_dict(state["perception"])
-        self._streams.load_state_dict(state["streams"])
-        if self.trainer is not None:
-            self.trainer.load_state_dict(copy.deepcopy(state["trainer"]))
-        self._steps = list(state["steps"])
-        self._memory_before = state["memory_before"].copy()
+        steps = [
+            {RENAMED.get(name, name): part for name, part in step.items()}
+            for step in state["steps"]
+        ]
+        super().load_state_dict({**state, "steps": steps})

@@ -1,16 +1,17 @@
 """Any algorithm of Stable-Baselines3 as a learner: PPO, A2C, DQN, RecurrentPPO of sb3-contrib.
 
 Stable-Baselines3 drives its environment itself, and a session drives its learners. Here each
-subject has a model of its own, whose ``learn`` runs in a thread of its own and sees an environment
-that hands its actions to the session and waits for what came of them. One thread runs at a time, so
-that everything happens in the same order each time, and nothing of the library is done in another
-way than it does it: the same seed and the same room give the same actions as without us.
+subject has a model of its own, whose ``learn`` runs in a thread of its own, on an environment that
+passes its actions to the session and waits for their outcome. One thread runs at a time, so that
+everything happens in the same order each time, and the library works as it always does: the same
+seed and the same room give the same actions as without this learner.
 
-The library draws from the generators that all share, and seeds them. They are exchanged whenever a
-model is asked: each goes on with numbers of its own, and everybody else finds them as they were.
+The library draws from NumPy's, torch's and Python's global generators, and seeds them. They are
+swapped whenever a model runs: each model continues with global generators of its own, and everyone
+else finds them as they were.
 
-A model in the midst of ``learn`` cannot be saved. What is saved is what it was told; from that, a
-new one is brought to the same point.
+A model in the midst of ``learn`` cannot be saved. Everything that it was given is saved, and a new
+model is brought to the same point with it.
 """
 
 from __future__ import annotations
@@ -33,10 +34,11 @@ from causal_openlock.contract.probes import GlobalRandomness
 from causal_openlock.errors import LearnerError
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import IntArray
+from learners.ddqn import Count
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")
 OURS = ("policy", "env", "seed", "_init_setup_model")
-"""What a model is given by the learner, and no setting can say."""
+"""Arguments of a model that the learner sets, so that ``settings`` cannot."""
 
 
 @dataclass(frozen=True)
@@ -56,22 +58,19 @@ class StableBaselinesParameters:
         Literal["attempt", "trial"], "what an episode is: nothing that follows it is valued"
     ] = "attempt"
     total_actions: Annotated[
-        int | None,
+        Count | None,
         "of a whole run, for schedules (exploration of DQN); null takes the most that the protocol "
         "allows",
     ] = None
-    threads: Annotated[int, "of torch; more than one gains nothing at this size"] = 1
+    threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
 
     def __post_init__(self) -> None:
         for name in OURS:
             if name in self.settings:
                 raise ValueError(f"settings cannot hold {name!r}, which the learner itself sets")
-        for name in ("total_actions", "threads"):
-            if (getattr(self, name) or 1) < 1:
-                raise ValueError(f"{name} must be at least 1")
 
 
-class Told(NamedTuple):
+class Feedback(NamedTuple):
     """What one action led to, for one subject."""
 
     outcome: NDArray[np.int8]
@@ -82,110 +81,105 @@ class Told(NamedTuple):
 
 
 class _Ended(BaseException):
-    """Nobody asks any more: ends a model's ``learn``."""
+    """No more actions are needed: ends a model's ``learn``."""
 
 
-class _Room(gymnasium.Env[NDArray[np.int8], np.int64]):
-    """What a model takes for its environment."""
+class _Environment(gymnasium.Env[NDArray[np.int8], np.int64]):
+    """The environment of a model."""
 
     def __init__(self, brief: Brief) -> None:
         self.observation_space = spaces.MultiBinary(brief.observation_size)
         self.action_space: spaces.Space[Any] = spaces.Discrete(brief.actions)
-        self.questions: SimpleQueue[Told | None] = SimpleQueue()
-        self.answers: SimpleQueue[int | Exception] = SimpleQueue()
+        self.feedback: SimpleQueue[Feedback | None] = SimpleQueue()
+        self.actions: SimpleQueue[int | Exception] = SimpleQueue()
         self._observation = np.zeros(brief.observation_size, dtype=np.int8)
 
-    def wait(self) -> Told:
-        """Wait for what comes next."""
-        told = self.questions.get()
-        if told is None:
+    def wait(self) -> Feedback:
+        """Wait for feedback."""
+        feedback = self.feedback.get()
+        if feedback is None:
             raise _Ended
-        self._observation = told.next
-        return told
+        self._observation = feedback.next
+        return feedback
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.int8], dict[str, Any]]:
-        """The room as it stands: the session has put it back."""
+        """The observation now: the session resets the room itself."""
         super().reset(seed=seed)
         return self._observation.copy(), {}
 
     def step(self, action: np.int64) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
-        """Answer with an action, and wait for what comes of it."""
-        self.answers.put(int(action))
-        told = self.wait()
-        return told.outcome, told.reward, told.terminated, told.truncated, {}
+        """Pass on an action, and wait for what it led to."""
+        self.actions.put(int(action))
+        outcome, reward, terminated, truncated, _ = self.wait()
+        return outcome, reward, terminated, truncated, {}
 
 
-class _Player:
-    """A model, the thread that it learns in, and global generators that only it draws from."""
+class _Model:
+    """A model, the thread that it learns in, and the state of its global generators."""
 
     def __init__(self, kind: Any, policy: str, settings: Mapping[str, Any], brief: Brief) -> None:
-        self._room = _Room(brief)
+        self._environment = _Environment(brief)
         self._thread: threading.Thread | None = None
         outside = GlobalRandomness.now()
         try:
-            self.model = kind(policy, self._room, **settings)
+            self.model = kind(policy, self._environment, **settings)
             if "tensorboard_log" not in settings:  # or it makes a folder for each model
-                self.model.set_logger(_silent())
+                from stable_baselines3.common.logger import Logger
+
+                self.model.set_logger(Logger(folder=None, output_formats=[]))
             self._randomness = GlobalRandomness.now()
         finally:
             outside.restore()
 
-    def answer(self, told: Told, total: int) -> int:
+    def act(self, feedback: Feedback, total: int) -> int:
         """The model's next action, after all that it does before it chooses."""
         outside = GlobalRandomness.now()
         self._randomness.restore()
         try:
-            self._room.questions.put(told)
+            self._environment.feedback.put(feedback)
             if self._thread is None:
-                arguments = (self.model, self._room, total)
+                arguments = (self.model, self._environment, total)
                 self._thread = threading.Thread(target=_run, args=arguments, daemon=True)
                 self._thread.start()
-            answer = self._room.answers.get()
+            action = self._environment.actions.get()
         finally:
             self._randomness = GlobalRandomness.now()
             outside.restore()
-        if isinstance(answer, Exception):
+        if isinstance(action, Exception):
             raise LearnerError(
                 f"{type(self.model).__name__} of Stable-Baselines3 failed while it learned "
-                f"({type(answer).__name__}: {answer}); look at its settings"
-            ) from answer
-        return answer
+                f"({type(action).__name__}: {action}); look at its settings"
+            ) from action
+        return action
 
     def end(self) -> None:
         """Let the thread end, before the interpreter might end around it."""
-        self._room.questions.put(None)
+        self._environment.feedback.put(None)
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
 
 
-def _silent() -> Any:
-    """A logger of the library that writes nothing."""
-    from stable_baselines3.common.logger import Logger
-
-    return Logger(folder=None, output_formats=[])
-
-
-def _run(model: Any, room: _Room, total: int) -> None:
-    """Learn, and when that is over go on playing by what was learned, until nobody asks."""
+def _run(model: Any, environment: _Environment, total: int) -> None:
+    """Learn, then go on playing with what was learned, until no more actions are needed."""
     try:
-        room.wait()
+        environment.wait()
         model.learn(total_timesteps=total)
         memory, fresh = None, np.ones(1, dtype=bool)
         while True:
-            action, memory = model.predict(room.reset()[0][None], memory, fresh)
-            _, _, terminated, truncated, _ = room.step(action[0])
+            action, memory = model.predict(environment.reset()[0][None], memory, fresh)
+            _, _, terminated, truncated, _ = environment.step(action[0])
             fresh = np.array([terminated or truncated])
     except _Ended:
         pass
-    except Exception as error:  # whatever it is, who waits for an answer has to know
-        room.answers.put(error)
+    except Exception as error:  # whatever it is, the session waits for an action
+        environment.actions.put(error)
 
 
-def _end(players: list[_Player]) -> None:
-    for player in players:
-        player.end()
+def _end(models: list[_Model]) -> None:
+    for model in models:
+        model.end()
 
 
 def find_algorithm(name: str) -> Any:
@@ -194,11 +188,11 @@ def find_algorithm(name: str) -> Any:
     Raises:
         LearnerError: If the libraries are not installed or have no such class.
     """
+    known: dict[str, Any] = {}
     missing = []
-    places = []
     for library in LIBRARIES:
         try:
-            places.append(import_module(library))
+            known |= vars(import_module(library))
         except ImportError:
             missing.append(library)
     if LIBRARIES[0] in missing:
@@ -206,12 +200,7 @@ def find_algorithm(name: str) -> Any:
             "the learner sb3 needs Stable-Baselines3, which is not installed; install it with "
             "pip install 'causal-openlock[sb3]'"
         )
-    known = {
-        key: value
-        for place in places
-        for key, value in vars(place).items()
-        if isinstance(value, type) and hasattr(value, "policy_aliases")
-    }
+    known = {key: value for key, value in known.items() if hasattr(value, "policy_aliases")}
     if name not in known:
         also = "; more come with pip install 'causal-openlock[sb3]'" if missing else ""
         raise LearnerError(f"there is no algorithm {name!r}; {nearest(name, known)}{also}")
@@ -234,48 +223,50 @@ class StableBaselines(Learner):
         most = brief.trials * brief.attempt_limit * brief.action_limit
         self._total = self.parameters.total_actions or most
         self._seeds = [int(generator.integers(2**31 - 1)) for generator in brief.generators]
-        # Of every step so far, what the subjects were told, packed; and what is not passed on yet.
+        # The feedback of every step so far, packed; and by subject, what its model has yet to get.
         self._history: list[tuple[NDArray[Any], ...]] = []
-        self._pending: list[Told | None] = []
+        self._pending: list[Feedback | None] = []
         self._actions: IntArray = np.zeros(brief.subjects, dtype=np.int64)
-        self._make_players(kind)
+        self._make_models(kind)
 
-    def _make_players(self, kind: Any) -> None:
+    def _make_models(self, kind: Any) -> None:
         chosen = self.parameters
         plain = "MlpPolicy" if "MlpPolicy" in kind.policy_aliases else "MlpLstmPolicy"
         policy = chosen.policy or plain
-        self._players: list[_Player] = []
-        # Threads know their players and not the learner, which may be forgotten meanwhile.
-        weakref.finalize(self, _end, self._players)
+        self._models: list[_Model] = []
+        # The models hold no reference to the learner, so that it can be collected and ends them.
+        weakref.finalize(self, _end, self._models)
         for seed in self._seeds:
             settings = {"device": "cpu", "verbose": 0, **chosen.settings, "seed": seed}
             try:
-                player = _Player(kind, policy, settings, self.brief)
+                model = _Model(kind, policy, settings, self.brief)
             except Exception as error:  # the library refuses settings in many ways
                 raise LearnerError(
                     f"{chosen.algorithm} of Stable-Baselines3 refuses its settings: "
                     f"{type(error).__name__}: {error}"
                 ) from error
-            self._players.append(player)
+            self._models.append(model)
 
     def act(self, view: View) -> IntArray:
-        """``[B]`` what each model does next."""
+        """``[B]`` the action of each model."""
         if not self._history:
-            first = view.observation.copy()
-            self._pending = [Told(row, 0.0, False, False, row) for row in first]
-            self._history.append((_packed(first),))
+            self._begin_with(view.observation.copy())
         for subject in np.flatnonzero(view.playing):
-            self._ask(int(subject))
+            self._act(int(subject))
         return self._actions.copy()
 
-    def _ask(self, subject: int) -> None:
-        told = self._pending[subject]
-        if told is not None:
-            self._actions[subject] = self._players[subject].answer(told, self._total)
+    def _begin_with(self, observation: NDArray[np.int8]) -> None:
+        self._pending = [Feedback(row, 0.0, False, False, row) for row in observation]
+        self._history.append((_packed(observation),))
+
+    def _act(self, subject: int) -> None:
+        feedback = self._pending[subject]
+        if feedback is not None:
+            self._actions[subject] = self._models[subject].act(feedback, self._total)
             self._pending[subject] = None
 
     def learn(self, step: Step) -> None:
-        """Keep what happened, until the models are asked again."""
+        """Keep the feedback until the models act again."""
         if self.parameters.episode == "attempt":
             terminated, truncated = step.attempt_over, step.trial_over & False
             outcome = step.outcome
@@ -284,16 +275,18 @@ class StableBaselines(Learner):
             terminated, truncated = step.trial_over & solved, step.trial_over & ~solved
             over = step.trial_over[:, None]
             outcome = np.where(over, step.outcome, step.next.observation)
-        self._tell(
+        self._record(
             outcome, step.next.observation, step.reward, terminated, truncated, step.view.playing
         )
 
-    def _tell(self, *told: NDArray[Any]) -> None:
-        outcome, following, reward, terminated, truncated, playing = (part.copy() for part in told)
+    def _record(self, *feedback: NDArray[Any]) -> None:
+        outcome, following, reward, terminated, truncated, playing = (
+            part.copy() for part in feedback
+        )
         packed = _packed(outcome), _packed(following), reward, terminated, truncated, playing
         self._history.append(packed)
         for subject in np.flatnonzero(playing):
-            self._pending[subject] = Told(
+            self._pending[subject] = Feedback(
                 outcome[subject],
                 float(reward[subject]),
                 bool(terminated[subject]),
@@ -302,28 +295,26 @@ class StableBaselines(Learner):
             )
 
     def state_dict(self) -> dict[str, Any]:
-        """The models' seeds and all that they were told."""
-        asked = [told is None for told in self._pending]
+        """The models' seeds and all feedback that they were given."""
+        asked = [feedback is None for feedback in self._pending]
         return {"seeds": list(self._seeds), "history": list(self._history), "asked": asked}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Bring new models to where the old ones were, which takes as long as it did then."""
-        _end(self._players)
+        """Bring new models to the same point, which takes as long as it did then."""
+        _end(self._models)
         self._seeds, self._history = list(state["seeds"]), []
-        self._make_players(find_algorithm(self.parameters.algorithm))
+        self._make_models(find_algorithm(self.parameters.algorithm))
         if not state["history"]:
             return
         first, *later = state["history"]
-        observation = self._unpacked(first[0])
-        self._history.append((first[0].copy(),))
-        self._pending = [Told(row, 0.0, False, False, row) for row in observation]
+        self._begin_with(self._unpacked(first[0]))
         for outcome, following, *rest in later:
             for subject in np.flatnonzero(rest[-1]):
-                self._ask(int(subject))
-            self._tell(self._unpacked(outcome), self._unpacked(following), *rest)
+                self._act(int(subject))
+            self._record(self._unpacked(outcome), self._unpacked(following), *rest)
         for number, asked in enumerate(state["asked"]):
             if asked:
-                self._ask(number)
+                self._act(number)
 
     def _unpacked(self, bits: NDArray[np.uint8]) -> NDArray[np.int8]:
         whole = np.unpackbits(bits, axis=1, count=self.brief.observation_size)

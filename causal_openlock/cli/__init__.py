@@ -1,6 +1,6 @@
 """The command line: ``causal-openlock``.
 
-Each command is a few lines over the library. What a user can get wrong is said in one sentence, on
+Each command is one file, a few lines over the library. A mistake of the user is one sentence on
 standard error, with exit status 2; everything heavy is loaded only by the command that needs it.
 """
 
@@ -11,7 +11,19 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli import comparison, data, film, fit, learners, play, schemas, trace
+from causal_openlock.cli import (
+    bundle,
+    compare,
+    export,
+    film,
+    fit,
+    learners,
+    play,
+    report,
+    room,
+    schema,
+    trace,
+)
 from causal_openlock.cli.encoding import write_anything
 
 app = typer.Typer(
@@ -22,17 +34,17 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.add_typer(schemas.app, name="schema")
-app.command("learners")(learners.show)
-app.command("compare")(comparison.compare)
-app.command("report")(comparison.report)
-app.command("export")(data.export)
-app.command("bundle")(data.bundle)
-app.command("fit")(fit.fit)
-app.command("trace")(trace.trace)
-app.command("film")(film.film)
-app.command("room")(film.room)
-app.command("play")(play.play)
+app.add_typer(schema.app, name="schema")
+app.command()(learners.learners)
+app.command()(compare.compare)
+app.command()(report.report)
+app.command()(export.export)
+app.command()(bundle.bundle)
+app.command()(fit.fit)
+app.command()(trace.trace)
+app.command()(film.film)
+app.command()(room.room)
+app.command()(play.play)
 
 
 def _version(wanted: bool) -> None:

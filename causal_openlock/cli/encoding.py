@@ -1,7 +1,7 @@
-"""Output that cannot encode a character: a plainer one is written in its place.
+"""Characters that the output cannot encode are replaced by plainer ones.
 
-What is printed has dashes and arrows in it, and labels and paths have whatever their authors like.
-Where the system's encoding is ASCII (``LANG=C``, a batch system's log), that is no reason to end.
+Messages have dashes and arrows in them, and labels and paths any characters. Where the system's
+encoding is ASCII (``LANG=C``, a batch system's log), printing them must not fail.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def _plainer(error: UnicodeError) -> tuple[str, int]:
 
 
 def write_anything() -> None:
-    """Have standard output and standard error write what they cannot encode in plainer signs."""
+    """Make standard output and standard error replace what they cannot encode."""
     codecs.register_error("causal_openlock.plainer", _plainer)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -1,4 +1,4 @@
-"""``causal-openlock film`` and ``room``: a learner's trial as a film, a room as a figure."""
+"""``causal-openlock film``: a learner's trial as a film."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli.one_trial import (
+from causal_openlock.cli.one_trial import one_trial
+from causal_openlock.cli.options import (
     ConditionName,
     ExperimentName,
+    PictureSize,
     ProtocolName,
     Seed,
-    Subject,
-    one_trial,
+    SubjectNumber,
 )
-
-Size = Annotated[int, typer.Option(min=120, max=2160, help="Height in pixels.")]
 
 
 def film(
     condition: ConditionName,
-    learner: Annotated[str, typer.Option("--learner", "-l", help="Who plays.")] = "bayes",
+    learner: Annotated[
+        str, typer.Option("--learner", "-l", help="The learner that plays.")
+    ] = "bayes",
     trial: Annotated[
         int, typer.Option(min=1, help="The trial to show, counted over the whole condition.")
     ] = 1,
-    subject: Subject = 0,
+    subject: SubjectNumber = 0,
     seed: Seed = None,
     protocol: ProtocolName = None,
     experiment: ExperimentName = "default",
@@ -36,7 +37,7 @@ def film(
         ),
     ] = None,
     attempts: Annotated[int, typer.Option(min=1, help="Attempts to show at most.")] = 10,
-    size: Size = 480,
+    size: PictureSize = 480,
     fps: Annotated[int, typer.Option(min=1, max=50, help="Frames per second.")] = 25,
     speed: Annotated[
         float, typer.Option(min=0.1, max=20.0, help="How many times faster than usual.")
@@ -82,54 +83,3 @@ def film(
     many = counted(len(played.schema.solutions), "solution")
     found = f"{played.found} of {many} found in the trial"
     say(f"{path} written{what}{cut * (shown < len(played.attempts))}; {found}")
-
-
-def room(
-    schema: Annotated[str, typer.Argument(help="Name of a schema, or path of a file.")],
-    layout: Annotated[
-        str | None, typer.Option(help="Where its levers stand, such as trial7.")
-    ] = None,
-    after: Annotated[
-        list[str] | None,
-        typer.Option("--after", "-a", help="Do this first, such as push_UPPER; one or more times."),
-    ] = None,
-    part: Annotated[
-        float,
-        typer.Option(min=0.0, max=1.0, help="How much of the last movement is done."),
-    ] = 1.0,
-    size: Size = 600,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Picture to write (SVG or PNG).")
-    ] = None,
-) -> None:
-    """Draw a room as in the paper's Figure 2: at first, or after or amid some actions."""
-    from causal_openlock.cli.terminal import say
-    from causal_openlock.errors import LayoutError
-    from causal_openlock.formats.schema_file import find_schema
-    from causal_openlock.render.film import save_still
-    from causal_openlock.render.stills import look_after
-    from causal_openlock.wording import nearest
-    from causal_openlock.world.room import (
-        Layout,
-        Room,
-        action_names,
-        positions_for,
-        published_layouts,
-    )
-
-    found = find_schema(schema)
-    published = published_layouts(found)
-    if layout is None:
-        places = Layout(tuple(range(len(found.levers))), positions_for(found))
-        chosen = Room.of(found, published[0] if published else places)
-    else:
-        chosen = Room.of(found, layout)
-    names = action_names(chosen.positions)
-    for name in after or []:
-        if name not in names:
-            raise LayoutError(f"there is no action {name!r}; {nearest(name, names)}")
-    path = out or Path(f"room_{found.name}.svg")
-    actions = [names.index(name) for name in after or []]
-    title = ", ".join([f"{found.name} in {chosen.layout.name}", *(after or [])])
-    save_still(look_after(chosen, actions, part), path, size, title=title)
-    say(f"{path} written")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from causal_openlock.cli.options import Workers
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -47,15 +49,13 @@ def fit(
     seed: Annotated[
         int, typer.Option(min=0, max=2**62, help="Seed of the search and of all play.")
     ] = 2018,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; default: one for each core.")
-    ] = None,
+    workers: Workers = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder; by default results/fit-LEARNER.")
     ] = None,
 ) -> None:
     """Search a learner's parameters for the best likeness to people; goes on where it was."""
-    from causal_openlock.cli.stopping import goes_on
+    from causal_openlock.cli.stopping import resumable
     from causal_openlock.cli.terminal import Console
     from causal_openlock.contract.registry import learner_class
     from causal_openlock.errors import LearnerError
@@ -66,7 +66,7 @@ def fit(
     from causal_openlock.fitting.study import Plan, require_optuna
 
     require_optuna()
-    learner_class(learner)  # says at once if there is none
+    learner_class(learner)  # fails at once if there is none
     folder = out or Path("results") / f"fit-{learner.replace(':', '.')}"
     _check_folder(folder)
     known = read_search(space) if space else bundled_search(learner)
@@ -75,20 +75,20 @@ def fit(
     if known is None and not search:
         raise LearnerError(_nothing_searched(learner))
     chosen = changed(known, learner, search or (), fix or ())
-    conditions_to_fit(hold_out)  # says at once if there is no such way
+    conditions_to_fit(hold_out)  # fails at once if there is no such way
     plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed)
     console = Console()
-    with goes_on():
+    with resumable():
         fitted, trials = _fit(plan, folder, workers or available_cores(), console)
     found = fitted_learner(fitted, trials)
     files = write_fitted_learner(fitted, found, folder)
-    _print(fitted, found, console)
+    print_fit(fitted, found, console)
     console.print(f"\nto play it: causal-openlock compare {files[0]}", soft_wrap=True)
-    console.print(f"figure: {folder / 'fit.svg'}", soft_wrap=True, highlight=False)
+    console.print_line(f"figure: {folder / 'fit.svg'}")
 
 
 def _check_folder(folder: Path) -> None:
-    """Refuse, before anything is played, a place that holds something else."""
+    """Refuse a folder that holds something else, before anything is played."""
     from causal_openlock.errors import StoreError
     from causal_openlock.files.whole import PARTIAL
     from causal_openlock.fitting.study import FILE
@@ -107,7 +107,7 @@ def _check_folder(folder: Path) -> None:
 
 
 def _nothing_searched(learner: str) -> str:
-    """What to do about a learner that comes with no search space, with an example of its own."""
+    """A message on a learner without a search space, with an example for it."""
     from causal_openlock.contract.registry import parameter_table
 
     numbers = {
@@ -151,26 +151,19 @@ def _fit(plan: Plan, folder: Path, workers: int, console: Console) -> tuple[Fit,
         return run(plan, folder, workers=workers, report=report)
 
 
-def _print(fitted: Fit, found: FittedLearner, console: Console) -> None:
+def print_fit(fitted: Fit, found: FittedLearner, console: Console) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
-    from rich.table import Table
-
     from causal_openlock.analysis.plots.points import CLEAR, signs
+    from causal_openlock.cli.terminal import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.outcome import entry
-
-    def table(*columns: str) -> Table:
-        shown = Table(box=None, padding=(0, 2, 0, 0))
-        for name in columns:
-            shown.add_column(name, justify="left" if name == columns[0] else "right", no_wrap=True)
-        return shown
 
     plan = fitted.plan
     console.print(
         "\n[bold]The nearest candidates[/bold], RMSE in attempts on what is fitted", markup=True
     )
     names = list(plan.space.ranges)
-    nearest = table("number", *names, "RMSE", "again")
+    nearest = plain_table("number", *names, "RMSE", "again")
     for row in fitted.table().head(plan.finalists).to_dict("records"):
         again = f"{row['again']:.2f}" if row["again"] == row["again"] else ""
         values = [f"{row[name]:.4g}" for name in names]
@@ -182,7 +175,7 @@ def _print(fitted: Fit, found: FittedLearner, console: Console) -> None:
         "a seed that nothing was chosen by",
         markup=True,
     )
-    apart = table("", "fitted", "held out", "all 14 points")
+    apart = plain_table("", "fitted", "held out", "all 14 points")
     for name, one in ((found.label, found.score), ("published model", found.model)):
         numbers = [one.fitted, one.held_out, one.all]
         apart.add_row(name, *(f"{n:.2f}" if n == n else "" for n in numbers))
@@ -195,7 +188,7 @@ def _print(fitted: Fit, found: FittedLearner, console: Console) -> None:
         )
 
     console.print("\n[bold]What people show[/bold], differences in attempts", markup=True)
-    effects = table("", "difference", "t", "p", "people's sign", "p < .05")
+    effects = plain_table("", "difference", "t", "p", "people's sign", "p < .05")
     for row in found.effects.to_dict("records"):
         sign = "yes" if row["like_people"] else "no"
         clear = "yes" if row["like_people"] and row["p"] < CLEAR else "no"

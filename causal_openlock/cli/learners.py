@@ -1,4 +1,4 @@
-"""``causal-openlock learners``: what can play, and with which parameters."""
+"""``causal-openlock learners``: the installed learners and their parameters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 
-def show(
+def learners(
     name: Annotated[str | None, typer.Argument(help="Show the parameters of this learner.")] = None,
 ) -> None:
     """List the installed learners, or the parameters of one."""

@@ -1,29 +1,12 @@
-"""What ``trace`` and ``film`` have in common: one subject of one learner, up to one trial."""
+"""The trial that ``trace`` and ``film`` show: one subject of one learner plays up to it."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from causal_openlock.contract.learner import Learner
     from causal_openlock.experiment.protocol import Condition, Protocol
-
-ConditionName = Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4, my.yaml, ...")]
-Subject = Annotated[int, typer.Option(min=0, help="Number of the subject.")]
-Seed = Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Seed of all randomness.")]
-ProtocolName = Annotated[
-    str | None, typer.Option(help="human, rl, or one that the experiment declares.")
-]
-ExperimentName = Annotated[
-    str,
-    typer.Option(
-        "--experiment",
-        "-e",
-        help="An experiment to take part in: its seed, its protocols, its learners by name.",
-    ),
-]
 
 
 def one_trial(
@@ -35,7 +18,7 @@ def one_trial(
     protocol: str | None,
     experiment: str,
 ) -> tuple[tuple[Learner, Condition, Protocol], dict[str, Any]]:
-    """The arguments, in order and by name, of whatever lets a subject play up to a trial."""
+    """The arguments of a function that plays up to a trial: positional ones, and named ones."""
     from functools import partial
 
     from causal_openlock.cli.terminal import say

@@ -17,7 +17,7 @@ def play(
         typer.Option(
             "--condition",
             "-c",
-            help="CC4, CC3-CC4, my.yaml, ...; given several times, people are dealt among them.",
+            help="CC4, CC3-CC4, my.yaml, ...; of several, each person plays one.",
         ),
     ] = None,
     protocol: Annotated[str, typer.Option(help="human or rl: the budgets.")] = "human",
@@ -25,7 +25,7 @@ def play(
         "results/people"
     ),
     host: Annotated[
-        str, typer.Option(help="Address to listen on; by default only this machine gets in.")
+        str, typer.Option(help="Address to listen on; by default only this machine can connect.")
     ] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any that is free.")
@@ -45,7 +45,7 @@ def play(
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
     ] = True,
 ) -> None:
-    """Let people play, in a browser; a folder that people have played in is gone on with."""
+    """Let people play, in a browser; people in a folder that exists go on where they were."""
     import shlex
 
     from causal_openlock.experiment.protocol import Condition, find_protocol
@@ -83,9 +83,6 @@ def _serve(server: PlayServer, browser: bool) -> None:
 
     console = Console()
 
-    def say(sentence: str) -> None:
-        console.print(sentence, soft_wrap=True, highlight=False)
-
     def joined() -> str:
         return counted(server.people.number, "person has", "people have")
 
@@ -93,16 +90,16 @@ def _serve(server: PlayServer, browser: bool) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, stop)
-    sys.setswitchinterval(0.001)  # a click shall not wait for a record that is being written
+    sys.setswitchinterval(0.001)  # so that no click waits for a record that is being written
     folder = server.people.store.folder
-    say(f"play at {server.url}")
+    console.print_line(f"play at {server.url}")
     if server.address:
-        say(f"people reach it at {server.address}, through the proxy")
+        console.print_line(f"people reach it at {server.address}, through the proxy")
     if server.people.number:
-        say(f"{joined()} joined before; they go on where they were")
+        console.print_line(f"{joined()} joined before; they go on where they were")
     if not server.loopback:
-        say("warning: everybody who can reach this machine can play")
-    say(f"what people do is kept in {folder}; stop with Ctrl-C")
+        console.print_line("warning: everybody who can reach this machine can play")
+    console.print_line(f"what people do is kept in {folder}; stop with Ctrl-C")
     try:
         if browser:
             webbrowser.open(server.url)
@@ -111,4 +108,4 @@ def _serve(server: PlayServer, browser: bool) -> None:
         pass
     finally:
         server.finish()
-    say(f"{joined()} joined; causal-openlock report {folder}")
+    console.print_line(f"{joined()} joined; causal-openlock report {folder}")

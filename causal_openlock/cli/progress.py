@@ -1,11 +1,10 @@
-"""How far a comparison is: a bar on a terminal, and lines where the output is kept in a file."""
+"""Progress of a comparison: a bar on a terminal, and lines where the output is a file."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import TYPE_CHECKING
 
 from causal_openlock.files.plain_text import printable
@@ -15,26 +14,21 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.standing import Playing, Standing
 
 Show = Callable[["Standing"], None]
-"""Called again and again with how far everything is."""
+"""Called repeatedly with the progress of all cells."""
 
 LINE_EVERY = 25.0
-"""Seconds between two lines, give or take one: at least a line every 30 seconds."""
+"""Seconds between two lines."""
 STILL = 60.0
-"""Seconds without a step after which a cell is named."""
+"""Seconds without a step after which a cell is reported."""
 MOST_NAMED = 3
-"""Cells that are named in a line."""
+"""Cells that a line names."""
 
 
 @contextmanager
 def shown(name: str, console: Console) -> Iterator[Show]:
-    """Shows how far a comparison is, as suits what is written to.
-
-    Args:
-        name: What it is called.
-        console: Where to write.
-    """
+    """Show the progress of a comparison of this name."""
     if not console.is_terminal:
-        yield Lines(name, partial(console.print, soft_wrap=True, highlight=False, markup=False))
+        yield Lines(name, console.print_line)
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -52,19 +46,19 @@ def shown(name: str, console: Console) -> Iterator[Show]:
         def show(standing: Standing) -> None:
             bar.update(task, completed=standing.share, more=f"{_cells(standing)}{_left(standing)}")
             for line in hanging.news(standing):
-                console.print(line, soft_wrap=True, highlight=False, style="yellow", markup=False)
+                console.print_line(line, "yellow")
 
         yield show
 
 
 class Hanging:
-    """Names cells of which nothing is heard: each after a minute, then after two, four, ..."""
+    """Reports cells that take no step: each after a minute, then after two, four, ..."""
 
     def __init__(self) -> None:
         self._next: dict[str, float] = {}
 
     def news(self, standing: Standing) -> list[str]:
-        """A line for each cell that is to be named now."""
+        """A line for each cell that is due."""
         lines = []
         for one in standing.playing:
             due = self._next.get(one.cell.file_name, STILL)
@@ -77,12 +71,12 @@ class Hanging:
 
 
 class Lines:
-    """Says how far a comparison is in lines of text.
+    """Progress of a comparison in lines of text.
 
     Args:
-        name: What it is called.
+        name: Name of the comparison.
         say: Writes a line.
-        clock: Tells the seconds.
+        clock: Returns the time in seconds.
     """
 
     def __init__(
@@ -95,7 +89,7 @@ class Lines:
         self._begun = clock()
 
     def __call__(self, standing: Standing) -> None:
-        """Say it if it is time to."""
+        """Write a line if it is time to."""
         now = self._clock()
         over = standing.done + standing.failed == standing.cells
         if self._due is None or (over and not self._over) or now >= self._due:
@@ -123,9 +117,9 @@ def _left(standing: Standing) -> str:
 def _playing(those: tuple[Playing, ...]) -> str:
     if not those:
         return ""
-    told = [f"{one.cell.in_words} ({100 * one.share:.0f}%)" for one in those[:MOST_NAMED]]
+    named = [f"{one.cell.in_words} ({100 * one.share:.0f}%)" for one in those[:MOST_NAMED]]
     more = len(those) - MOST_NAMED
-    return "; playing " + "; ".join(told) + (f"; and {more} more" if more > 0 else "")
+    return "; playing " + "; ".join(named) + (f"; and {more} more" if more > 0 else "")
 
 
 def duration(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""Commands that are stopped and go on another time: Ctrl-C, and SIGTERM, which ends like it."""
+"""Commands that can be stopped, by Ctrl-C or SIGTERM, and resumed."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from causal_openlock.errors import Interrupted, Terminated
 
 
 @contextmanager
-def goes_on() -> Iterator[None]:
-    """What is done here can be stopped, and the same command goes on where it was.
+def resumable() -> Iterator[None]:
+    """A block that can be stopped; the same command then resumes it.
 
     Raises:
-        Interrupted: If it is.
+        Interrupted: If it is stopped.
     """
-    # Handlers of signals are for the main thread alone.
+    # Only the main thread can handle signals.
     here = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGTERM, _terminated) if here else None
     try:

@@ -1,9 +1,8 @@
-"""The terminal: the one place where text leaves for it.
+"""Printing: all text that a command prints goes through here.
 
-Labels, titles and what exceptions say may come from anybody. So a console prints text as it is:
-nothing in it is markup (``[bold]``), an emoji's name or an escape sequence. What is to look
-different gets a style, or is a :class:`rich.text.Text` of our own words. :func:`say` and
-:func:`complain` are for whole lines without any look.
+Labels, titles and messages of exceptions may come from anybody. So text is printed as it is:
+nothing in it is markup (``[bold]``), an emoji's name or an escape sequence. A style is given beside
+the text, or with a :class:`rich.text.Text` that the program itself composes.
 """
 
 from __future__ import annotations
@@ -31,6 +30,14 @@ class Console(RichConsole):
         """Text as it is shown, also in tables."""
         return super().render_str(printable(text), **options)
 
+    def print_line(self, text: str, style: str | None = None) -> None:
+        """Print a line, neither wrapped nor highlighted."""
+        self.print(text, style=style, soft_wrap=True, highlight=False)
+
+    def warn(self, sentence: str) -> None:
+        """Print a warning."""
+        self.print_line(f"warning: {sentence}", "yellow")
+
     def print_whole(self, table: Table) -> None:
         """Print a table with all its columns, wider than the terminal if it must be."""
         # A column that is cut off would be lost; a line that wraps is only ugly.
@@ -41,12 +48,25 @@ class Console(RichConsole):
         self.width = usual
 
 
+def plain_table(*heads: str, left: int = 1) -> Table:
+    """An empty table without lines.
+
+    Args:
+        heads: The heads of its columns.
+        left: How many of them, from the first on, are aligned left; the others are aligned right.
+    """
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for number, head in enumerate(heads):
+        table.add_column(head, justify="left" if number < left else "right", no_wrap=True)
+    return table
+
+
 def say(text: object = "", *, error: bool = False, end: str = "\n") -> None:
     """Print text on standard output, or on standard error."""
     print(printable(text), end=end, file=sys.stderr if error else sys.stdout)
 
 
 def complain(message: str) -> None:
-    """Say on standard error what is wrong, line by line."""
+    """Print an error on standard error, line by line."""
     for line in printable(message).split("\n"):
         say(f"error: {line}", error=True)

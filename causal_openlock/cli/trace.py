@@ -1,4 +1,4 @@
-"""``causal-openlock trace``: a trial of belief, in words and as a picture."""
+"""``causal-openlock trace``: the beliefs of a subject in a trial, in words and as a picture."""
 
 from __future__ import annotations
 
@@ -7,29 +7,30 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli.one_trial import (
+from causal_openlock.cli.one_trial import one_trial
+from causal_openlock.cli.options import (
     ConditionName,
     ExperimentName,
     ProtocolName,
     Seed,
-    Subject,
-    one_trial,
+    SubjectNumber,
 )
 
 
 def trace(
     condition: ConditionName,
     learner: Annotated[
-        str, typer.Option("--learner", "-l", help="Who plays; it must hold beliefs, as bayes does.")
+        str,
+        typer.Option("--learner", "-l", help="The learner; it must hold beliefs, as bayes does."),
     ] = "bayes",
     trial: Annotated[
-        int, typer.Option(min=1, help="The trial to tell, counted over the whole condition.")
+        int, typer.Option(min=1, help="The trial, counted over the whole condition.")
     ] = 1,
-    subject: Subject = 0,
+    subject: SubjectNumber = 0,
     seed: Seed = None,
     protocol: ProtocolName = None,
     experiment: ExperimentName = "default",
-    attempts: Annotated[int, typer.Option(min=1, help="Attempts to tell at most.")] = 30,
+    attempts: Annotated[int, typer.Option(min=1, help="Attempts to describe at most.")] = 30,
     actions: Annotated[int, typer.Option(min=1, help="Actions to draw at most.")] = 36,
     out: Annotated[
         Path | None,
@@ -39,7 +40,7 @@ def trace(
         Path | None, typer.Option(help="Write a row for each action to this CSV file, too.")
     ] = None,
 ) -> None:
-    """Tell what a subject did in a trial, what it saw, what it learned and what it believes."""
+    """Describe a trial: what a subject did, saw and learned, and what it believes."""
     from causal_openlock.analysis.plots.belief import check_suffix, save_trace_figure
     from causal_openlock.belief.story import story
     from causal_openlock.belief.trace import trace_trial

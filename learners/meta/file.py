@@ -16,28 +16,26 @@ from causal_openlock.wording import nearest
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import PAPER_POSITIONS
+from learners.ddqn import Count, Share
 from learners.meta.random_schemas import random_schemas
 from learners.meta.rooms import Distribution
-
-Positive = Annotated[int, Field(ge=1)]
-Units = Annotated[int, Field(ge=1, le=1024)]  # as learners.networks.network_file reads them
-Share = Annotated[float, Field(ge=0, le=1)]
+from learners.networks.recurrent_policy import Sizes
 
 
 class RandomSchemas(StrictModel):
-    """Schemas drawn at random: any graph of levers and a door, with gates."""
+    """Random schemas: any acyclic graph of levers and a door, with gates."""
 
-    number: Positive
+    number: Count
     levers: Annotated[list[Annotated[int, Field(ge=2, le=7)]], Field(min_length=1)]
     seed: Annotated[int, Field(ge=0)] = 0
     weight: Annotated[float, Field(gt=0, description="Of all of them together.")] = 1.0
     excluded: Annotated[
-        list[str], Field(description="Schemas that none of them does the same as.")
+        list[str], Field(description="Schemas; none of them behaves as one of these.")
     ] = Field(default_factory=list)
 
 
 class RoomsFile(StrictModel):
-    """What rooms are drawn from."""
+    """The distribution of rooms."""
 
     schemas: Annotated[
         dict[str, Annotated[float, Field(gt=0)]],
@@ -46,30 +44,21 @@ class RoomsFile(StrictModel):
     random_schemas: RandomSchemas | None = None
     excluded_layouts: Annotated[
         Literal["published"] | list[str],
-        Field(description="Where they place their levers, no grey levers ever stand."),
+        Field(description="Layouts; levers never stand at exactly the positions of one."),
     ] = "published"
     placements: Annotated[
-        Positive | None, Field(description="In how many ways levers stand at all; null: in any.")
+        Count | None, Field(description="Number of sets of positions that occur; null: all.")
     ] = None
-    attempt_limit: Positive = 30
+    attempt_limit: Count = 30
     trials: Annotated[
-        list[Positive],
-        Field(min_length=2, max_length=2, description="Fewest and most that a memory lasts for."),
+        list[Count],
+        Field(min_length=2, max_length=2, description="Fewest and most in a life."),
     ] = Field(default_factory=lambda: [1, 7])
     change: Annotated[Share, Field(description="Chance that a trial has another schema.")] = 0.15
     rewards: Annotated[
         list[str],
         Field(min_length=1, description="Reward functions to perceive, one in each life."),
     ]
-
-
-class NetworkFile(StrictModel):
-    """Kind and sizes of the network: :class:`learners.networks.memories.Sizes`."""
-
-    kind: Literal["levers", "flat"] = "levers"
-    lever: Units = 32
-    room: Units = 48
-    reader: Units = 48
 
 
 class TrainingFile(StrictModel):
@@ -80,23 +69,23 @@ class TrainingFile(StrictModel):
     action_cost: Annotated[
         float, Field(ge=0, description="Of every action; a new solution earns 1.")
     ] = 0.02
-    at_once: Annotated[Positive, Field(description="Rooms at a time.")] = 512
-    steps: Annotated[Positive, Field(description="Of each room, in a rollout.")] = 45
-    actions: Annotated[Positive, Field(description="Of all rooms together, in all.")] = 20_000_000
-    network: NetworkFile = Field(default_factory=NetworkFile)
+    at_once: Annotated[Count, Field(description="Rooms at a time.")] = 512
+    steps: Annotated[Count, Field(description="Of each room, in a rollout.")] = 45
+    actions: Annotated[Count, Field(description="Of all rooms together, in all.")] = 20_000_000
+    network: Sizes = Field(default_factory=Sizes)
     learning_rate: Annotated[float, Field(gt=0, description="At first; it falls to a tenth.")] = (
         0.002
     )
     gamma: Share = 0.95
     decay: Share = 0.95
     clip: Annotated[float, Field(gt=0)] = 0.2
-    epochs: Positive = 2
-    minibatches: Positive = 4
+    epochs: Count = 2
+    minibatches: Count = 4
     entropy_start: Annotated[float, Field(ge=0)] = 0.01
     entropy_end: Annotated[float, Field(ge=0)] = 0.001
 
     def distribution(self, beside: Path) -> Distribution:
-        """What rooms are drawn from, with every name resolved."""
+        """The distribution of rooms, with every name resolved."""
         rooms = self.rooms
         weights = {find_schema(name, [beside]): weight for name, weight in rooms.schemas.items()}
         drawn = rooms.random_schemas

@@ -1,19 +1,17 @@
-"""Meta-training of ``rl2``: one memory, trained in very many rooms, in none of which it stays.
+"""Meta-training of ``rl2``: one recurrent network, trained in very many rooms.
 
 RL² (Duan et al., 2016; Wang et al., 2016): a recurrent network is trained by policy gradient over
-many tasks. Its weights come to hold how to find out; what holds in the room at hand, it finds out
-with its memory, while the weights stay as they are. Which rooms it meets is declared in a YAML
-file::
+many tasks. Its weights come to hold how to find out; how the room at hand works, it finds out in
+its hidden state, while the weights stay as they are. A YAML file declares the rooms it meets::
 
     python -m learners.meta.training experiments/meta_training/rl2.yaml --out rl2.npz
 
 A solution that is new in the trial earns 1, and every action costs a little. Unlocking the door
-earns nothing: where it was paid for too, as by the paper's rewards, the network came to unlock it
+earns nothing: where it was rewarded too, as by the paper's rewards, the network came to unlock it
 again and again and to open it at the last moment.
 
-The file that is written holds the weights, the sizes of the network and the file it was trained
-by. Beside it stands another one, with which a training that was interrupted goes on as if it had
-not been: run the same command again.
+The checkpoint holds the weights, the sizes of the network and the YAML file. A second file beside
+it lets a training that was interrupted go on as if it had not been: run the same command again.
 """
 
 from __future__ import annotations
@@ -23,10 +21,11 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from causal_openlock.contract.learner import View
 from causal_openlock.errors import ExperimentError, Interrupted, OpenLockError
@@ -36,17 +35,18 @@ from causal_openlock.formats.schema_file import bundled
 from causal_openlock.world.fsm import BoolArray
 from learners.meta.file import TrainingFile, read_training
 from learners.meta.rooms import MetaRooms
-from learners.networks.actor_critic import PolicyGradient, Rollout, Trainer, chosen, log_chance
+from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
-from learners.networks.memories import Sizes, make_memory
 from learners.networks.network_file import write_network
 from learners.networks.perception import Perception
+from learners.networks.ppo import PPO, Floats, PPOSettings, Rollout, log_prob, sample_actions
+from learners.networks.recurrent_policy import make_policy
 
-TOLD_EVERY = 10.0
-"""Seconds between two lines of progress; what an interrupted training goes on from is saved too."""
+LOG_EVERY = 10.0
+"""Seconds between two lines of progress, and between two checkpoints of the training."""
 
 
-class MetaTraining:
+class MetaTraining(Checkpointed):
     """A meta-training that can be interrupted after any update.
 
     Args:
@@ -54,19 +54,27 @@ class MetaTraining:
         beside: Folder in which schemas are searched first.
     """
 
+    checkpointed: ClassVar = {
+        "trainer": "trainer",
+        "rooms": "rooms",
+        "perception": "perception",
+        "memory": "_hidden_state",
+        "fresh": "_fresh",
+        "updates": "updates",
+        "tally": "tally",
+    }
+
     def __init__(self, file: TrainingFile, beside: Path = Path()) -> None:
         self.file = file
         weights, rooms, policy, order = np.random.default_rng(file.seed).spawn(4)
         self.rooms = MetaRooms(file.distribution(beside), file.at_once, rooms)
-        self.network = make_memory(
-            Sizes(**file.network.model_dump()), self.rooms.brief.positions, [weights]
-        )
-        self.trainer = Trainer(
+        self.network = make_policy(file.network, self.rooms.brief.positions, [weights])
+        self.trainer = PPO(
             self.network,
-            PolicyGradient(
+            PPOSettings(
                 learning_rate=file.learning_rate,
                 gamma=file.gamma,
-                decay=file.decay,
+                gae_lambda=file.decay,
                 clip=file.clip,
                 epochs=file.epochs,
                 minibatches=file.minibatches,
@@ -74,11 +82,11 @@ class MetaTraining:
         )
         self.perception = Perception(self.rooms.brief)
         size = self.network.state_size(self.rooms.brief.positions)
-        self._memory = torch.zeros(1, file.at_once, size)
+        self._hidden_state = torch.zeros(1, file.at_once, size)
         self._fresh = np.zeros(file.at_once, dtype=bool)
         self._policy, self._order = policy, order
         self.updates = 0
-        # Of each schema: trials that ended, how many were solved, their attempts.
+        # By schema: trials that ended, how many of them were solved, their attempts.
         self.tally = np.zeros((3, len(self.rooms.distribution.schemas)))
 
     @property
@@ -88,48 +96,52 @@ class MetaTraining:
 
     @property
     def over(self) -> bool:
-        """Whether all actions that were asked for are taken."""
+        """Whether as many actions are taken as the file asks for."""
         return self.actions >= self.file.actions
 
-    @torch.no_grad()
+    def _evaluate(self, inputs: Floats) -> tuple[Floats, Floats, Tensor]:
+        """``[B, A]`` logits, ``[B]`` values and ``[1, B, S]`` the next hidden state."""
+        fresh = torch.from_numpy(self._fresh)[None, None]
+        with torch.no_grad():
+            logits, values, state = self.network(
+                torch.from_numpy(inputs)[None, None], self._hidden_state, fresh
+            )
+        return logits[0, 0].numpy(), values[0, 0].numpy(), state
+
     def rollout(self) -> Rollout:
         """Play on in all rooms for some steps."""
         file, rooms = self.file, self.rooms
-        state = self._memory
-        kept: list[dict[str, Any]] = []
+        state = self._hidden_state
+        steps: list[dict[str, Any]] = []
         for _ in range(file.steps):
-            view, fresh = rooms.view, self._fresh
+            view = rooms.view
             inputs = self.perception.inputs(view)
-            seen = torch.from_numpy(inputs)[None, None]
-            logits, value, self._memory = self.network(
-                seen, self._memory, torch.from_numpy(fresh)[None, None]
-            )
-            action = chosen(logits[0, 0].numpy(), self._policy.random(file.at_once))
+            logits, value, self._hidden_state = self._evaluate(inputs)
+            action = sample_actions(logits, self._policy.random(file.at_once))
             step = rooms.step(action)
             self._count(step.trial_over, view)
-            kept.append(
+            steps.append(
                 {
                     "inputs": inputs,
-                    "fresh": fresh,
+                    "fresh": self._fresh,
                     "action": action,
-                    "log_chance": log_chance(logits[0, 0].numpy(), action),
-                    "value": value[0, 0].numpy(),
+                    "log_prob": log_prob(logits, action),
+                    "value": value,
                     "reward": (step.new_solution - file.action_cost).astype(np.float32),
-                    "over": step.trial_over,
+                    "done": step.trial_over,
                 }
             )
             self.perception.note(step)
             self.perception.forget(rooms.life_over)
             self._fresh = rooms.life_over
-        seen = torch.from_numpy(self.perception.inputs(rooms.view))[None, None]
-        forgets = torch.from_numpy(self._fresh)[None, None]
-        _, bootstrap, _ = self.network(seen, self._memory, forgets)
+        _, values, _ = self._evaluate(self.perception.inputs(rooms.view))
         stacked = {
-            name: torch.from_numpy(np.stack([happened[name] for happened in kept])[None])
-            for name in kept[0]
+            name: torch.from_numpy(np.stack([step[name] for step in steps])[None])
+            for name in steps[0]
         }
-        counts = torch.ones_like(stacked["over"])
-        return Rollout(**stacked, state=state, counts=counts, bootstrap=bootstrap[:, 0])
+        bootstrap = torch.from_numpy(values)[None]
+        mask = torch.ones_like(stacked["done"])
+        return Rollout(**stacked, state=state, mask=mask, bootstrap=bootstrap)
 
     def _count(self, over: BoolArray, view: View) -> None:
         rooms = self.rooms
@@ -139,18 +151,18 @@ class MetaTraining:
             )
 
     def update(self) -> dict[str, float]:
-        """One rollout, and what is learned from it."""
+        """One rollout and the updates by it; returns the means of :meth:`PPO.update`."""
         file = self.file
         course = min(self.actions / file.actions, 1.0)
         entropy = file.entropy_start + (file.entropy_end - file.entropy_start) * course
-        for group in self.trainer.optimiser.param_groups:
+        for group in self.trainer.optimizer.param_groups:
             group["lr"] = file.learning_rate * (1.0 - 0.9 * course)
-        told = self.trainer.update(self.rollout(), entropy, self._order)
+        metrics = self.trainer.update(self.rollout(), entropy, self._order)
         self.updates += 1
-        return told
+        return metrics
 
     def progress(self) -> str:
-        """How trials went since this was last asked."""
+        """A line on the trials since this was last called."""
         trials, solved, attempts = self.tally.sum(axis=1)
         self.tally[:] = 0.0
         share = f"{self.actions / 1e6:.1f} of {self.file.actions / 1e6:.1f} million actions"
@@ -165,32 +177,22 @@ class MetaTraining:
         write_network(path, self.network, self.rooms.brief.positions, about)
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything, so that the training goes on as if it had not been interrupted."""
-        return {
+        """All that is needed to go on as if not interrupted."""
+        generators = [generator.bit_generator.state for generator in (self._policy, self._order)]
+        return super().state_dict() | {
             "file": self.file.model_dump_json(),
-            "trainer": self.trainer.state_dict(),
-            "rooms": self.rooms.state_dict(),
-            "perception": self.perception.state_dict(),
-            "memory": self._memory,
-            "fresh": self._fresh,
-            "generators": [g.bit_generator.state for g in (self._policy, self._order)],
-            "updates": self.updates,
-            "tally": self.tally,
+            "generators": generators,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        self.trainer.load_state_dict(state["trainer"])
-        self.rooms.load_state_dict(state["rooms"])
-        self.perception.load_state_dict(state["perception"])
-        self._memory, self._fresh = state["memory"].clone(), state["fresh"].copy()
+        super().load_state_dict(state)
         for generator, kept in zip((self._policy, self._order), state["generators"], strict=True):
             generator.bit_generator.state = kept
-        self.updates, self.tally = state["updates"], state["tally"].copy()
 
 
 def save_training(path: Path, training: MetaTraining) -> None:
-    """Write everything that an interrupted training needs to go on."""
+    """Write all that an interrupted training needs to go on."""
     with replacing(path) as file:
         write_state(file, training.state_dict())
 
@@ -224,15 +226,15 @@ def train(training: MetaTraining, out: Path, log: Callable[[str], None]) -> None
     if interrupted.exists():
         resume_training(interrupted, training)
         log(f"goes on from {interrupted}")
-    began = told = time.monotonic()
+    began = logged = time.monotonic()
     before = training.actions
     while not training.over:
-        said = training.update()
+        metrics = training.update()
         now = time.monotonic()
-        if now - told >= TOLD_EVERY or training.over:
-            told = now
+        if now - logged >= LOG_EVERY or training.over:
+            logged = now
             speed = (training.actions - before) / (now - began)
-            log(f"{training.progress()}, entropy {said['entropy']:.2f}, {speed:,.0f} actions/s")
+            log(f"{training.progress()}, entropy {metrics['entropy']:.2f}, {speed:,.0f} actions/s")
             save_training(interrupted, training)
     training.save(out)
     interrupted.unlink(missing_ok=True)

@@ -15,7 +15,7 @@ import pytest
 
 from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.reading import beside, read_results
-from causal_openlock.cli import comparison
+from causal_openlock.cli import report
 from causal_openlock.cli.encoding import write_anything
 from causal_openlock.cli.terminal import Console
 from causal_openlock.experiment.store import Store
@@ -454,7 +454,7 @@ def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> N
         ]
     )  # fmt: skip
     console = Console(width=60, file=io.StringIO())
-    comparison._print_headline(rows, ["somebody"], names, console)
+    report.print_headline(rows, ["somebody"], names, console)
     printed = console.file.getvalue()
     assert all(name in printed for name in [*names, "somebody", "ideal observer"])
 

@@ -277,7 +277,7 @@ def test_the_same_learner_registered_by_two_packages_is_none(tmp_path, monkeypat
         ("no_such_module:Learner", "cannot be imported: ModuleNotFoundError: No module named"),
         ("learners.random:NoSuchClass", "cannot be imported: AttributeError: .*NoSuchClass"),
         ("learners.random:Streams", "no subclass of Learner or OneSubjectLearner"),
-        ("learners.networks.replay:np", "no subclass of Learner or OneSubjectLearner"),
+        ("learners.networks.replay_buffer:np", "no subclass of Learner or OneSubjectLearner"),
         (":Learner", "names no learner; write it like my_module:MyLearner"),
         ("learners.random:", "names no learner; write it like"),
         ("a b:C", "names no learner; write it like"),

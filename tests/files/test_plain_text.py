@@ -17,7 +17,7 @@ from rich.table import Table
 
 from causal_openlock import cli
 from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.cli.comparison import _print_headline
+from causal_openlock.cli.report import print_headline
 from causal_openlock.cli.terminal import Console, complain, say
 from causal_openlock.errors import LearnerError
 from causal_openlock.export.as_csv import flat
@@ -96,7 +96,7 @@ def test_the_headline_shows_labels_as_they_are() -> None:
     }
     out = io.StringIO()
     console = Console(file=out, width=100)
-    _print_headline(pd.DataFrame([row]), [row["learner"]], [row["condition"]], console)
+    print_headline(pd.DataFrame([row]), [row["learner"]], [row["condition"]], console)
     for said in ("protocol [bold]p[/]", "[/]c", r"[red]l\x1b[31m", "[x]trial 5", "2.00–4.00"):
         assert said in out.getvalue()
     assert "\x1b" not in out.getvalue()

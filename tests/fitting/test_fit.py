@@ -359,14 +359,13 @@ def test_the_command_fits_and_says_what_it_found(tmp_path, monkeypatch, capsys):
 def test_it_says_that_ranges_were_narrowed_with_the_tests_in_view(
     learner, said, tmp_path, monkeypatch, capsys
 ):
-    from rich.console import Console
-
-    from causal_openlock.cli.fit import _print
+    from causal_openlock.cli.fit import print_fit
+    from causal_openlock.cli.terminal import Console
 
     fitted, trials = fit(plan(candidates=2), tmp_path)
     found = fitted_learner(fitted, trials)
     fitted.plan = replace(fitted.plan, space=replace(fitted.plan.space, learner=learner))
-    _print(fitted, found, Console())
+    print_fit(fitted, found, Console())
     assert ("a check, not an untouched" in capsys.readouterr().out) == said
 
 

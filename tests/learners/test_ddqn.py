@@ -152,9 +152,9 @@ def test_a_value_ends_with_the_attempt_or_reaches_over_it() -> None:
         learner.begin(session.brief)
         lever = session.truth.rooms[0].action_of(["L0"])[0]
         play(learner, session, [lever, 14, 14, 14, 14, 14])
-        before, _, after, _, goes_on = learner._replay.rings[:, 0, :6].int().tolist()
+        before, _, after, _, not_done = learner._replay.rings[:, 0, :6].int().tolist()
         # Two attempts of three actions, and the trial is over with the second.
-        assert goes_on == ([1, 1, 1, 1, 1, 0] if over_attempts else [1, 1, 0, 1, 1, 0])
+        assert not_done == ([1, 1, 1, 1, 1, 0] if over_attempts else [1, 1, 0, 1, 1, 0])
         third = learner._table.rows[after[2]]
         start = learner._table.rows[before[3]]
         assert np.array_equal(third, start) == over_attempts
@@ -342,5 +342,5 @@ def test_in_one_room_it_learns_to_open_the_door(seed: int, prioritised: bool) ->
     record = Session(one_room(), protocol, 8, seed=seed).play(DDQN(settings)).to_pandas()
     opened = record.set_index(["subject", "attempt"])["opened"].unstack()
     assert (opened.loc[:, 1:100].mean(axis=1) < 0.1).all()
-    # One action in twenty is random still, so that of three all are chosen in six of seven.
+    # One action in twenty is random still, so that of three all are sample_actions in six of seven.
     assert (opened.loc[:, 401:500].mean(axis=1) > 0.5).all()

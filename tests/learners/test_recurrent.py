@@ -18,8 +18,8 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.world.room import Layout
 from learners.networks.perception import Perception
-from learners.networks.sequence_replay import Sequences
-from learners.networks.stacked_recurrent import RecurrentDoubleQ, StackedRecurrentNetwork
+from learners.networks.recurrent_q import RecurrentDoubleQ, StackedRecurrentNetwork
+from learners.networks.sequence_buffer import Sequences
 from learners.recurrent import Recurrent, RecurrentParameters
 from support.checkpoints import same
 from support.plain_recurrent import PlainNetwork, PlainRecurrent
@@ -52,11 +52,11 @@ def in_double(learner: Recurrent) -> None:
     q.values = lambda inputs, state: values(inputs.double(), state.double())  # type: ignore[method-assign]
 
     def doubled(batch: Sequences) -> torch.Tensor:
-        floats = ("inputs", "state", "reward", "goes_on", "counts")
+        floats = ("inputs", "state", "reward", "not_done", "mask")
         return losses(replace(batch, **{f: getattr(batch, f).astype(np.float64) for f in floats}))
 
     q.losses = doubled  # type: ignore[method-assign]
-    learner._memory = learner._memory.astype(np.float64)
+    learner._hidden_state = learner._hidden_state.astype(np.float64)
     replay._state = replay._state.astype(np.float64)
     replay._reward = replay._reward.astype(np.float64)
 
@@ -132,7 +132,7 @@ def test_agents_trained_together_are_exactly_each_alone(
     for agent in (0, 2):
         alone, did = trained([agent])
         assert did[0] == done[agent]
-        assert (alone._memory[0] == together._memory[agent]).all()
+        assert (alone._hidden_state[0] == together._hidden_state[agent]).all()
         assert PlainNetwork(alone.q.online, 0).distance(together.q.online, agent) == 0
         # And they are not all alike.
         assert PlainNetwork(alone.q.online, 0).distance(together.q.online, agent - 1) > 0.1
@@ -149,7 +149,7 @@ class Forgetful(Recurrent):
 
     def learn(self, step: Step) -> None:
         super().learn(step)
-        self._memory[:] = 0
+        self._hidden_state[:] = 0
 
 
 def share_right(learner: Recurrent, trials: int, subjects: int = 8) -> float:
@@ -225,18 +225,18 @@ def test_it_remembers_across_attempts_until_the_memory_is_reset() -> None:
         learner = Recurrent(replace(SMALL, reset=reset))
         learner.begin(session.brief)
         start = session.view
-        first = learner._perception.inputs(start), learner._memory
+        first = learner._perception.inputs(start), learner._hidden_state
         play(learner, session, [0, 14, 14])
         # The room and its levers are as they were at the start of the trial.
         assert np.array_equal(session.view.observation, start.observation)
-        assert (learner._memory != 0).all()
+        assert (learner._hidden_state != 0).all()
         values = [
             learner.q.values(torch.from_numpy(first[0]), torch.from_numpy(memory))[0]
-            for memory in (first[1], learner._memory)
+            for memory in (first[1], learner._hidden_state)
         ]
         assert (values[0] - values[1]).abs().max() > 1e-3
         play(learner, session, [14, 14, 14])
-        after = learner._perception.inputs(session.view), learner._memory
+        after = learner._perception.inputs(session.view), learner._hidden_state
         alike = [np.array_equal(one, other) for one, other in zip(first, after, strict=True)]
         assert alike == [reset == "trial"] * 2
 
@@ -270,11 +270,11 @@ def made_up(burn_in: int, unroll: int, agents: int = 2, number: int = 3) -> Sequ
     return Sequences(
         inputs=rng.normal(size=(agents, burn_in + unroll + 1, number, 5)),  # type: ignore[arg-type]
         state=rng.normal(size=(agents, number, 6)),  # type: ignore[arg-type]
-        burns_in=rng.random((agents, burn_in, number)) < 0.7,
+        burn_in_mask=rng.random((agents, burn_in, number)) < 0.7,
         action=rng.integers(4, size=shape),
         reward=rng.normal(size=shape),  # type: ignore[arg-type]
-        goes_on=(rng.random(shape) < 0.8).astype(np.float64),  # type: ignore[arg-type]
-        counts=np.ones(shape),  # type: ignore[arg-type]
+        not_done=(rng.random(shape) < 0.8).astype(np.float64),  # type: ignore[arg-type]
+        mask=np.ones(shape),  # type: ignore[arg-type]
     )
 
 
@@ -293,12 +293,12 @@ def test_no_gradient_flows_into_the_burn_in() -> None:
     state = torch.from_numpy(whole.state)
     for time in range(4):
         _, after = network.cell(torch.from_numpy(whole.inputs[:, time : time + 1]), state)
-        state = torch.where(torch.from_numpy(whole.burns_in[:, time, :, None]), after, state)
+        state = torch.where(torch.from_numpy(whole.burn_in_mask[:, time, :, None]), after, state)
     given = replace(
         whole,
         inputs=whole.inputs[:, 4:],
         state=state.detach().numpy(),
-        burns_in=whole.burns_in[:, :0],
+        burn_in_mask=whole.burn_in_mask[:, :0],
     )
     for one, other in zip(judged(whole), judged(given), strict=True):
         assert torch.allclose(one, other, rtol=0, atol=1e-12)

@@ -8,7 +8,6 @@ import os
 import tempfile
 import tracemalloc
 import zipfile
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +22,10 @@ from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.schema_file import bundled, find_schema
 from learners.meta.file import TrainingFile, read_training
-from learners.networks.memories import Sizes, make_memory
-from learners.networks.network_file import BUNDLED, read_network, shapes, write_network
+from learners.networks.network_file import BUNDLED, read_network, write_network
+from learners.networks.recurrent_policy import Sizes, make_policy
 from learners.rl2 import RL2, RL2Parameters
-from support.small_memories import weights_of
+from support.small_policies import weights_of
 
 PROTOCOL = Protocol("t", attempt_limit=12, stop_when_solved=False, baseline_trials=3)
 
@@ -84,7 +83,7 @@ class Forgetful(RL2):
     """The control: its memory is empty before every action."""
 
     def act(self, view: View) -> Any:
-        self._memory[:] = 0
+        self._hidden_state[:] = 0
         return super().act(view)
 
 
@@ -119,19 +118,10 @@ def test_a_subject_is_exactly_as_it_would_be_alone(learns: bool) -> None:
         course = []
         while not session.over:
             learner.act(session.view)
-            course += [*learner._logits[me], *learner._memory_after[me]]
+            course += [*learner._logits[me], *learner._next_hidden_state[me]]
             learner.learn(session.step(np.full(len(subjects), len(course) % 15)))
         courses.append([*course, *weights_of(learner.network, me)])
     assert all(course == courses[0] for course in courses)
-
-
-@pytest.mark.parametrize("kind", ["levers", "flat"])
-@pytest.mark.parametrize("units", [(1, 1, 1), (3, 5, 2), (8, 4, 16)])
-def test_the_shapes_of_weights_follow_from_sizes(kind: Any, units: tuple[int, int, int]) -> None:
-    for positions in (7, 9):
-        made = make_memory(Sizes(kind, *units), positions, [np.random.default_rng(0)])
-        real = {name: tuple(tensor.shape[1:]) for name, tensor in made.state_dict().items()}
-        assert shapes(made.sizes, positions) == real
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +129,7 @@ def small() -> bytes:
     """The file of a small network."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "net.npz"
-        network = make_memory(Sizes("levers", 2, 3, 2), 7, [np.random.default_rng(0)])
+        network = make_policy(Sizes(lever=2, room=3, reader=2), 7, [np.random.default_rng(0)])
         write_network(path, network, 7, {"trained": "not at all"})
         return path.read_bytes()
 
@@ -194,8 +184,8 @@ def test_a_damaged_network_is_refused_in_a_sentence_or_is_the_same(
 
 def forged(**changes: Any) -> bytes:
     """A file that says what it likes of itself; arrays may be replaced."""
-    network = make_memory(Sizes("levers", 2, 3, 2), 7, [np.random.default_rng(0)])
-    told: dict[str, Any] = {"format": 1, "sizes": asdict(network.sizes), "positions": 7}
+    network = make_policy(Sizes(lever=2, room=3, reader=2), 7, [np.random.default_rng(0)])
+    told: dict[str, Any] = {"format": 1, "sizes": network.sizes.model_dump(), "positions": 7}
     told.update(changes.pop("about", {}))
     arrays = {name: tensor[0].numpy() for name, tensor in network.state_dict().items()}
     file = io.BytesIO()

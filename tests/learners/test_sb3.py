@@ -87,7 +87,7 @@ def test_it_does_what_the_library_does_by_itself(algorithm: str, episode: Any) -
     assert done == expected
     assert len(done) > 80
     # It has learned on the way, or there would be little to compare.
-    assert learner._players[0].model._n_updates > 4
+    assert learner._models[0].model._n_updates > 4
 
 
 def test_subjects_do_not_share_the_global_generators() -> None:
@@ -115,7 +115,7 @@ def test_its_threads_end_with_it() -> None:
     learner.begin(session.brief)
     learner.learn(session.step(learner.act(session.view)))
     assert isinstance(learner, StableBaselines)
-    threads: list[Any] = [player._thread for player in learner._players]
+    threads: list[Any] = [model._thread for model in learner._models]
     assert all(thread.is_alive() for thread in threads)
     del learner
     assert not any(thread.is_alive() for thread in threads)
@@ -149,7 +149,7 @@ def test_after_all_its_actions_it_plays_on_without_learning() -> None:
     learner = create("sb3", {"algorithm": "A2C", "total_actions": 20})
     learner.begin(session.brief)
     assert isinstance(learner, StableBaselines)
-    model = learner._players[0].model
+    model = learner._models[0].model
     course = []
     while not session.over:
         learner.learn(session.step(learner.act(session.view)))
@@ -200,6 +200,6 @@ def test_a_failure_while_it_learns_is_told_and_does_not_hang() -> None:
     def fails(*_: Any, **__: Any) -> None:
         raise RuntimeError("no such luck")
 
-    learner._players[0].model.train = fails
+    learner._models[0].model.train = fails
     with pytest.raises(LearnerError, match=r"failed while it learned \(RuntimeError: no such luck"):
         play(learner, session)

@@ -80,7 +80,7 @@ def test_with_its_count_it_can_value_one_room_in_two_ways() -> None:
             learner.learn(session.step(np.full(4, action)))
     worth = []
     for found in (0, 3):
-        seen = learner._seen(start, np.array([found])).astype(np.float32)
+        seen = learner._network_input(start, np.array([found])).astype(np.float32)
         worth.append(learner.q.online(learner._torch.from_numpy(seen)).amax(2).mean().item())
     assert worth[1] < worth[0] / 2
     assert isinstance(learner, DDQN)

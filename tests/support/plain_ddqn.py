@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from learners.ddqn import DDQNParameters
-from learners.networks.stacked import StackedMLP
+from learners.networks.double_q import StackedMLP
 
 
 def plain_network(stack: StackedMLP, agent: int) -> nn.Sequential:
@@ -41,7 +41,7 @@ class PlainDDQN:
 
     def __init__(self, network: nn.Sequential, settings: DDQNParameters) -> None:
         self.online, self.target = network, copy.deepcopy(network)
-        self.optimiser = torch.optim.Adam(network.parameters(), settings.learning_rate)
+        self.optimizer = torch.optim.Adam(network.parameters(), settings.learning_rate)
         self.settings = settings
         self.memory: list[tuple[Any, int, float, Any, bool]] = []
         self.actions = 0
@@ -76,9 +76,9 @@ class PlainDDQN:
                 goal += self.settings.gamma * self.target(seen)[best].item()
             error = abs(self.online(torch.tensor(before, dtype=torch.float64))[action] - goal)
             total = total + (error**2 / 2 if error < 1 else error - 0.5)
-        self.optimiser.zero_grad()
+        self.optimizer.zero_grad()
         (total / len(batch)).backward()
-        self.optimiser.step()
+        self.optimizer.step()
         self.updates += 1
         if self.updates % self.settings.target_period == 0:
             self.target.load_state_dict(self.online.state_dict())

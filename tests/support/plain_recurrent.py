@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from learners.networks.stacked_recurrent import StackedGRU, StackedRecurrentNetwork
+from learners.networks.recurrent_cells import StackedGRU
+from learners.networks.recurrent_q import StackedRecurrentNetwork
 from learners.recurrent import RecurrentParameters
 
 CELL_PARAMETERS = {
@@ -62,7 +63,7 @@ class Moment:
     state: Any
     action: int
     reward: float
-    goes_on: bool
+    not_done: bool
     segment: int
 
 
@@ -71,7 +72,7 @@ class PlainRecurrent:
 
     def __init__(self, network: PlainNetwork, settings: RecurrentParameters) -> None:
         self.online, self.target = network, copy.deepcopy(network)
-        self.optimiser = torch.optim.Adam(network.parameters(), settings.learning_rate)
+        self.optimizer = torch.optim.Adam(network.parameters(), settings.learning_rate)
         self.settings = settings
         self.moments: list[Moment] = []
         self.state: Any = None
@@ -131,16 +132,16 @@ class PlainRecurrent:
                 kept[begin - 1].segment == kept[start].segment
             ):
                 begin -= 1
-            errors += self.errors(kept, begin, start)
+            errors += self.td_errors(kept, begin, start)
         loss = sum(errors, torch.tensor(0.0)) / len(errors)
-        self.optimiser.zero_grad()
+        self.optimizer.zero_grad()
         loss.backward()
-        self.optimiser.step()
+        self.optimizer.step()
         self.updates += 1
         if self.updates % s.target_period == 0:
             self.target.load_state_dict(self.online.state_dict())
 
-    def errors(self, kept: list[Moment], begin: int, start: int) -> list[Tensor]:
+    def td_errors(self, kept: list[Moment], begin: int, start: int) -> list[Tensor]:
         online = target = kept[begin].state
         with torch.no_grad():
             for moment in kept[begin:start]:
@@ -155,7 +156,7 @@ class PlainRecurrent:
             with torch.no_grad():
                 _, target = self.target(moment.inputs, target)
                 goal = moment.reward
-                if moment.goes_on:
+                if moment.not_done:
                     chooses, _ = self.online(kept[at + 1].inputs, online)
                     judges, _ = self.target(kept[at + 1].inputs, target)
                     goal += self.settings.gamma * judges[int(chooses.argmax())].item()

@@ -26,7 +26,7 @@ from learners.meta.rooms import Distribution, MetaRooms
 from learners.meta.training import MetaTraining, main
 from learners.networks.network_file import read_network
 from support.checkpoints import same
-from support.small_memories import rng
+from support.small_policies import rng
 
 CC3, CE4 = find_schema("CC3"), find_schema("CE4")
 PROTOCOL = Protocol("t", attempt_limit=12, stop_when_solved=False, baseline_trials=3)
@@ -199,7 +199,7 @@ def test_an_interrupted_training_ends_with_the_same_weights(
     file, whole, parts = small(tmp_path), tmp_path / "whole.npz", tmp_path / "parts.npz"
     assert main([str(file), "--out", str(whole)]) == 0
 
-    monkeypatch.setattr("learners.meta.training.TOLD_EVERY", 0.0)
+    monkeypatch.setattr("learners.meta.training.LOG_EVERY", 0.0)
     update = MetaTraining.update
 
     def interrupted(self: MetaTraining) -> dict[str, float]:

@@ -10,10 +10,10 @@ import pytest
 import torch
 from torch import Tensor
 
-import learners.networks.captured
-from learners.networks.captured import Captured, CapturedDoubleQ
-from learners.networks.replay import Batch
-from learners.networks.stacked import StackedDoubleQ
+import learners.networks.double_q_captured
+from learners.networks.double_q import StackedDoubleQ
+from learners.networks.double_q_captured import Captured, CapturedDoubleQ
+from learners.networks.replay_buffer import Batch
 
 SIZES = [16, 12, 12, 15]
 
@@ -35,19 +35,19 @@ def minibatch(rng: np.random.Generator, agents: int, many: int, rows: int) -> Ba
         action=torch.from_numpy(rng.integers(0, 15, shape)),
         reward=torch.from_numpy(rng.normal(0, 3, shape)),
         after=torch.from_numpy(rng.integers(0, rows, shape)),
-        goes_on=torch.from_numpy((rng.random(shape) < 0.6).astype(float)),
+        not_done=torch.from_numpy((rng.random(shape) < 0.6).astype(float)),
         weight=torch.from_numpy(rng.uniform(0.2, 1, shape)),
         slot=torch.zeros(shape, dtype=torch.int64),
     )
 
 
-@pytest.mark.parametrize("optimiser", ["adam", "rmsprop", "sgd"])
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop", "sgd"])
 @pytest.mark.parametrize(("many", "large"), [(40, 1000), (8, 1000), (8, 100)])
 def test_fixed_shapes_give_the_same_numbers(
-    optimiser: str, many: int, large: int, monkeypatch: pytest.MonkeyPatch
+    optimizer: str, many: int, large: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a table that is smaller and larger than a minibatch, and too large to be judged whole."""
-    for module in (learners.networks.captured, learners.networks.stacked):
+    for module in (learners.networks.double_q_captured, learners.networks.double_q):
         monkeypatch.setattr(module, "LARGE_TABLE", large)
     rng = np.random.default_rng(0)
     qs = [
@@ -57,7 +57,7 @@ def test_fixed_shapes_give_the_same_numbers(
             1e-3,
             0.8,
             7,
-            optimiser=optimiser,
+            optimizer=optimizer,
         )
         for kind in (StackedDoubleQ, CapturedDoubleQ)
     ]
@@ -84,13 +84,13 @@ def test_all_shapes_and_addresses_stay_while_the_table_grows_within_its_padding(
     q = CapturedDoubleQ(SIZES, [np.random.default_rng(0)], 1e-3, 0.8, 2)
     rng = np.random.default_rng(1)
     seen = set()
-    trace = q.online.trace
+    trace = q.online.activations
 
     def watched(inputs: Tensor) -> list[Tensor]:
-        seen.add((inputs.shape, q._table.data_ptr(), q._judged.data_ptr()))  # type: ignore[union-attr]
+        seen.add((inputs.shape, q._table.data_ptr(), q._target_values.data_ptr()))  # type: ignore[union-attr]
         return trace(inputs)
 
-    monkeypatch.setattr(q.online, "trace", watched)
+    monkeypatch.setattr(q.online, "activations", watched)
     for rows in (3, 17, 64):
         q.observe(torch.from_numpy(rng.integers(0, 2, (rows, 16)).astype(float)))
         for _ in range(3):
@@ -99,7 +99,7 @@ def test_all_shapes_and_addresses_stay_while_the_table_grows_within_its_padding(
 
 
 def test_a_loaded_checkpoint_is_not_trained_by_steps_captured_before() -> None:
-    """They hold the addresses of what the optimiser remembered then."""
+    """They hold the addresses of what the optimizer remembered then."""
     rng = np.random.default_rng(3)
     reference = StackedDoubleQ(SIZES, [np.random.default_rng(1)], 1e-3, 0.8, 7)
     fixed = CapturedDoubleQ(SIZES, [np.random.default_rng(2)], 1e-3, 0.8, 7)

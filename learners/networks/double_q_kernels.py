@@ -8,10 +8,10 @@ not depend on which observations are evaluated together, on which agents share a
 a run was interrupted.
 
 On the way back, the weights are gone through once. For each row of weights: what it passes on to
-the layer below, its gradient, and the optimiser's step, while all of it is in the cache. Nothing is
+the layer below, its gradient, and the optimizer's step, while all of it is in the cache. Nothing is
 done for all agents at once, since the parameters of twenty and Adam's two moments do not fit there.
-What is computed, and why, is told in :mod:`learners.networks.stacked`, the reference for everything
-here.
+What is computed, and why, is explained in :mod:`learners.networks.double_q`, the reference for
+everything here.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ class Networks(NamedTuple):
     agents: int
 
 
-class Optimiser(NamedTuple):
-    """One of torch's optimisers, and what it remembers.
+class Optimizer(NamedTuple):
+    """One of torch's optimizers, and what it remembers.
 
     Attributes:
         rule: ``ADAM``, ``RMSPROP`` or ``SGD``.
@@ -85,28 +85,28 @@ class Optimiser(NamedTuple):
 
 
 class Minibatch(NamedTuple):
-    """Minibatches of N agents, as :class:`~learners.networks.replay.Batch`; all ``[N, M]``."""
+    """Minibatches of N agents, as ``learners.networks.replay_buffer.Batch``; all ``[N, M]``."""
 
     before: Integers
     action: Integers
     reward: Floats
     after: Integers
-    goes_on: Floats
+    not_done: Floats
     weight: Floats
 
 
-class Table(NamedTuple):
-    """The distinct observations, and what the target networks hold of them.
+class TargetTable(NamedTuple):
+    """The distinct observations, and the values that the target networks give them.
 
     Attributes:
         rows: ``[D, in]`` the observations.
-        judged: ``[N, D, out]`` values by the target network of each agent.
-        is_judged: ``[N, D]`` which of them have been computed since it was last copied.
+        values: ``[N, D, out]`` values by the target network of each agent.
+        is_known: ``[N, D]`` which of them have been computed since it was last copied.
     """
 
     rows: Floats
-    judged: Floats
-    is_judged: NDArray[np.bool_]
+    values: Floats
+    is_known: NDArray[np.bool_]
 
 
 class Scratch(NamedTuple):
@@ -290,7 +290,7 @@ def train_units(
     weights: Floats,
     first: Floats,
     second: Floats,
-    optimiser: Optimiser,
+    optimizer: Optimizer,
     scratch: Scratch,
 ) -> None:
     """Train the weights of units, one unit after the other, and pass the gradient on below.
@@ -303,14 +303,14 @@ def train_units(
         slope: ``[R + 1, out]`` gradient by the outputs; zeros in the last row.
         below: ``[R + 1, U]`` set to the gradient by what the units gave, where they let something
             through: the slope of a ReLU is 1 there and 0 elsewhere. What is in the last row means
-            nothing. Empty where nobody is below.
+            nothing. Empty where there is no layer below.
         weights: ``[U, out]``.
-        first: ``[U, out]`` what the optimiser remembers of them.
+        first: ``[U, out]`` what the optimizer remembers of them.
         second: The same.
-        optimiser: By what steps are taken.
+        optimizer: By what steps are taken.
         scratch: Room to work in.
     """
-    rule, settings = optimiser.rule, optimiser.settings
+    rule, settings = optimizer.rule, optimizer.settings
     size, new, old_square = settings[0], settings[1], settings[2]
     new_square, epsilon, correction = settings[3], settings[4], settings[5]
     listed, factors, rest = scratch.listed, scratch.factors, scratch.rest
@@ -355,7 +355,7 @@ def train_units(
 
 @compiled
 def backward(
-    networks: Networks, agent: int, many: int, used: int, optimiser: Optimiser, scratch: Scratch
+    networks: Networks, agent: int, many: int, used: int, optimizer: Optimizer, scratch: Scratch
 ) -> None:
     """Train an agent's network on the gradient by its outputs, which ``slope_by(0)`` holds.
 
@@ -364,7 +364,7 @@ def backward(
         agent: Which of them.
         many: Observations that were evaluated.
         used: How many of these, from the first on, have a gradient.
-        optimiser: By what steps are taken.
+        optimizer: By what steps are taken.
         scratch: The trace of the observations, and their gradient.
     """
     always = np.ones((used, 1), networks.flat.dtype)
@@ -379,9 +379,9 @@ def backward(
             slope,
             below,
             weights_of(networks.flat, networks, layer, agent),
-            weights_of(optimiser.first, networks, layer, agent),
-            weights_of(optimiser.second, networks, layer, agent),
-            optimiser,
+            weights_of(optimizer.first, networks, layer, agent),
+            weights_of(optimizer.second, networks, layer, agent),
+            optimizer,
             scratch,
         )
         # A bias is the weight of a unit that always gives 1.
@@ -390,9 +390,9 @@ def backward(
             slope,
             below[:0],
             biases_of(networks.flat, networks, layer, agent),
-            biases_of(optimiser.first, networks, layer, agent),
-            biases_of(optimiser.second, networks, layer, agent),
-            optimiser,
+            biases_of(optimizer.first, networks, layer, agent),
+            biases_of(optimizer.second, networks, layer, agent),
+            optimizer,
             scratch,
         )
         turn = 1 - turn
@@ -408,7 +408,7 @@ def gather(
     """The parts of minibatches, each ``[N, M]``, from rings of transitions.
 
     Args:
-        rings: ``[5, N, capacity]`` as in ``learners.networks.replay.Replay``.
+        rings: ``[5, N, capacity]`` as in ``learners.networks.replay_buffer.Replay``.
         slots: ``[N, M]`` which transitions.
         like: Something of the type that rewards should have.
 
@@ -417,7 +417,7 @@ def gather(
         whether a value follows.
     """
     before, action, after = np.empty_like(slots), np.empty_like(slots), np.empty_like(slots)
-    reward, goes_on = np.empty(slots.shape, like.dtype), np.empty(slots.shape, like.dtype)
+    reward, not_done = np.empty(slots.shape, like.dtype), np.empty(slots.shape, like.dtype)
     for agent in range(slots.shape[0]):
         for transition in range(slots.shape[1]):
             slot = slots[agent, transition]
@@ -425,12 +425,12 @@ def gather(
             action[agent, transition] = rings[1, agent, slot]
             after[agent, transition] = rings[2, agent, slot]
             reward[agent, transition] = rings[3, agent, slot]
-            goes_on[agent, transition] = rings[4, agent, slot]
-    return before, action, after, reward, goes_on
+            not_done[agent, transition] = rings[4, agent, slot]
+    return before, action, after, reward, not_done
 
 
 @compiled
-def look_up(batch: Minibatch, agent: int, table: Table, scratch: Scratch) -> tuple[int, int]:
+def look_up(batch: Minibatch, agent: int, table: TargetTable, scratch: Scratch) -> tuple[int, int]:
     """Gather the distinct observations of an agent's minibatch in ``scratch``, and count them.
 
     Those that an action was taken in come first. What followed is left out where the target ends
@@ -439,7 +439,7 @@ def look_up(batch: Minibatch, agent: int, table: Table, scratch: Scratch) -> tup
     Returns:
         How many an action was taken in, and how many there are.
     """
-    before, after, goes_on = batch.before[agent], batch.after[agent], batch.goes_on[agent]
+    before, after, not_done = batch.before[agent], batch.after[agent], batch.not_done[agent]
     column, rows = scratch.column, scratch.rows
     many = 0
     for row in before:
@@ -449,7 +449,7 @@ def look_up(batch: Minibatch, agent: int, table: Table, scratch: Scratch) -> tup
     acted_in = many
     for transition in range(len(after)):
         row = after[transition]
-        if column[row] < 0 and goes_on[transition] > 0:
+        if column[row] < 0 and not_done[transition] > 0:
             column[row], rows[many] = many, row
             many += 1
     for observation in range(many):
@@ -465,12 +465,14 @@ def forget(many: int, scratch: Scratch) -> None:
 
 
 @compiled
-def judge(target: Networks, agent: int, many: int, table: Table, scratch: Scratch) -> None:
-    """Let the target network value those of the observations that it has not valued yet."""
+def evaluate_target(
+    target: Networks, agent: int, many: int, table: TargetTable, scratch: Scratch
+) -> None:
+    """Evaluate the observations that the target network has not evaluated yet."""
     for row in scratch.rows[:many]:
-        if not table.is_judged[agent, row]:
-            table.judged[agent, row] = evaluate(target, agent, table.rows[row : row + 1], scratch)
-            table.is_judged[agent, row] = True
+        if not table.is_known[agent, row]:
+            table.values[agent, row] = evaluate(target, agent, table.rows[row : row + 1], scratch)
+            table.is_known[agent, row] = True
 
 
 @compiled
@@ -478,40 +480,40 @@ def td_errors(
     values: Floats,
     batch: Minibatch,
     agent: int,
-    table: Table,
+    table: TargetTable,
     gamma: float,
     scratch: Scratch,
     errors: Floats,
 ) -> None:
     """Set an agent's ``[M]`` TD errors, by its values of the distinct observations."""
     for transition in range(len(errors)):
-        goal = batch.reward[agent, transition]
-        goes_on = batch.goes_on[agent, transition]
-        if goes_on > 0:
+        td_target = batch.reward[agent, transition]
+        not_done = batch.not_done[agent, transition]
+        if not_done > 0:
             row = batch.after[agent, transition]
-            # Double Q: the online network chooses, the target network judges.
+            # Double Q: the online network chooses, the target network evaluates.
             choice = best(values[scratch.column[row]])
-            goal += goes_on * table.judged[agent, row, choice] * values.dtype.type(gamma)
+            td_target += not_done * table.values[agent, row, choice] * values.dtype.type(gamma)
         before = scratch.column[batch.before[agent, transition]]
-        errors[transition] = values[before, batch.action[agent, transition]] - goal
+        errors[transition] = values[before, batch.action[agent, transition]] - td_target
 
 
 @compiled
-def pull(
-    errors: Floats, batch: Minibatch, agent: int, loss: int, scratch: Scratch, slope: Floats
+def loss_gradient(
+    errors: Floats, batch: Minibatch, agent: int, loss: int, scratch: Scratch, gradient: Floats
 ) -> None:
-    """Set ``[U, out]`` slopes of an agent's loss by its values of the distinct observations."""
-    slope[:] = 0
+    """Set the ``[U, out]`` gradient of an agent's loss by its values of the observations."""
+    gradient[:] = 0
     for transition in range(len(errors)):
         # The slope of half the square is the error; Huber's never exceeds 1.
-        pulls = errors[transition]
-        if loss == HUBER and pulls > 1:
-            pulls = errors.dtype.type(1)
-        elif loss == HUBER and pulls < -1:
-            pulls = errors.dtype.type(-1)
-        pulls *= batch.weight[agent, transition] / errors.dtype.type(len(errors))
+        slope = errors[transition]
+        if loss == HUBER and slope > 1:
+            slope = errors.dtype.type(1)
+        elif loss == HUBER and slope < -1:
+            slope = errors.dtype.type(-1)
+        slope *= batch.weight[agent, transition] / errors.dtype.type(len(errors))
         before = scratch.column[batch.before[agent, transition]]
-        slope[before, batch.action[agent, transition]] += pulls
+        gradient[before, batch.action[agent, transition]] += slope
 
 
 @compiled
@@ -520,8 +522,8 @@ def update(
     target: Networks,
     batch: Minibatch,
     trains: NDArray[np.bool_],
-    table: Table,
-    optimiser: Optimiser,
+    table: TargetTable,
+    optimizer: Optimizer,
     gamma: float,
     loss: int,
     scratch: Scratch,
@@ -530,28 +532,28 @@ def update(
 
     Args:
         online: The networks to train.
-        target: Those that judge.
+        target: The target networks.
         batch: The minibatches.
         trains: ``[N]`` which agents take the step.
         table: What the numbers in the minibatches mean.
-        optimiser: By what the step is taken.
+        optimizer: By what the step is taken.
         gamma: Discount factor.
         loss: ``HUBER`` or ``SQUARED``.
         scratch: Room for at least two observations for each transition.
 
     Returns:
-        ``[N, M]`` the TD errors before the step, also of those who take none.
+        ``[N, M]`` the TD errors before the step, also of agents that take none.
     """
     errors = np.empty(batch.reward.shape, dtype=online.flat.dtype)
     actions = online.sizes[-1]
     for agent in range(online.agents):
         acted_in, many = look_up(batch, agent, table, scratch)
-        judge(target, agent, many, table, scratch)
+        evaluate_target(target, agent, many, table, scratch)
         values = evaluate(online, agent, scratch.inputs[:many], scratch)
         td_errors(values, batch, agent, table, gamma, scratch, errors[agent])
         if trains[agent]:
-            slope = slope_by(scratch, 0, acted_in, actions)
-            pull(errors[agent], batch, agent, loss, scratch, slope)
-            backward(online, agent, many, acted_in, optimiser, scratch)
+            gradient = slope_by(scratch, 0, acted_in, actions)
+            loss_gradient(errors[agent], batch, agent, loss, scratch, gradient)
+            backward(online, agent, many, acted_in, optimizer, scratch)
         forget(many, scratch)
     return errors

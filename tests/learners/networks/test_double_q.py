@@ -10,10 +10,10 @@ import pytest
 import torch
 from torch import nn
 
-import learners.networks.stacked
-from learners.networks.compiled import CompiledDoubleQ
-from learners.networks.replay import Batch
-from learners.networks.stacked import StackedDoubleQ, StackedMLP, find_device
+import learners.networks.double_q
+from learners.networks.double_q import StackedDoubleQ, StackedMLP, find_device
+from learners.networks.double_q_compiled import CompiledDoubleQ
+from learners.networks.replay_buffer import Batch
 from support.plain_ddqn import distance, plain_network
 
 PAPER_SIZES = [16, 128, 128, 128, 128, 15]
@@ -51,11 +51,11 @@ def double_q(
     agents: int,
     first: int = 0,
     period: int | None = 7,
-    optimiser: Any = "adam",
+    optimizer: Any = "adam",
     kind: type[StackedDoubleQ] = StackedDoubleQ,
 ) -> StackedDoubleQ:
-    rate = 0.1 if optimiser == "sgd" else 1e-3
-    return kind(sizes, generators(agents, first), rate, 0.8, period, optimiser=optimiser)
+    rate = 0.1 if optimizer == "sgd" else 1e-3
+    return kind(sizes, generators(agents, first), rate, 0.8, period, optimizer=optimizer)
 
 
 def minibatch(rng: np.random.Generator, agents: int, many: int, rows: int) -> Batch:
@@ -65,7 +65,7 @@ def minibatch(rng: np.random.Generator, agents: int, many: int, rows: int) -> Ba
         action=torch.from_numpy(rng.integers(0, 15, shape)),
         reward=torch.from_numpy(rng.normal(0, 5, shape)),
         after=torch.from_numpy(rng.integers(0, rows, shape)),
-        goes_on=torch.from_numpy((rng.random(shape) < 0.6).astype(float)),
+        not_done=torch.from_numpy((rng.random(shape) < 0.6).astype(float)),
         weight=torch.from_numpy(rng.uniform(0.2, 1, shape)),
         slot=torch.zeros(shape, dtype=torch.int64),
     )
@@ -122,13 +122,13 @@ def by_hand(kind: type[StackedDoubleQ], **settings: Any) -> StackedDoubleQ:
     return q
 
 
-def three_transitions(goes_on: float = 1.0) -> Batch:
+def three_transitions(not_done: float = 1.0) -> Batch:
     return Batch(
         before=torch.tensor([[0, 1, 0]]),
         action=torch.tensor([[1, 0, 2]]),
         reward=torch.tensor([[1.0, 2.0, 2.5]]),
         after=torch.tensor([[1, 0, 1]]),
-        goes_on=torch.tensor([[goes_on, goes_on, 0.0]]),
+        not_done=torch.tensor([[not_done, not_done, 0.0]]),
         weight=torch.tensor([[1.0, 0.5, 1.0]]),
         slot=torch.zeros(1, 3, dtype=torch.int64),
     )
@@ -140,8 +140,8 @@ def test_the_online_network_chooses_and_the_target_network_judges(
     # After the first, action 0 looks best (3) and is judged 40: the target is 1 + .5 * 40 = 21,
     # and the value 5. After the second, action 1 (5), judged 20: 2 + .5 * 20 = 12, the value 3.
     # The third ends: 2.5, the value 2.
-    assert by_hand(kind).errors(three_transitions()).tolist() == [[5 - 21, 3 - 12, 2 - 2.5]]
-    assert by_hand(kind).errors(three_transitions(0.0)).tolist() == [[5 - 1, 3 - 2, 2 - 2.5]]
+    assert by_hand(kind).update(three_transitions()).tolist() == [[5 - 21, 3 - 12, 2 - 2.5]]
+    assert by_hand(kind).update(three_transitions(0.0)).tolist() == [[5 - 1, 3 - 2, 2 - 2.5]]
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_the_online_network_chooses_and_the_target_network_judges(
 def test_each_error_pulls_at_the_value_of_its_own_action(
     kind: type[StackedDoubleQ], loss: Any, slopes: list[float]
 ) -> None:
-    q = by_hand(kind, loss=loss, optimiser="sgd")
+    q = by_hand(kind, loss=loss, optimizer="sgd")
     before, judged = q.online.weights[0].clone(), q.target.parameters.clone()
     q.update(three_transitions())
     # The slope of the loss at each transition, with its weight, over the three of them; rate .1.
@@ -167,7 +167,7 @@ def test_the_gradient_is_the_one_that_autograd_finds(
 ) -> None:
     """Every transition by itself, in networks as users of torch write them."""
     if large:
-        monkeypatch.setattr(learners.networks.stacked, "LARGE_TABLE", 0)
+        monkeypatch.setattr(learners.networks.double_q, "LARGE_TABLE", 0)
     rng = np.random.default_rng(0)
     q = StackedDoubleQ(PAPER_SIZES, generators(3), 1e-3, 0.8, None, loss)
     q.target.parameters.mul_(1.1)
@@ -183,7 +183,7 @@ def test_the_gradient_is_the_one_that_autograd_finds(
             with torch.no_grad():
                 best = network(table[mine.after[0]]).argmax(1, keepdim=True)
                 judged = target(table[mine.after[0]]).gather(1, best)[:, 0]
-                goal = mine.reward[0] + 0.8 * mine.goes_on[0] * judged
+                goal = mine.reward[0] + 0.8 * mine.not_done[0] * judged
             error = network(table[mine.before[0]]).gather(1, mine.action[0, :, None])[:, 0] - goal
             torch.testing.assert_close(errors[agent], error.detach(), atol=1e-10, rtol=0)
             each = error**2 / 2
@@ -199,15 +199,15 @@ def test_the_gradient_is_the_one_that_autograd_finds(
 # -- many agents at once --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("optimiser", ["adam", "rmsprop", "sgd"])
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop", "sgd"])
 def test_agents_trained_together_are_the_agents_trained_alone(
-    kind: type[StackedDoubleQ], optimiser: Any
+    kind: type[StackedDoubleQ], optimizer: Any
 ) -> None:
     rng = np.random.default_rng(1)
     table = some_observations(rng, 30)
     sizes = [16, 32, 32, 15]
-    together = double_q(sizes, 4, optimiser=optimiser, kind=kind)
-    alone = [double_q(sizes, 1, agent, optimiser=optimiser, kind=kind) for agent in range(4)]
+    together = double_q(sizes, 4, optimizer=optimizer, kind=kind)
+    alone = [double_q(sizes, 1, agent, optimizer=optimizer, kind=kind) for agent in range(4)]
     for q in (together, *alone):
         q.observe(table)
     start = together.online.copy()
@@ -222,12 +222,12 @@ def test_agents_trained_together_are_the_agents_trained_alone(
         assert distance(plain_network(start, agent), together.online, agent) > 0.03
 
 
-@pytest.mark.parametrize("optimiser", ["adam", "rmsprop", "sgd"])
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop", "sgd"])
 def test_an_agent_that_does_not_train_stays_as_it_is(
-    kind: type[StackedDoubleQ], optimiser: Any
+    kind: type[StackedDoubleQ], optimizer: Any
 ) -> None:
     rng = np.random.default_rng(2)
-    q, undisturbed = (double_q([16, 8, 15], 3, optimiser=optimiser, kind=kind) for _ in range(2))
+    q, undisturbed = (double_q([16, 8, 15], 3, optimizer=optimizer, kind=kind) for _ in range(2))
     table = some_observations(rng, 9)
     trains = torch.tensor([True, False, True])
     for step in range(40):
@@ -274,7 +274,6 @@ def test_loaded_networks_replace_all_that_was_known_of_the_old_ones(
         each.observe(table)
         each.update(batch)
     q.load_state_dict(other.state_dict())
-    assert torch.equal(q.errors(batch), other.errors(batch))
     for _ in range(20):
         assert torch.equal(q.update(batch), other.update(batch))
 

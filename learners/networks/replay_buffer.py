@@ -1,16 +1,14 @@
 """Experience replay for B subjects at once.
 
 Each subject has a ring of its own. A transition holds no observation but its number in a table of
-distinct observations, which all subjects share: the room shows a few dozen.
-
-Transitions are drawn uniformly, or by :class:`PrioritisedReplay` the more often the more there was
-to learn from them.
+distinct observations, which all subjects share: the room shows a few dozen. Transitions are drawn
+uniformly, or by :class:`PrioritisedReplayBuffer` in proportion to their last TD error.
 """
 
 from __future__ import annotations
 
 import copy
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -19,14 +17,17 @@ from torch import Tensor
 
 from causal_openlock.contract.learner import Observations
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
-from learners.networks import kernels
+from learners.networks import double_q_kernels as kernels
+from learners.networks.checkpointed import Checkpointed
 
 LEAST_PRIORITY = 1e-6
 """Added to every TD error, so that a transition without one can still be drawn."""
 
 
-class ObservationTable:
+class ObservationTable(Checkpointed):
     """The distinct observations met so far, numbered in order of appearance."""
+
+    checkpointed: ClassVar = {"rows": "rows", "numbers": "_numbers"}
 
     def __init__(self, size: int) -> None:
         self.rows: NDArray[np.float32] = np.zeros((0, size), dtype=np.float32)
@@ -44,14 +45,6 @@ class ObservationTable:
             self.rows = np.concatenate([self.rows, observations[first].astype(np.float32)])
         return found
 
-    def state_dict(self) -> dict[str, Any]:
-        """The table, for a checkpoint."""
-        return {"rows": self.rows, "numbers": dict(self._numbers)}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        self.rows, self._numbers = state["rows"], dict(state["numbers"])
-
 
 class Batch(NamedTuple):
     """A minibatch of M transitions for each of N agents; every part is ``[N, M]``.
@@ -61,7 +54,7 @@ class Batch(NamedTuple):
         action: The action.
         reward: Its reward.
         after: Number of the observation that followed.
-        goes_on: 1 where a value follows, 0 where the target ends.
+        not_done: 1 where the value of what followed counts, 0 where the TD target is the reward.
         weight: How much the transition counts in the loss.
         slot: Where in its ring it is.
     """
@@ -70,12 +63,12 @@ class Batch(NamedTuple):
     action: Tensor
     reward: Tensor
     after: Tensor
-    goes_on: Tensor
+    not_done: Tensor
     weight: Tensor
     slot: Tensor
 
 
-class Replay:
+class ReplayBuffer:
     """B rings of transitions, one for each subject, drawn from uniformly.
 
     Args:
@@ -86,8 +79,8 @@ class Replay:
     Attributes:
         length: ``[B]`` transitions that each ring holds now.
         rings: ``[5, B, capacity]`` number of the observation before, action, number of the
-            observation after, reward, and whether a value follows. One piece takes one call to
-            write or to read; double precision holds all integers here.
+            observation after, reward, and ``not_done``. One tensor takes one call to write or to
+            read; double precision holds all integers here.
     """
 
     def __init__(
@@ -106,7 +99,7 @@ class Replay:
         action: IntArray,
         reward: FloatArray,
         after: IntArray,
-        goes_on: BoolArray,
+        not_done: BoolArray,
     ) -> Tensor:
         """Add one transition for each of the subjects ``who``; all arguments are as long.
 
@@ -115,24 +108,24 @@ class Replay:
         """
         slot = self._next[who]
         where = who * self.capacity + slot
-        told = np.array([before, action, after, reward, goes_on], dtype=np.float64)
+        columns = np.array([before, action, after, reward, not_done], dtype=np.float64)
         self._next[who] = (slot + 1) % self.capacity
         self.length[who] = np.minimum(self.length[who] + 1, self.capacity)
         rings = self.rings.view(5, -1)
         if rings.is_cuda:
-            places, columns = torch.from_numpy(where).to(rings.device), torch.from_numpy(told)
-            rings.index_copy_(1, places, columns.to(rings.device))
+            places = torch.from_numpy(where).to(rings.device)
+            rings.index_copy_(1, places, torch.from_numpy(columns).to(rings.device))
             return places
-        rings.numpy()[:, where] = told
+        rings.numpy()[:, where] = columns
         return torch.from_numpy(where)
 
-    def sample(self, luck: FloatArray) -> Batch:
+    def sample(self, uniform: FloatArray) -> Batch:
         """Transitions drawn with replacement, for each subject from its own ring.
 
         Args:
-            luck: ``[B, M]`` uniform numbers in [0, 1).
+            uniform: ``[B, M]`` numbers in [0, 1) that they are drawn by.
         """
-        slots = torch.from_numpy((luck * self.length[:, None]).astype(np.int64))
+        slots = torch.from_numpy((uniform * self.length[:, None]).astype(np.int64))
         slots = slots.to(self.rings.device)
         return self._at(slots, torch.ones(slots.shape, device=slots.device))
 
@@ -141,11 +134,11 @@ class Replay:
             places = slots + torch.from_numpy(self._begins).to(slots.device)
             held = self.rings.view(5, -1).index_select(1, places.flatten()).view(5, *slots.shape)
             before, action, after = held[:3].long()
-            reward, goes_on = held[3:].to(weight.dtype)
+            reward, not_done = held[3:].to(weight.dtype)
         else:
             parts = kernels.gather(self.rings.numpy(), slots.numpy(), weight.numpy())
-            before, action, after, reward, goes_on = map(torch.from_numpy, parts)
-        return Batch(before, action, reward, after, goes_on, weight, slots)
+            before, action, after, reward, not_done = map(torch.from_numpy, parts)
+        return Batch(before, action, reward, after, not_done, weight, slots)
 
     def state_dict(self) -> dict[str, Any]:
         """The rings as they are now, for a checkpoint."""
@@ -159,7 +152,7 @@ class Replay:
             vars(self)[name] = value.to(held) if isinstance(held, Tensor) else value
 
 
-class PrioritisedReplay(Replay):
+class PrioritisedReplayBuffer(ReplayBuffer):
     """Rings drawn from in proportion to priorities (Schaul et al. 2016, "proportional").
 
     The priority of a transition is its last absolute TD error to the power alpha; a new one has
@@ -169,10 +162,10 @@ class PrioritisedReplay(Replay):
     total priority.
 
     Args:
-        subjects: As for :class:`Replay`, with the two others.
+        subjects: As for :class:`ReplayBuffer`, with ``capacity`` and ``device``.
         capacity: Transitions that each ring holds.
-        device: Where the rings are kept.
         alpha: 0 draws uniformly, 1 in proportion to the error.
+        device: Where the rings are kept.
     """
 
     def __init__(
@@ -188,43 +181,35 @@ class PrioritisedReplay(Replay):
         self.priority = torch.zeros(subjects, capacity, dtype=torch.float64, device=device)
         self._highest = torch.ones(subjects, dtype=torch.float64, device=device)
 
-    def add(
-        self,
-        who: IntArray,
-        before: IntArray,
-        action: IntArray,
-        reward: FloatArray,
-        after: IntArray,
-        goes_on: BoolArray,
-    ) -> Tensor:
-        """As for :class:`Replay`."""
-        where = super().add(who, before, action, reward, after, goes_on)
+    def add(self, who: IntArray, *transition: Any) -> Tensor:
+        """As for :class:`ReplayBuffer`."""
+        where = super().add(who, *transition)
         self.priority.view(-1)[where] = self._highest[where // self.capacity]
         return where
 
-    def sample(self, luck: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
+    def sample(self, uniform: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
         """Transitions drawn by priority, for each subject from its own ring.
 
         Args:
-            luck: ``[B, M]`` uniform numbers in [0, 1).
+            uniform: ``[B, M]`` numbers in [0, 1) that they are drawn by.
             beta: How much of the bias is undone, by subject (``[B]``) or for all: 0 nothing,
                 1 all of it.
         """
         device = self.rings.device
-        stratum = (np.arange(luck.shape[1]) + luck) / luck.shape[1]
+        stratum = (np.arange(uniform.shape[1]) + uniform) / uniform.shape[1]
         upto = self.priority.cumsum(dim=1)
         total = upto[:, -1:]
         slots = torch.searchsorted(upto, torch.from_numpy(stratum).to(device) * total, right=True)
         length = torch.from_numpy(self.length).to(device)[:, None]
         slots = torch.minimum(slots, length - 1).clamp_(min=0)
-        chance = self.priority.gather(1, slots) / total
+        probability = self.priority.gather(1, slots) / total
         exponent = np.broadcast_to(beta, self.length.shape)[:, None]
-        weight = _power(length * chance, -exponent)
+        weight = _power(length * probability, -exponent)
         weight /= weight.amax(dim=1, keepdim=True)
         return self._at(slots, weight.to(torch.get_default_dtype()))
 
-    def reprioritise(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
-        """Set the priorities of transitions whose TD errors were seen anew.
+    def update_priorities(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
+        """Set the priorities of transitions by their new TD errors.
 
         Args:
             slots: ``[B, M]`` where they are.
@@ -240,7 +225,7 @@ class PrioritisedReplay(Replay):
 def _power(base: Tensor, exponent: FloatArray | float) -> Tensor:
     """``base ** exponent``, each number by itself.
 
-    On a CPU, torch takes another formula for the last few numbers of a piece, and which these are
+    On a CPU, torch takes another formula for the last few numbers of a tensor, and which these are
     depends on how many subjects there are. NumPy does not.
     """
     if base.device.type == "cpu":

@@ -3,10 +3,9 @@
 On a GPU an update of small networks is dozens of kernels of a few microseconds each, and starting
 them from Python takes longer than they do. A CUDA graph records them once and starts them all with
 one call. It can only hold what does not depend on the data: the same shapes at the same addresses
-every time, and nothing that waits for a result. So :class:`CapturedDoubleQ` does not look for the
-distinct observations of a minibatch, as :class:`~learners.networks.stacked.StackedDoubleQ` does,
-but evaluates the whole table for every agent, padded so that it seldom grows (or, where the table
-is larger than that, what each transition holds). The numbers are the same.
+every time, and nothing that waits for a result. So :class:`CapturedDoubleQ` pads the table of
+observations to a size that seldom grows; everything else in a
+:class:`~learners.networks.double_q.StackedDoubleQ` has such shapes already.
 
 The capture itself is not covered by the tests: they run the same steps of fixed shape on a CPU,
 where a step is called and not captured.
@@ -21,13 +20,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from learners.networks.replay import Batch
-from learners.networks.stacked import LARGE_TABLE, Lookup, StackedDoubleQ
+from learners.networks.double_q import LARGE_TABLE, StackedDoubleQ
+from learners.networks.replay_buffer import Batch
 
 LEAST_TABLE = 64
 """Rows of the padded table at first; it doubles whenever it is full."""
 WARM_UP = 3
-"""Calls before the capture, in which libraries choose their kernels and the optimiser its state."""
+"""Calls before the capture: libraries choose their kernels, the optimizer creates its state."""
 
 Step = Callable[..., Tensor]
 
@@ -93,7 +92,7 @@ class Captured:
 
 
 class CapturedDoubleQ(StackedDoubleQ):
-    """A :class:`~learners.networks.stacked.StackedDoubleQ` whose shapes do not depend on the data.
+    """A :class:`~learners.networks.double_q.StackedDoubleQ` whose steps are CUDA graphs.
 
     Its arguments are the same, and so are its numbers but for rounding.
     """
@@ -107,37 +106,27 @@ class CapturedDoubleQ(StackedDoubleQ):
             rows *= 2
         if self._padded is None or len(self._padded) != rows:
             self._padded = self.online.parameters.new_zeros(rows, self.online.sizes[0])
-            # Captured steps hold the old table's address.
+            # Captured steps read the old table at its address.
             self._captured: dict[tuple[object, ...], Captured] = {}
             self._values: Tensor | None = None
         self._padded.zero_()
         self._padded[: len(table)] = table.to(self._padded)
         self._table = self._padded
-        self._forget_judged()
+        self._target_changed()
 
-    def _forget_judged(self) -> None:
-        """Judge the table anew, in the place where captured steps read it."""
+    def _target_changed(self) -> None:
+        """Evaluate the table anew, in the place where captured steps read it."""
         if len(self._table) > LARGE_TABLE:
-            self._judged = None
+            self._target_values = None
         elif self._values is None:
-            self._values = self._judged = self.target(self._table)
+            self._values = self._target_values = self.target(self._table)
         else:
-            self._judged = self._values.copy_(self.target(self._table))
+            self._target_values = self._values.copy_(self.target(self._table))
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
         super().load_state_dict(state)
-        self._captured = {}  # what the optimiser remembers has moved
-
-    def _look_up(self, batch: Batch) -> Lookup:
-        agents, many = batch.before.shape
-        device = batch.before.device
-        if len(self._table) <= 2 * many:
-            rows = torch.arange(len(self._table), device=device).expand(agents, -1)
-            return Lookup(rows, batch.before, batch.after)
-        column = torch.arange(2 * many, device=device).expand(agents, -1)
-        rows = torch.cat([batch.before, batch.after], dim=1)
-        return Lookup(rows, *(part.contiguous() for part in column.chunk(2, dim=1)))
+        self._captured = {}  # the state of the optimizer has moved
 
     def _train(self, batch: Batch, trains: Tensor | None) -> Tensor:
         given = (*batch, *(() if trains is None else (trains,)))

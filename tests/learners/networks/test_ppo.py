@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from learners.networks.actor_critic import (
-    PolicyGradient,
+from learners.networks.ppo import (
+    PPO,
+    PPOSettings,
     Rollout,
-    Trainer,
     advantages,
-    chosen,
-    log_chance,
+    log_prob,
+    sample_actions,
 )
-from learners.networks.memories import Memory, make_memory
-from support.small_memories import TINY, WIDTH, random_inputs, rng, weights_of
+from learners.networks.recurrent_policy import RecurrentPolicy, make_policy
+from support.small_policies import TINY, WIDTH, random_inputs, rng, weights_of
 
 
 @pytest.fixture(autouse=True)
@@ -27,8 +26,10 @@ def one_thread() -> None:
     torch.set_num_threads(1)
 
 
-def network_of(kind: Any, networks: int = 1) -> Memory:
-    return make_memory(replace(TINY, kind=kind), 7, [rng(n) for n in range(networks)]).double()
+def network_of(kind: Any, networks: int = 1) -> RecurrentPolicy:
+    return make_policy(
+        TINY.model_copy(update={"kind": kind}), 7, [rng(n) for n in range(networks)]
+    ).double()
 
 
 # -- networks -------------------------------------------------------------------------------------
@@ -72,7 +73,7 @@ def test_networks_together_are_as_each_alone(kind: Any) -> None:
     inputs = random_inputs(2, 4, 3)
     state = torch.zeros(2, 3, both.state_size(7)).double()
     logits, values, _ = both(inputs, state)
-    alone = make_memory(replace(TINY, kind=kind), 7, [rng(1)]).double()
+    alone = make_policy(TINY.model_copy(update={"kind": kind}), 7, [rng(1)]).double()
     one, value, _ = alone(inputs[1:], state[1:])
     assert torch.allclose(one[0], logits[1], atol=1e-12)
     assert torch.allclose(value[0], values[1], atol=1e-12)
@@ -91,14 +92,14 @@ def test_advantages_on_a_worked_example() -> None:
         state=torch.zeros(1, 1, 1),
         fresh=row(False, False, False, False),
         action=row(0, 0, 0, 0),
-        log_chance=row(0.0, 0.0, 0.0, 0.0),
+        log_prob=row(0.0, 0.0, 0.0, 0.0),
         value=row(2.0, 9.0, 4.0, 8.0),
         reward=row(1.0, 5.0, 3.0, 0.0),
-        over=row(False, False, True, False),
-        counts=row(True, False, True, True),
+        done=row(False, False, True, False),
+        mask=row(True, False, True, True),
         bootstrap=torch.tensor([[6.0]]),
     )
-    better = advantages(rollout, gamma=0.5, decay=0.5)[0, :, 0].tolist()
+    better = advantages(rollout, gamma=0.5, gae_lambda=0.5)[0, :, 0].tolist()
     last = 0.0 + 0.5 * 6.0 - 8.0
     third = 3.0 - 4.0  # its trial is over
     first = 1.0 + 0.5 * 4.0 - 2.0 + 0.25 * third  # the second did not happen
@@ -108,10 +109,10 @@ def test_advantages_on_a_worked_example() -> None:
 def test_actions_are_drawn_by_their_chances() -> None:
     logits = np.log(np.array([[0.2, 0.5, 0.3]], dtype=np.float32)).repeat(7, axis=0)
     uniform = np.array([0.0, 0.19, 0.21, 0.69, 0.71, 0.99, 1 - 1e-12])
-    actions = chosen(logits + 3, uniform)
+    actions = sample_actions(logits + 3, uniform)
     assert actions.tolist() == [0, 0, 1, 1, 2, 2, 2]
     expected = np.log([0.2, 0.2, 0.5, 0.5, 0.3, 0.3, 0.3])
-    assert log_chance(logits + 3, actions) == pytest.approx(expected, abs=1e-6)
+    assert log_prob(logits + 3, actions) == pytest.approx(expected, abs=1e-6)
 
 
 def made_up(networks: int, steps: int = 6, rooms: int = 4) -> Rollout:
@@ -121,30 +122,30 @@ def made_up(networks: int, steps: int = 6, rooms: int = 4) -> Rollout:
         state=torch.zeros(networks, rooms, 7 * TINY.lever + TINY.room).double(),
         fresh=torch.from_numpy(generator.random(shape) < 0.2),
         action=torch.from_numpy(generator.integers(15, size=shape)),
-        log_chance=torch.from_numpy(generator.normal(-2.7, 0.1, size=shape)),
+        log_prob=torch.from_numpy(generator.normal(-2.7, 0.1, size=shape)),
         value=torch.from_numpy(generator.normal(size=shape)),
         reward=torch.from_numpy(generator.normal(size=shape)),
-        over=torch.from_numpy(generator.random(shape) < 0.2),
-        counts=torch.from_numpy(generator.random(shape) < 0.7),
+        done=torch.from_numpy(generator.random(shape) < 0.2),
+        mask=torch.from_numpy(generator.random(shape) < 0.7),
         bootstrap=torch.from_numpy(generator.normal(size=(networks, rooms))),
     )
 
 
 def test_the_first_step_follows_the_plain_policy_gradient() -> None:
     # Where nothing is clipped yet, PPO's gradient is that of log-chance times advantage.
-    settings = PolicyGradient(epochs=1, minibatches=1, value_weight=0.0, largest_gradient=1e9)
+    settings = PPOSettings(epochs=1, minibatches=1, value_weight=0.0, max_grad_norm=1e9)
     network, rollout = network_of("levers"), made_up(1)
     with torch.no_grad():
         logits, _, _ = network(rollout.inputs, rollout.state, rollout.fresh)
     now = torch.log_softmax(logits, -1).gather(-1, rollout.action[..., None]).squeeze(-1)
-    rollout = rollout._replace(log_chance=now)
-    trainer = Trainer(network, settings)
-    trainer.optimiser = torch.optim.SGD(network.parameters(), lr=1.0)  # type: ignore[assignment]
+    rollout = rollout._replace(log_prob=now)
+    trainer = PPO(network, settings)
+    trainer.optimizer = torch.optim.SGD(network.parameters(), lr=1.0)  # type: ignore[assignment]
     before = weights_of(network, 0)
     plain = copy.deepcopy(network)
     trainer.update(rollout, entropy_weight=0.0)
 
-    better, counts = advantages(rollout, settings.gamma, settings.decay), rollout.counts
+    better, counts = advantages(rollout, settings.gamma, settings.gae_lambda), rollout.mask
     known = better[counts]
     better = (better - known.mean()) / (known.std(unbiased=False) + 1e-6)
     logits, _, _ = plain(rollout.inputs, rollout.state, rollout.fresh)
@@ -156,35 +157,35 @@ def test_the_first_step_follows_the_plain_policy_gradient() -> None:
 
 
 def test_no_action_moves_further_than_the_clip() -> None:
-    settings = PolicyGradient(value_weight=0.0, minibatches=1, epochs=1, clip=0.05)
-    rollout = made_up(1)._replace(log_chance=torch.full((1, 6, 4), -9.0).double())
+    settings = PPOSettings(value_weight=0.0, minibatches=1, epochs=1, clip=0.05)
+    rollout = made_up(1)._replace(log_prob=torch.full((1, 6, 4), -9.0).double())
     network = network_of("levers")
-    trainer = Trainer(network, settings)
+    trainer = PPO(network, settings)
     rollout = rollout._replace(reward=torch.ones(1, 6, 4).double() + rollout.reward)
     before = weights_of(network, 0)
     told = trainer.update(rollout, entropy_weight=0.0)
     assert told["clipped"] == 1.0
     # Actions far likelier than they were are not made likelier still, only less.
-    better = advantages(rollout, settings.gamma, settings.decay)
-    assert (better[rollout.counts] < better[rollout.counts].mean()).any()
+    better = advantages(rollout, settings.gamma, settings.gae_lambda)
+    assert (better[rollout.mask] < better[rollout.mask].mean()).any()
     assert not torch.equal(weights_of(network, 0), before)
 
 
 def test_what_did_not_happen_teaches_nothing_and_networks_learn_alone() -> None:
     rollout = made_up(2)
-    settings = PolicyGradient(minibatches=2)
+    settings = PPOSettings(minibatches=2)
     both = network_of("levers", networks=2)
     start = weights_of(both, 1)
     for _ in range(20):
-        trainer = Trainer(both, settings)
+        trainer = PPO(both, settings)
         trainer.update(rollout, 0.01)
     garbled = rollout._replace(
-        reward=torch.where(rollout.counts, rollout.reward, 99.0),
-        action=torch.where(rollout.counts, rollout.action, 3),
+        reward=torch.where(rollout.mask, rollout.reward, 99.0),
+        action=torch.where(rollout.mask, rollout.action, 3),
     )
-    alone = make_memory(TINY, 7, [rng(1)]).double()
+    alone = make_policy(TINY, 7, [rng(1)]).double()
     for _ in range(20):
-        trainer = Trainer(alone, settings)
+        trainer = PPO(alone, settings)
         trainer.update(Rollout(*(tensor[1:] for tensor in garbled)), 0.01)
     assert torch.allclose(weights_of(both, 1), weights_of(alone, 0), atol=1e-9)
     assert (weights_of(both, 1) - start).norm() > 0.1

@@ -1,8 +1,8 @@
-"""Many small networks as one: stacked parameters, one matrix product for all agents.
+"""Double Q-learning for N agents at once, in plain torch.
 
-N agents with networks of the same shape keep their weights as ``[N, in, out]`` tensors, so that a
-batched matrix product evaluates all of them and one optimiser step trains all of them. Nothing is
-shared: an agent's gradient comes from its own loss alone.
+N networks of the same shape keep their weights as ``[N, in, out]`` tensors, so that one batched
+matrix product evaluates all of them and one optimizer step trains all of them. Nothing is shared:
+an agent's gradient comes from its own loss alone.
 
 At this size, recording what autograd needs and allocating gradients anew takes as long as the
 arithmetic. So the gradient of these plain layers is written out (:meth:`StackedMLP.backward`); the
@@ -15,21 +15,21 @@ import copy
 import math
 from collections.abc import Sequence
 from itertools import pairwise, zip_longest
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from learners.networks.replay import Batch
+from learners.networks.replay_buffer import Batch
 
 Device = Literal["auto", "cpu", "cuda"]
-Optimiser = Literal["adam", "rmsprop", "sgd"]
+OptimizerName = Literal["adam", "rmsprop", "sgd"]
 Loss = Literal["huber", "squared"]
 
 LARGE_TABLE = 1000
-"""Observations from which on the target network no longer judges all of them ahead of time."""
+"""Observations from which on the target network no longer evaluates all of them ahead of time."""
 
 
 def find_device(name: Device) -> torch.device:
@@ -48,9 +48,9 @@ class StackedMLP:
         device: Where the parameters are kept.
 
     Attributes:
-        parameters: All parameters of all agents in one piece, which an optimiser and a copy go
-            through fastest.
-        weights: ``[N, in, out]`` of each layer: parts of ``parameters``.
+        parameters: All parameters of all agents in one flat tensor, which is the fastest to update
+            and to copy.
+        weights: ``[N, in, out]`` of each layer: views of ``parameters``.
         biases: ``[N, 1, out]`` of each layer.
     """
 
@@ -79,7 +79,7 @@ class StackedMLP:
         self._gradients = self.layers_of(flat.grad)
 
     def layers_of(self, flat: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-        """Weights and biases, by layer, in a piece that is laid out like ``parameters``."""
+        """Weights and biases, by layer, in a tensor that is laid out like ``parameters``."""
         shapes = [
             (self.agents, rows, width_out)
             for width_in, width_out in pairwise(self.sizes)
@@ -90,90 +90,63 @@ class StackedMLP:
         return layers[::2], layers[1::2]
 
     def copy(self) -> StackedMLP:
-        """Networks with the same parameters, which then go ways of their own."""
+        """Networks with the same parameters, independent of these."""
         twin = copy.copy(self)
         twin._keep(self.parameters.clone())
         return twin
 
-    def trace(self, inputs: Tensor) -> list[Tensor]:
-        """What each layer is given, and last the outputs.
+    def activations(self, inputs: Tensor) -> list[Tensor]:
+        """The input of each layer, and last the outputs.
 
         Args:
             inputs: ``[N, M, in]``, or ``[M, in]`` for the same inputs to every agent.
         """
-        given = [inputs.expand(self.agents, -1, -1)]
+        layers = [inputs.expand(self.agents, -1, -1)]
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             if layer:
-                given[-1].relu_()
-            given.append(torch.baddbmm(bias, given[-1], weight))
-        return given
+                layers[-1].relu_()
+            layers.append(torch.baddbmm(bias, layers[-1], weight))
+        return layers
 
     def __call__(self, inputs: Tensor) -> Tensor:
         """``[N, M, out]`` outputs for ``[N, M, in]`` inputs; ``[M, in]`` goes to every agent."""
-        return self.trace(inputs)[-1]
+        return self.activations(inputs)[-1]
 
-    def backward(self, given: list[Tensor], gradient: Tensor) -> None:
+    def backward(self, activations: list[Tensor], gradient: Tensor) -> None:
         """Set ``parameters.grad``.
 
         Args:
-            given: What :meth:`trace` told.
-            gradient: ``[N, M, out]`` of each agent's loss by its outputs.
+            activations: As :meth:`activations` returned them.
+            gradient: ``[N, M, out]`` of each agent's loss with respect to its outputs.
         """
         weights, biases = self._gradients
         for layer in reversed(range(len(weights))):
-            torch.bmm(given[layer].transpose(1, 2), gradient, out=weights[layer])
+            torch.bmm(activations[layer].transpose(1, 2), gradient, out=weights[layer])
             torch.sum(gradient, dim=1, keepdim=True, out=biases[layer])
             if layer:
                 gradient = torch.bmm(gradient, self.weights[layer].transpose(1, 2))
                 # The slope of a ReLU is 1 where it let something through and 0 elsewhere.
-                gradient.mul_(given[layer].sign())
-
-
-class Lookup(NamedTuple):
-    """The distinct observations of a minibatch, and where those of its transitions are among them.
-
-    Attributes:
-        rows: ``[N, U]`` indices into the table, U being the most that an agent's minibatch has;
-            agents with fewer have others besides.
-        before: ``[N, M]`` column of ``rows`` that holds the observation before each transition.
-        after: ``[N, M]`` the same for the one after it; where the target ends there, and nothing
-            needs to be evaluated, the one before it again.
-    """
-
-    rows: Tensor
-    before: Tensor
-    after: Tensor
-
-
-def look_up(batch: Batch, size: int) -> Lookup:
-    """Which observations of a table of that size a minibatch needs."""
-    after = torch.where(batch.goes_on > 0, batch.after, batch.before)
-    which = torch.cat([batch.before, after], dim=1)
-    occurs = torch.zeros(len(which), size, dtype=torch.bool, device=which.device)
-    occurs.scatter_(1, which, True)
-    column = (occurs.cumsum(dim=1) - 1).gather(1, which)
-    rows = which.new_zeros(len(which), int(column.max()) + 1)
-    return Lookup(rows.scatter_(1, column, which), *column.chunk(2, dim=1))
+                gradient.mul_(activations[layer].sign())
 
 
 class StackedDoubleQ:
     """Double Q-learning for N agents over a table of observations.
 
     The room shows few distinct observations, and most of a minibatch repeats them. So transitions
-    hold indices into a table (see :meth:`observe`), each agent's network evaluates every
-    observation of its minibatch once, and the values of the transitions are read off; loss and
-    gradient are the same as if each transition had been evaluated by itself. The target network
-    changes seldom, so that its values of the whole table are kept until it does.
+    hold indices into a table (see :meth:`observe`), and where the table is smaller than a
+    minibatch, each agent's network evaluates the table once and the values of the transitions are
+    read off; loss and gradient are the same as if each transition had been evaluated by itself. The
+    target network changes seldom, so its values of the whole table are kept until it does.
 
     Args:
         sizes: As for :class:`StackedMLP`.
         generators: One source of initial weights for each agent.
-        learning_rate: Of the optimiser.
+        learning_rate: Of the optimizer.
         gamma: Discount factor.
         target_period: Updates between copies of the network to the target network; ``None`` never
             copies it again.
         loss: Huber's loss, or half the squared error.
-        optimiser: Which of torch's to use, apart from the learning rate with its defaults.
+        optimizer: Which of torch's to use, apart from the learning rate with its defaults.
         device: Where everything is kept.
     """
 
@@ -185,7 +158,7 @@ class StackedDoubleQ:
         gamma: float,
         target_period: int | None,
         loss: Loss = "huber",
-        optimiser: Optimiser = "adam",
+        optimizer: OptimizerName = "adam",
         device: torch.device | str | None = None,
     ) -> None:
         self.online = StackedMLP(sizes, generators, device)
@@ -196,25 +169,25 @@ class StackedDoubleQ:
         self.loss = loss
         self.updates = 0
         parameters = [self.online.parameters]
-        # On a GPU it counts its steps there, so that nobody has to wait for the count.
+        # On a GPU the optimizer counts its steps there, so that nothing has to wait for the count.
         self._capturable = parameters[0].device.type == "cuda"
-        self.optimiser: torch.optim.Optimizer
-        if optimiser == "adam":
-            self.optimiser = torch.optim.Adam(
+        self.optimizer: torch.optim.Optimizer
+        if optimizer == "adam":
+            self.optimizer = torch.optim.Adam(
                 parameters, lr=learning_rate, fused=True, capturable=self._capturable
             )
-        elif optimiser == "rmsprop":
-            self.optimiser = torch.optim.RMSprop(
+        elif optimizer == "rmsprop":
+            self.optimizer = torch.optim.RMSprop(
                 parameters, lr=learning_rate, capturable=self._capturable
             )
         else:
-            self.optimiser = torch.optim.SGD(parameters, lr=learning_rate)
+            self.optimizer = torch.optim.SGD(parameters, lr=learning_rate)
         self.observe(torch.zeros(0, self.online.sizes[0]))
 
     def observe(self, table: Tensor) -> None:
-        """Take ``[D, in]`` distinct observations; all indices mean rows of this table."""
+        """Replace the table of ``[D, in]`` distinct observations, which all indices refer to."""
         self._table = table.to(self.online.parameters)
-        self._judged: Tensor | None = None
+        self._target_values: Tensor | None = None
 
     def greedy(
         self, observations: NDArray[Any], wanted: NDArray[np.bool_] | None = None
@@ -229,35 +202,40 @@ class StackedDoubleQ:
         best: NDArray[np.int64] = self.online(inputs).squeeze(1).argmax(dim=1).cpu().numpy()
         return best
 
-    def errors(self, batch: Batch) -> Tensor:
-        """``[N, M]`` TD errors: the value of each transition's action, less its double-Q target."""
-        return self._evaluate(batch)[0]
-
     def _evaluate(self, batch: Batch) -> tuple[Tensor, list[Tensor], Tensor]:
-        """TD errors; the trace of the distinct observations; ``[N, M]`` which output was meant."""
-        lookup = self._look_up(batch)
-        given = self.online.trace(self._table[lookup.rows])
-        values, actions = given[-1], self.online.sizes[-1]
-        # Double Q: the online network chooses, the target network judges.
-        choice = values.argmax(dim=2).gather(1, lookup.after)
-        judged = self._judge(lookup, choice)
-        target = batch.reward + batch.goes_on * judged * self.gamma
-        meant = lookup.before * actions + batch.action
-        return values.flatten(1).gather(1, meant) - target, given, meant
-
-    def _look_up(self, batch: Batch) -> Lookup:
-        """Which observations to evaluate."""
-        return look_up(batch, len(self._table))
-
-    def _judge(self, lookup: Lookup, action: Tensor) -> Tensor:
-        """``[N, M]`` the target network's values of actions in what followed."""
+        """TD errors; the activations; and ``[N, M]`` which output each transition is about."""
+        rows, before, after = self._rows_of(batch)
+        activations = self.online.activations(self._table[rows])
+        values, actions = activations[-1], self.online.sizes[-1]
+        # Double Q: the online network chooses, the target network evaluates.
+        choice = values.argmax(dim=2).gather(1, after)
         if len(self._table) > LARGE_TABLE:
-            judged, which = self.target(self._table[lookup.rows]), lookup.after
+            target_values, row = self.target(self._table[rows]), after
         else:
-            if self._judged is None:
-                self._judged = self.target(self._table)
-            judged, which = self._judged, lookup.rows.gather(1, lookup.after)
-        return judged.flatten(1).gather(1, which * self.online.sizes[-1] + action)
+            if self._target_values is None:
+                self._target_values = self.target(self._table)
+            target_values, row = self._target_values, batch.after
+        following = target_values.flatten(1).gather(1, row * actions + choice)
+        td_target = batch.reward + batch.not_done * following * self.gamma
+        output = before * actions + batch.action
+        return values.flatten(1).gather(1, output) - td_target, activations, output
+
+    def _rows_of(self, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
+        """Which observations to evaluate: the whole table, or those of the transitions if fewer.
+
+        The shapes do not depend on the data, as a CUDA graph needs it.
+
+        Returns:
+            ``[N, U]`` rows of the table, and ``[N, M]`` the columns among them of the observations
+            before and after each transition.
+        """
+        agents, many = batch.before.shape
+        every = torch.arange(min(len(self._table), 2 * many), device=batch.before.device)
+        every = every.expand(agents, -1)
+        if len(self._table) <= 2 * many:
+            return every, batch.before, batch.after
+        before, after = (part.contiguous() for part in every.chunk(2, dim=1))
+        return torch.cat([batch.before, batch.after], dim=1), before, after
 
     def update(self, batch: Batch, trains: Tensor | None = None) -> Tensor:
         """One gradient step for every agent on its own minibatch.
@@ -265,9 +243,9 @@ class StackedDoubleQ:
         Args:
             batch: The minibatches. An agent's loss is the mean over its transitions, each times
                 its weight.
-            trains: ``[N]`` which agents take the step; the networks of the others, and what the
-                optimiser remembers of them, stay as they are, whatever their minibatches hold. By
-                default all do.
+            trains: ``[N]`` which agents take the step; the networks of the others, and the state
+                of the optimizer, stay as they are, whatever their minibatches hold. By default all
+                do.
 
         Returns:
             ``[N, M]`` the TD errors before the step.
@@ -278,29 +256,29 @@ class StackedDoubleQ:
 
     def _train(self, batch: Batch, trains: Tensor | None) -> Tensor:
         """The update on the device; counting and the target network are :meth:`_after_step`'s."""
-        errors, given, meant = self._evaluate(batch)
+        errors, activations, output = self._evaluate(batch)
         # The slope of half the square is the error; Huber's never exceeds 1.
         slope = errors.clamp(-1.0, 1.0) if self.loss == "huber" else errors
         slope = slope * batch.weight / errors.shape[1]
-        gradient = torch.zeros_like(given[-1])
-        gradient.flatten(1).scatter_add_(1, meant, slope)
-        self.online.backward(given, gradient)
-        kept = [] if trains is None else [part.clone() for part in self._of_agents()]
-        self.optimiser.step()
+        loss_gradient = torch.zeros_like(activations[-1])
+        loss_gradient.flatten(1).scatter_add_(1, output, slope)
+        self.online.backward(activations, loss_gradient)
+        before = [] if trains is None else [part.clone() for part in self._of_agents()]
+        self.optimizer.step()
         if trains is not None:
-            self._put_back(kept, trains)
+            self._put_back(before, trains)
         return errors
 
     def _of_agents(self) -> list[Tensor]:
-        """Networks and what the optimiser remembers of them, all laid out alike."""
+        """The networks and the state of the optimizer, all laid out alike."""
         parameters = self.online.parameters
-        held = self.optimiser.state.get(parameters, {}).values()
-        return [parameters, *(part for part in held if part.shape == parameters.shape)]
+        state = self.optimizer.state.get(parameters, {}).values()
+        return [parameters, *(part for part in state if part.shape == parameters.shape)]
 
     def _put_back(self, kept: list[Tensor], trains: Tensor) -> None:
         """Undo the step of the agents that do not train."""
         for now, before in zip_longest(self._of_agents(), kept):
-            # What the optimiser began to remember with this step was nothing before.
+            # State that the optimizer created with this step was zero before.
             before = torch.zeros_like(now) if before is None else before
             for parts in zip(*map(self.online.layers_of, (now, before)), strict=True):
                 for part, old in zip(*parts, strict=True):
@@ -310,18 +288,17 @@ class StackedDoubleQ:
         self.updates += 1
         if self.target_period and self.updates % self.target_period == 0:
             self.target.parameters.copy_(self.online.parameters)
-            self._forget_judged()
+            self._target_changed()
 
-    def _forget_judged(self) -> None:
-        """Called whenever the target network has changed."""
-        self._judged = None
+    def _target_changed(self) -> None:
+        self._target_values = None
 
     def state_dict(self) -> dict[str, Any]:
-        """Networks, optimiser and counters as they are now."""
+        """Networks, optimizer and counters as they are now."""
         return {
             "online": self.online.parameters.detach().clone(),
             "target": self.target.parameters.detach().clone(),
-            "optimiser": copy.deepcopy(self.optimiser.state_dict()),
+            "optimiser": copy.deepcopy(self.optimizer.state_dict()),
             "updates": self.updates,
         }
 
@@ -329,11 +306,11 @@ class StackedDoubleQ:
         """Go on from a checkpoint."""
         self.online.parameters.copy_(state["online"])
         self.target.parameters.copy_(state["target"])
-        # Unlike the networks, the optimiser would take over the checkpoint's own tensors.
-        optimiser = copy.deepcopy(state["optimiser"])
-        for group in optimiser["param_groups"]:
+        # Unlike the networks, the optimizer would take over the checkpoint's own tensors.
+        optimizer = copy.deepcopy(state["optimiser"])
+        for group in optimizer["param_groups"]:
             if "capturable" in group:  # depends on where it goes on, and not on where it was
                 group["capturable"] = self._capturable
-        self.optimiser.load_state_dict(optimiser)
+        self.optimizer.load_state_dict(optimizer)
         self.updates = state["updates"]
-        self._forget_judged()
+        self._target_changed()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from learners.networks.memories import Memory, Sizes
+from learners.networks.recurrent_policy import RecurrentPolicy, Sizes
 
 TINY = Sizes(lever=5, room=6, reader=7)
 WIDTH = 16 + 15 + 2 + 4
@@ -21,5 +21,5 @@ def random_inputs(*shape: int, seed: int = 0) -> torch.Tensor:
     return torch.from_numpy(rng(seed).integers(0, 2, size=(*shape, WIDTH)).astype(float))
 
 
-def weights_of(network: Memory, index: int) -> torch.Tensor:
+def weights_of(network: RecurrentPolicy, index: int) -> torch.Tensor:
     return torch.cat([p.detach()[index].flatten() for p in network.parameters()])

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learners.networks.sequence_replay import SequenceReplay
+from learners.networks.sequence_buffer import SequenceBuffer
 
 
 @settings(max_examples=60, deadline=None)
@@ -22,22 +22,22 @@ def test_sequences_never_cross_a_reset(
 ) -> None:
     segments = np.repeat(np.arange(len(lengths) + 1), [*lengths, open_end])
     total = len(segments)
-    replay = SequenceReplay(2, capacity, burn_in, unroll, 1, 1)
+    replay = SequenceBuffer(2, capacity, burn_in, unroll, 1, 1)
     for step, segment in enumerate(segments):
         last = step + 1 < total and segments[step + 1] != segment
         last |= open_end == 0 and step == total - 1
         for who in (0, 1):  # Inputs tell the step; states tell the step from the other end.
             number = np.array([[step + 1000 * who]], dtype=np.float32)
-            goes_on, resets = np.array([not last]), np.array([last])
-            replay.add(np.array([who]), number, -number, *([[step]] * 2), goes_on, resets)
+            not_done, resets = np.array([not last]), np.array([last])
+            replay.add(np.array([who]), number, -number, *([[step]] * 2), not_done, resets)
     drawn = np.random.default_rng(0).random((2, 2 * 300))
     batch = replay.sample(drawn)
     learned: set[int] = set()
     for who, sequence in np.ndindex(2, 300 if total > 1 else 0):
         seen = batch.inputs[who, :, sequence, 0].astype(int) - 1000 * who
         start = seen[burn_in]
-        burns = seen[:burn_in][batch.burns_in[who, :, sequence]].tolist()
-        counts = batch.counts[who, :, sequence] == 1
+        burns = seen[:burn_in][batch.burn_in_mask[who, :, sequence]].tolist()
+        counts = batch.mask[who, :, sequence] == 1
         learns = seen[burn_in:-1][counts].tolist()
         # All of it is of one segment, remembered, in order, and whole on both sides.
         oldest = max(0, total - capacity)
@@ -52,7 +52,7 @@ def test_sequences_never_cross_a_reset(
         assert batch.state[who, sequence, 0] == -(start - len(burns) + 1000 * who)
         assert batch.action[who, counts, sequence].tolist() == learns
         # Where there is a value after a step, the input that follows is there.
-        for at in np.flatnonzero(batch.goes_on[who, :, sequence] * counts):
+        for at in np.flatnonzero(batch.not_done[who, :, sequence] * counts):
             assert seen[burn_in + at + 1] == seen[burn_in + at] + 1
         learned.update(learns)
     # Every step that is remembered is learned from, but for the newest.

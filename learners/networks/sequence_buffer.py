@@ -1,9 +1,9 @@
-"""Replay of sequences, for learners with memory, for B subjects at once.
+"""Replay of sequences of steps, for recurrent networks of B subjects at once.
 
-Each subject has a ring of its steps in the order in which they happened. With every step is kept
-the state that the subject's memory had before it, so that any step can begin a sequence. What lies
-between two resets of the memory is a segment (a trial, or a whole condition), and no sequence
-reaches out of its segment: what was forgotten there must not be remembered here.
+Each subject has a ring of its steps in the order in which they happened. The hidden state of the
+network before each step is kept with it, so that any step can begin a sequence. The steps between
+two resets of the hidden state are a segment (a trial, or a whole condition), and no sequence
+crosses the border of a segment: the network must not carry over in replay what it forgot in play.
 """
 
 from __future__ import annotations
@@ -25,29 +25,30 @@ class Sequences:
     """M sequences for each of N agents: K steps of burn-in, U steps to learn from, and one more.
 
     Time is the second axis. The steps to learn from stand in the columns from K on. A sequence
-    that has fewer steps is filled up with copies of its first step to learn from, which
-    ``burns_in`` and ``counts`` leave out.
+    that has fewer steps is padded with copies of its first step to learn from, which
+    ``burn_in_mask`` and ``mask`` leave out.
 
     Attributes:
         inputs: ``[N, K + U + 1, M, in]`` what was perceived; the last is what follows step U.
-        state: ``[N, M, S]`` the memory's state before the first step that is there.
-        burns_in: ``[N, K, M]`` whether the step is there.
+        state: ``[N, M, S]`` hidden state before the first step that is there.
+        burn_in_mask: ``[N, K, M]`` whether the step is there.
         action: ``[N, U, M]`` what was done.
         reward: ``[N, U, M]`` what it earned.
-        goes_on: ``[N, U, M]`` 1 where there is a value after it, 0 where the target ends.
-        counts: ``[N, U, M]`` 1 where the step is there, 0 elsewhere.
+        not_done: ``[N, U, M]`` 1 where the value of what follows counts, 0 where the TD target is
+            the reward.
+        mask: ``[N, U, M]`` 1 where the step is there, 0 elsewhere.
     """
 
     inputs: Floats
     state: Floats
-    burns_in: BoolArray
+    burn_in_mask: BoolArray
     action: IntArray
     reward: Floats
-    goes_on: Floats
-    counts: Floats
+    not_done: Floats
+    mask: Floats
 
 
-class SequenceReplay:
+class SequenceBuffer:
     """B rings of steps, one for each subject.
 
     Args:
@@ -56,7 +57,7 @@ class SequenceReplay:
         burn_in: K, steps before those to learn from.
         unroll: U, steps to learn from.
         inputs: Numbers perceived at a time.
-        state: Numbers in a memory's state.
+        state: Numbers in a hidden state.
 
     Attributes:
         count: ``[B]`` steps of each subject so far, those overwritten included.
@@ -73,7 +74,7 @@ class SequenceReplay:
         self._state = np.zeros((subjects, capacity, state), dtype=np.float32)
         self._action = np.zeros((subjects, capacity), dtype=np.int64)
         self._reward = np.zeros((subjects, capacity), dtype=np.float32)
-        self._goes_on = np.zeros((subjects, capacity), dtype=np.float32)
+        self._not_done = np.zeros((subjects, capacity), dtype=np.float32)
 
     def add(
         self,
@@ -82,7 +83,7 @@ class SequenceReplay:
         state: Floats,
         action: IntArray,
         reward: FloatArray,
-        goes_on: BoolArray,
+        not_done: BoolArray,
         resets: BoolArray,
     ) -> None:
         """Add one step for each of the subjects ``who``; all arguments are as long.
@@ -90,11 +91,11 @@ class SequenceReplay:
         Args:
             who: Indices of the subjects.
             inputs: What was perceived.
-            state: The memory's state before that.
+            state: Hidden state before that.
             action: What was done.
             reward: What it earned.
-            goes_on: Whether there is a value after it.
-            resets: Whether the memory was reset after it; such a step must not go on.
+            not_done: Whether the value of what follows counts.
+            resets: Whether the hidden state was reset after it; ``not_done`` must be false then.
         """
         slot = self.count[who] % self.capacity
         self._begins[who, slot] = self._segment[who]
@@ -102,20 +103,20 @@ class SequenceReplay:
         self._state[who, slot] = state
         self._action[who, slot] = action
         self._reward[who, slot] = reward
-        self._goes_on[who, slot] = goes_on
+        self._not_done[who, slot] = not_done
         self.count[who] += 1
         self._segment[who] = np.where(resets, self.count[who], self._segment[who])
 
-    def sample(self, luck: FloatArray) -> Sequences:
+    def sample(self, uniform: FloatArray) -> Sequences:
         """Sequences drawn with replacement, for each subject from its own ring.
 
         A step is drawn, and then where in the sequence it stands. The newest step is never learned
         from, since what follows it is not known yet.
 
         Args:
-            luck: ``[B, 2 M]`` uniform numbers in [0, 1).
+            uniform: ``[B, 2 M]`` numbers in [0, 1) that they are drawn by.
         """
-        which, where = np.split(luck, 2, axis=1)
+        which, where = np.split(uniform, 2, axis=1)
         # Steps are numbered from a subject's first, and stand in the ring at their remainder.
         newest = self.count[:, None] - 1
         oldest = np.maximum(self.count[:, None] - self.capacity, 0)
@@ -138,11 +139,11 @@ class SequenceReplay:
         return Sequences(
             inputs=self._inputs[subject, slot],
             state=self._state[subject[:, 0], begins],
-            burns_in=inside[:, : self.burn_in],
+            burn_in_mask=inside[:, : self.burn_in],
             action=self._action[subject, learned],
             reward=self._reward[subject, learned],
-            goes_on=self._goes_on[subject, learned],
-            counts=(inside & (step < newest[:, None]))[:, self.burn_in : -1].astype(np.float32),
+            not_done=self._not_done[subject, learned],
+            mask=(inside & (step < newest[:, None]))[:, self.burn_in : -1].astype(np.float32),
         )
 
     def state_dict(self) -> dict[str, Any]:
@@ -151,4 +152,5 @@ class SequenceReplay:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        vars(self).update(copy.deepcopy(state))
+        for name, value in copy.deepcopy(state).items():
+            vars(self)["_not_done" if name == "_goes_on" else name] = value  # its name in 0.2

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 import torch
 
-from learners.networks.replay import ObservationTable, PrioritisedReplay, Replay
+from learners.networks.replay_buffer import ObservationTable, PrioritisedReplayBuffer, ReplayBuffer
 from support.checkpoints import same
 
 
-def filled(subjects: int, capacity: int, many: int, replay: Replay | None = None) -> Replay:
+def filled(
+    subjects: int, capacity: int, many: int, replay: ReplayBuffer | None = None
+) -> ReplayBuffer:
     """Transition *t* of subject *s* is marked 100 s + t in every column."""
-    replay = replay or Replay(subjects, capacity)
+    replay = replay or ReplayBuffer(subjects, capacity)
     who = np.arange(subjects)
     for t in range(many):
         mark = 100 * who + t
@@ -27,15 +29,15 @@ def test_a_full_ring_overwrites_its_oldest_transition() -> None:
     assert replay.length.tolist() == [3, 3]
     replay = filled(2, capacity=5, many=12)
     assert replay.length.tolist() == [5, 5]
-    before, action, after, reward, goes_on = replay.rings
+    before, action, after, reward, not_done = replay.rings
     assert sorted(before[1].tolist()) == [107, 108, 109, 110, 111]
     for column in (action, reward, after):
         assert np.array_equal(column, before)
-    assert np.array_equal(goes_on, before % 2 == 0)
+    assert np.array_equal(not_done, before % 2 == 0)
 
 
 def test_rings_fill_each_at_its_own_pace() -> None:
-    replay = Replay(3, 4)
+    replay = ReplayBuffer(3, 4)
     for t in range(6):
         who = np.array([0, 2]) if t < 3 else np.array([2])
         replay.add(who, who * 10 + t, who, who.astype(float), who, who > 0)
@@ -48,7 +50,7 @@ def test_rings_fill_each_at_its_own_pace() -> None:
 def test_samples_are_uniform_and_from_the_subject_s_own_ring() -> None:
     replay = filled(3, capacity=8, many=5)
     luck = np.random.default_rng(0).random((3, 20_000))
-    before, action, reward, after, goes_on, weight, slot = replay.sample(luck)
+    before, action, reward, after, not_done, weight, slot = replay.sample(luck)
     assert (weight == 1).all()
     assert torch.equal(replay.rings[0].long().gather(1, slot), before)
     for subject in range(3):
@@ -57,7 +59,7 @@ def test_samples_are_uniform_and_from_the_subject_s_own_ring() -> None:
         assert ((counts - 4000) ** 2 / 4000).sum() < 18.5  # chi-square of 4 degrees: p = .001
     for column in (action, reward, after):
         assert np.array_equal(column, before)
-    assert np.array_equal(goes_on, before % 2 == 0)
+    assert np.array_equal(not_done, before % 2 == 0)
     edge = replay.sample(np.full((3, 1), np.nextafter(1.0, 0.0)))[0]
     assert edge[:, 0].tolist() == [4, 104, 204]
 
@@ -65,14 +67,14 @@ def test_samples_are_uniform_and_from_the_subject_s_own_ring() -> None:
 # -- priorities -----------------------------------------------------------------------------------
 
 
-def prioritised(priorities: list[list[float]], alpha: float = 1.0) -> PrioritisedReplay:
+def prioritised(priorities: list[list[float]], alpha: float = 1.0) -> PrioritisedReplayBuffer:
     """A ring for each list, as if its errors had been these."""
     errors = torch.tensor(priorities, dtype=torch.float64)
     subjects, many = errors.shape
-    replay = PrioritisedReplay(subjects, many + 3, alpha)
+    replay = PrioritisedReplayBuffer(subjects, many + 3, alpha)
     filled(subjects, many + 3, many, replay)
     slots = torch.arange(many).expand(subjects, -1)
-    replay.reprioritise(slots, errors, np.ones(subjects, dtype=bool))
+    replay.update_priorities(slots, errors, np.ones(subjects, dtype=bool))
     return replay
 
 
@@ -122,7 +124,7 @@ def test_beta_may_differ_between_subjects() -> None:
 def test_a_new_transition_has_the_highest_priority_so_far() -> None:
     replay = prioritised([[1.0, 6.0], [1.0, 0.5]])
     who = np.array([0, 1])
-    replay.reprioritise(torch.tensor([[1], [1]]), torch.ones(2, 1), np.array([True, False]))
+    replay.update_priorities(torch.tensor([[1], [1]]), torch.ones(2, 1), np.array([True, False]))
     replay.add(who, who, who, who.astype(float), who, who > 0)
     assert replay.priority[:, 2].tolist() == pytest.approx([6.0, 1.0], rel=1e-5)
     assert replay.priority[:, 1].tolist() == pytest.approx([1.0, 0.5], rel=1e-5)
@@ -130,13 +132,13 @@ def test_a_new_transition_has_the_highest_priority_so_far() -> None:
 
 def test_a_loaded_memory_draws_the_same() -> None:
     replay = prioritised([[1.0, 6.0, 2.0]], 0.6)
-    other = PrioritisedReplay(1, 6, 0.6)
+    other = PrioritisedReplayBuffer(1, 6, 0.6)
     kept = replay.state_dict()
     other.load_state_dict(kept)
     luck = np.random.default_rng(1).random((1, 64))
     assert same(tuple(replay.sample(luck)), tuple(other.sample(luck)))
     filled(1, 6, 2, other)
-    other.reprioritise(torch.tensor([[0]]), torch.ones(1, 1) * 50, np.array([True]))
+    other.update_priorities(torch.tensor([[0]]), torch.ones(1, 1) * 50, np.array([True]))
     assert same(kept, replay.state_dict())
 
 

@@ -1,4 +1,4 @@
-"""``causal-openlock report A B``: what changed between two results, and is it more than noise."""
+"""``causal-openlock report A B``: what changed between two results, and is it more than noise?"""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MOST_ROWS = 40
 """Changes and differences that are shown on the terminal; the page has them all."""
 
 
-def difference(first: Path, second: Path, out: Path, console: Console) -> None:
+def report_difference(first: Path, second: Path, out: Path, console: Console) -> None:
     """Compare two results folders: a page, and the same on the terminal.
 
     Args:
@@ -41,8 +41,8 @@ def difference(first: Path, second: Path, out: Path, console: Console) -> None:
     else:
         console.print(sentence_on_changes(changed))
     _print_differences(table, names, console)
-    console.print(sentence_on_noise(table), soft_wrap=True, highlight=False)
-    console.print(f"report: {path}", soft_wrap=True, highlight=False)
+    console.print_line(sentence_on_noise(table))
+    console.print_line(f"report: {path}")
 
 
 def _names(first: Path, second: Path) -> tuple[str, str]:
@@ -63,22 +63,18 @@ def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Conso
 
 
 def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Console) -> None:
-    from rich.table import Table
-
     from causal_openlock.analysis.report.difference_page import MORE
     from causal_openlock.analysis.report.table_files import printed
+    from causal_openlock.cli.terminal import plain_table
 
     console.print(f"\nMean attempts in {names[0]} and in {names[1]}", style="bold")
-    shown = Table(box=None, padding=(0, 2, 0, 0))
-    for head in ("learner", "condition", "protocol"):
-        shown.add_column(head, no_wrap=True)
-    for head in (*names, "difference", "95% interval", "p (Holm)"):
-        shown.add_column(head, justify="right", no_wrap=True)
+    heads = ("learner", "condition", "protocol", *names, "difference", "95% interval", "p (Holm)")
+    shown = plain_table(*heads, left=3)
     shown.add_column("", no_wrap=True)
     # What is more than noise comes first, so that it is on the screen however much there is.
     order = (table["verdict"] != MORE).sort_values(kind="stable").index
     for row in table.loc[order].head(MOST_ROWS).to_dict("records"):
-        known = row["ci_low"] == row["ci_low"]
+        low, high = (printed(row[name], "+.2f") for name in ("ci_low", "ci_high"))
         shown.add_row(
             row["learner"],
             row["condition"],
@@ -86,9 +82,7 @@ def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Con
             printed(row["attempts_first"], ".2f"),
             printed(row["attempts_second"], ".2f"),
             printed(row["difference"], "+.2f"),
-            f"{printed(row['ci_low'], '+.2f')} to {printed(row['ci_high'], '+.2f')}"
-            if known
-            else "",
+            f"{low} to {high}" if row["ci_low"] == row["ci_low"] else "",
             printed(row["p_holm"], ".2g"),
             row["verdict"],
             style="bold" if row["verdict"] == MORE else "",

@@ -1,4 +1,4 @@
-"""``causal-openlock export`` and ``bundle``: results for other programs, and for other people."""
+"""``causal-openlock export``: the record for other programs."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-Folder = Annotated[Path, typer.Argument(help="Folder that compare or play wrote to.")]
+from causal_openlock.cli.options import ResultsFolder
 
 
 def export(
-    folder: Folder,
+    folder: ResultsFolder,
     form: Annotated[
         str, typer.Option("--format", "-f", help="csv, or minari (for reinforcement learning).")
     ] = "csv",
@@ -71,24 +71,3 @@ def export(
     say(f"With MINARI_DATASETS_PATH={root} it is loaded by: minari.load_dataset({data.name!r})")
     if why := why_no_environment(store, kind, learner or ()):
         say(f"recover_environment() finds none: {why}")
-
-
-def bundle(
-    folder: Folder,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="ZIP file to write; default: FOLDER.zip."),
-    ] = None,
-) -> None:
-    """Put an experiment, its record and its report into one file that anyone can run again."""
-    from causal_openlock.cli.terminal import Console, say
-    from causal_openlock.experiment.store import Store
-    from causal_openlock.export.bundle import write_bundle
-
-    whole = folder.resolve()
-    path = out or whole.with_name(f"{whole.name}.zip")  # a dot in the name begins no suffix
-    for caution in write_bundle(Store(folder), path):
-        console = Console(stderr=True)
-        console.print(f"warning: {caution}", style="yellow", soft_wrap=True, highlight=False)
-    size = path.stat().st_size / 1e6
-    say(f"{path} written, {size:.1f} MB; its README.md says how to run it again")

@@ -1,4 +1,4 @@
-"""``causal-openlock schema``: look at schemas, check them, draw them, begin one of one's own."""
+"""``causal-openlock schema``: list, show, check, draw, export and begin schemas."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def list_schemas() -> None:
     console = Console()
     console.print(table)
     for fault in faults:
-        console.print(fault, style="yellow", highlight=False, soft_wrap=True)
+        console.print_line(fault, "yellow")
 
 
 @app.command()
@@ -112,10 +112,11 @@ def _show_states(fsm: FSM) -> None:
 def check(
     names: Annotated[list[str], typer.Argument(help="Names of schemas, or paths of files.")],
 ) -> None:
-    """Check schemas; every fault is named with its line and column, and dear learners are too."""
+    """Check schemas: faults with line and column, and which learners are slow on them."""
     from causal_openlock.errors import OpenLockError
     from causal_openlock.experiment.expected_cost import expected_cost
     from causal_openlock.experiment.protocol import default_action_limit
+    from causal_openlock.wording import counted
 
     faults = []
     for name in names:
@@ -124,10 +125,10 @@ def check(
         except OpenLockError as error:
             faults.append(str(error))
             continue
-        levers, solutions = len(schema.levers), len(schema.solutions)
+        levers = counted(len(schema.levers), "lever")
+        solutions = counted(len(schema.solutions), "solution")
         typer.echo(
-            f"{name}: good: {levers} lever{'s' * (levers > 1)}, "
-            f"{solutions} solution{'s' * (solutions > 1)}, attempts of at least "
+            f"{name}: good: {levers}, {solutions}, attempts of at least "
             f"{schema.least_action_limit} actions"
         )
         for learner in ("bayes", "ideal"):

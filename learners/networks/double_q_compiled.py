@@ -1,9 +1,9 @@
 """Double Q-learning for N agents on a CPU, by compiled loops.
 
-:class:`CompiledDoubleQ` is a :class:`~learners.networks.stacked.StackedDoubleQ`, keeps its
-parameters and its optimiser's moments in the same tensors, and so writes and reads the same
-checkpoints; only how it evaluates and trains is its own (:mod:`learners.networks.kernels`). An
-agent's numbers do not depend on which others there are, nor on what else is evaluated.
+:class:`CompiledDoubleQ` keeps its parameters and its optimizer's moments in the tensors of a
+:class:`~learners.networks.double_q.StackedDoubleQ`, and so writes and reads the same checkpoints;
+only how it evaluates and trains is its own (:mod:`learners.networks.double_q_kernels`). An agent's
+numbers do not depend on which others there are, nor on what else is evaluated.
 
 The first call compiles for some seconds; the machine code is kept beside the module (or, where that
 cannot be written to, in the user's cache) for all later processes of the installation.
@@ -18,9 +18,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from learners.networks import kernels
-from learners.networks.replay import Batch
-from learners.networks.stacked import StackedDoubleQ, StackedMLP
+from learners.networks import double_q_kernels as kernels
+from learners.networks.double_q import StackedDoubleQ, StackedMLP
+from learners.networks.replay_buffer import Batch
 
 RULES: dict[type[torch.optim.Optimizer], int] = {
     torch.optim.Adam: kernels.ADAM,
@@ -39,7 +39,7 @@ def networks_of(stack: StackedMLP) -> kernels.Networks:
 
 
 class CompiledDoubleQ(StackedDoubleQ):
-    """Double Q-learning as :class:`StackedDoubleQ` does it, in compiled code for a CPU."""
+    """A :class:`StackedDoubleQ` in compiled code for a CPU."""
 
     _views: tuple[kernels.Networks, kernels.Networks] | None = None
 
@@ -51,27 +51,27 @@ class CompiledDoubleQ(StackedDoubleQ):
         return self._views
 
     def __getstate__(self) -> dict[str, Any]:
-        # In a copy, views of the tensors here would be views of nothing.
+        # A copy has tensors of its own, and needs views of those.
         return {**vars(self), "_views": None}
 
     @property
     def _rule(self) -> int:
-        return RULES[type(self.optimiser)]
+        return RULES[type(self.optimizer)]
 
     @property
     def _type(self) -> np.dtype[Any]:
         return self.online.parameters.numpy().dtype
 
     def observe(self, table: Tensor) -> None:
-        """As for :class:`~learners.networks.stacked.StackedDoubleQ`."""
+        """As for :class:`~learners.networks.double_q.StackedDoubleQ`."""
         super().observe(table)
-        judged = (self.online.agents, len(table), self.online.sizes[-1])
-        self._known = kernels.Table(
-            self._table.numpy(), np.zeros(judged, self._type), np.zeros(judged[:2], dtype=bool)
+        values = (self.online.agents, len(table), self.online.sizes[-1])
+        self._target_table = kernels.TargetTable(
+            self._table.numpy(), np.zeros(values, self._type), np.zeros(values[:2], dtype=bool)
         )
-        self._scratch = self._room_for(1)
+        self._scratch = self._scratch_for(1)
 
-    def _room_for(self, observations: int) -> kernels.Scratch:
+    def _scratch_for(self, observations: int) -> kernels.Scratch:
         sizes, widest = self.online.sizes, max(self.online.sizes[1:])
         terms = max(observations, kernels.BLOCK) + 4
         return kernels.Scratch(
@@ -88,53 +88,48 @@ class CompiledDoubleQ(StackedDoubleQ):
     def greedy(
         self, observations: NDArray[Any], wanted: NDArray[np.bool_] | None = None
     ) -> NDArray[np.int64]:
-        """As for :class:`~learners.networks.stacked.StackedDoubleQ`."""
+        """As for :class:`~learners.networks.double_q.StackedDoubleQ`."""
         if wanted is None:
             wanted = np.ones(self.online.agents, dtype=bool)
         inputs = observations.astype(self._type)
         return kernels.greedy(self._networks[0], inputs, wanted, self._scratch)
 
-    def errors(self, batch: Batch) -> Tensor:
-        """``[N, M]`` TD errors: the value of each transition's action, less its double-Q target."""
-        nothing = self._networks[0].flat
-        idle = kernels.Optimiser(kernels.SGD, np.zeros(6, self._type), nothing, nothing)
-        return self._run(batch, np.zeros(self.online.agents, dtype=bool), idle)
-
     def update(self, batch: Batch, trains: Tensor | None = None) -> Tensor:
-        """As for :class:`~learners.networks.stacked.StackedDoubleQ`."""
-        everyone = np.ones(self.online.agents, dtype=bool)
-        errors = self._run(batch, everyone if trains is None else trains.numpy(), self._step())
-        self._after_step()
-        return errors
-
-    def _run(self, batch: Batch, trains: NDArray[np.bool_], optimiser: kernels.Optimiser) -> Tensor:
+        """As for :class:`~learners.networks.double_q.StackedDoubleQ`."""
         most = min(2 * batch.before.shape[1], len(self._table))
         if len(self._scratch.rows) < most:
-            self._scratch = self._room_for(most)
-        parts = (batch.before, batch.action, batch.reward, batch.after, batch.goes_on, batch.weight)
-        batches = kernels.Minibatch(*(np.ascontiguousarray(part.numpy()) for part in parts))
+            self._scratch = self._scratch_for(most)
+        parts = (
+            batch.before,
+            batch.action,
+            batch.reward,
+            batch.after,
+            batch.not_done,
+            batch.weight,
+        )
         errors = kernels.update(
             *self._networks,
-            batches,
-            trains,
-            self._known,
-            optimiser,
+            kernels.Minibatch(*(np.ascontiguousarray(part.numpy()) for part in parts)),
+            np.ones(self.online.agents, dtype=bool) if trains is None else trains.numpy(),
+            self._target_table,
+            self._optimizer_step(),
             self.gamma,
             LOSSES[self.loss],
             self._scratch,
         )
+        self._after_step()
         return torch.from_numpy(errors)
 
-    def _forget_judged(self) -> None:
-        super()._forget_judged()
-        self._known.is_judged[:] = False
+    def _target_changed(self) -> None:
+        super()._target_changed()
+        self._target_table.is_known[:] = False
 
-    def _remembered(self) -> dict[str, Tensor]:
-        """What torch's optimiser remembers; like torch, we begin to at the first step."""
+    def _optimizer_state(self) -> dict[str, Tensor]:
+        """The state of torch's optimizer, created at the first step as torch does."""
         parameters = self.online.parameters
         if self._rule == kernels.SGD:
             return {}
-        state = self.optimiser.state[parameters]
+        state = self.optimizer.state[parameters]
         if not state:
             state["step"] = torch.zeros((), dtype=torch.float32)
             adam = self._rule == kernels.ADAM
@@ -142,10 +137,10 @@ class CompiledDoubleQ(StackedDoubleQ):
                 state[name] = torch.zeros_like(parameters)
         return state
 
-    def _step(self) -> kernels.Optimiser:
-        """Count one more step, and state the optimiser as it takes it."""
-        settings, state = self.optimiser.param_groups[0], self._remembered()
-        first = second = self._networks[0].flat  # of any value, where the rule remembers nothing
+    def _optimizer_step(self) -> kernels.Optimizer:
+        """Count one more step, and describe the optimizer at that step."""
+        settings, state = self.optimizer.param_groups[0], self._optimizer_state()
+        first = second = self._networks[0].flat  # unused where the rule keeps no moments
         kept = kept_square = 0.0
         if state:
             state["step"] += 1
@@ -163,4 +158,4 @@ class CompiledDoubleQ(StackedDoubleQ):
             settings.get("eps", 0.0),
             (1 - kept_square**count) ** -0.5,
         )
-        return kernels.Optimiser(self._rule, np.array(numbers, self._type), first, second)
+        return kernels.Optimizer(self._rule, np.array(numbers, self._type), first, second)

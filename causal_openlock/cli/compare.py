@@ -1,0 +1,127 @@
+"""``causal-openlock compare``: run an experiment and report its results."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from causal_openlock.cli.options import ProtocolName, Seed, Workers
+
+if TYPE_CHECKING:
+    from causal_openlock.cli.terminal import Console
+    from causal_openlock.experiment.experiment import Cell, Experiment
+    from causal_openlock.experiment.store import Store
+    from causal_openlock.experiment.worker import Watching
+
+
+def compare(
+    experiment: Annotated[
+        str, typer.Argument(help="Path of an experiment file, or name of a bundled experiment.")
+    ] = "default",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="Folder for the results; by default one of its own in results/."
+        ),
+    ] = None,
+    condition: Annotated[
+        list[str] | None,
+        typer.Option("--condition", "-c", help="Play this instead: CC4, CC3-CC4, my.yaml, ..."),
+    ] = None,
+    learner: Annotated[
+        list[str] | None, typer.Option("--learner", "-l", help="Let this play instead.")
+    ] = None,
+    protocol: ProtocolName = None,
+    subjects: Annotated[
+        int | None, typer.Option(min=1, help="Subjects for each learner and condition.")
+    ] = None,
+    seed: Seed = None,
+    workers: Workers = None,
+    checkpoint_every: Annotated[
+        float,
+        typer.Option(min=0, help="Seconds between checkpoints inside a cell; inf takes none."),
+    ] = 60.0,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            min=0.001,
+            help="Seconds after which a cell is ended and counted as failed; by default never.",
+        ),
+    ] = None,
+    tensorboard: Annotated[
+        Path | None, typer.Option(help="Folder for TensorBoard's logs, a run for each cell.")
+    ] = None,
+) -> None:
+    """Compare learners; a folder that holds a part of this comparison is completed.
+
+    Exit status: 0 if everything was played, 1 if cells failed and all others were played, 2 if what
+    was asked for cannot be done, 130 or 143 if it was stopped.
+    """
+    from causal_openlock.cli.report import report_store
+    from causal_openlock.cli.stopping import resumable
+    from causal_openlock.cli.terminal import Console
+    from causal_openlock.errors import CellsFailed, OpenLockError
+    from causal_openlock.experiment.expected_cost import cost_cautions
+    from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+    from causal_openlock.experiment.store import Store
+    from causal_openlock.experiment.worker import Watching
+
+    changes = Changes(condition or None, learner or None, protocol, subjects, seed)
+    console = Console()
+    chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
+    # A changed experiment is another one, and has results of its own.
+    own = "" if changes == Changes() else f"-{chosen.identity[:8]}"
+    folder = out or Path("results") / f"{chosen.name}{own}"
+    if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
+        chosen = replace(chosen, name=name)
+    for caution in [*chosen.cautions(), *cost_cautions(chosen)]:
+        console.warn(caution)
+    with resumable():
+        watching = Watching(checkpoint_every, str(tensorboard) if tensorboard else None)
+        try:
+            store = _run(chosen, folder, workers, watching, time_limit, console)
+        except CellsFailed as failed:
+            if len(failed.reasons) == failed.cells:  # there is nothing to report
+                raise
+            report_store(Store(folder), console)
+            error = OpenLockError(failed.summary)  # which they are stands above
+            error.status = failed.status
+            raise error from None
+        report_store(store, console)
+
+
+def _run(
+    experiment: Experiment,
+    folder: Path,
+    workers: int | None,
+    watching: Watching,
+    time_limit: float | None,
+    console: Console,
+) -> Store:
+    from causal_openlock.cli.progress import shown
+    from causal_openlock.experiment.runner import run
+
+    known = 0
+
+    def done(cell: Cell, before: bool) -> None:
+        nonlocal known
+        known += before
+
+    with shown(experiment.name, console) as show:
+        store = run(
+            experiment,
+            folder,
+            workers=workers,
+            done=done,
+            failed=lambda cell, why: console.warn(why),
+            warn=console.warn,
+            progress=show,
+            watching=watching,
+            time_limit=time_limit,
+        )
+    if known:
+        console.print(f"{known} of {len(list(experiment.cells()))} cells were there already")
+    return store

@@ -1,0 +1,149 @@
+"""``causal-openlock report``: the report of a results folder, or what differs between two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from causal_openlock.cli.options import ResultsFolder
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.text import Text
+
+    from causal_openlock.analysis.report.missing import Missing
+    from causal_openlock.cli.terminal import Console
+    from causal_openlock.experiment.store import Store
+
+MOST_MISSING = 40
+"""Missing cells that are listed on the terminal; the report has them all."""
+
+
+def report(
+    folder: ResultsFolder,
+    against: Annotated[
+        Path | None,
+        typer.Argument(help="Another one: say what changed, and whether it is more than noise."),
+    ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(help="Another folder whose learners or people the report shows as well."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the comparison of two; default: the first."),
+    ] = None,
+) -> None:
+    """Write the report of a comparison anew, or of what people played, or compare two of them."""
+    from causal_openlock.cli.report_difference import report_difference
+    from causal_openlock.cli.terminal import Console
+    from causal_openlock.errors import OpenLockError
+    from causal_openlock.experiment.store import Store
+
+    console = Console()
+    if against is None:
+        if out is not None:
+            raise OpenLockError(
+                "--out is for the comparison of two folders; a report is written into its own"
+            )
+        report_store(Store(folder), console, [Store(other) for other in beside or ()])
+    elif beside:
+        raise OpenLockError(
+            "two folders are compared with one another and not shown --beside others; leave one out"
+        )
+    else:
+        report_difference(folder, against, out or folder, console)
+
+
+def report_store(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
+    """Write the report of a results folder, and print its headline.
+
+    Args:
+        store: The folder.
+        console: Where to print.
+        others: Folders whose learners or people the report shows as well.
+    """
+    from causal_openlock.analysis.report.missing import missing_cells
+    from causal_openlock.analysis.report.sections import columns_of
+    from causal_openlock.analysis.report.writing import make_report
+    from causal_openlock.analysis.results.reading import beside, read_results
+
+    columns = columns_of()
+    record, experiment = beside([read_results(one, columns) for one in (store, *others)])
+    made = make_report(record, store.folder, experiment)
+    learners = [spec.name for spec in experiment.learners]
+    conditions = [condition.name for condition in experiment.conditions]
+    print_headline(made.headline, learners, conditions, console)
+    _print_missing(missing_cells(experiment), console)
+    console.print_line(f"report: {made.path}")
+
+
+def _print_missing(missing: Sequence[Missing], console: Console) -> None:
+    """The cells that none of the numbers includes, a line for each."""
+    from causal_openlock.analysis.report.prose import Prose
+
+    if missing:
+        failed = sum(one.failed for one in missing)
+        text = Prose("report").sentence("unfinished", cells=len(missing), failed=failed)
+        console.print(f"\n{text}", style="yellow", soft_wrap=True, highlight=False)
+    for one in missing[:MOST_MISSING]:
+        console.print_line(f"  {one.text}")
+    if len(missing) > MOST_MISSING:
+        console.print(f"  and {len(missing) - MOST_MISSING} more")
+
+
+def print_headline(
+    table: pd.DataFrame, learners: list[str], conditions: list[str], console: Console
+) -> None:
+    """For each protocol, a table with a row for each learner and a column for each condition."""
+    from causal_openlock.analysis.report.prose import Prose
+    from causal_openlock.cli.terminal import plain_table
+
+    for protocol in table["protocol"].unique():
+        rows = table[table["protocol"] == protocol]
+        played = set(rows["condition"])
+        order = [name for name in conditions if name in played]
+        first = rows.drop_duplicates("condition").set_index("condition").loc[order]
+        console.print(f"\nAttempts to find every solution, protocol {protocol}", style="bold")
+        heads = [f"{name}\n{at}" for name, at in first["measured"].items()]
+        shown = plain_table("", *heads)
+        shown.columns[0].min_width = max(map(len, [*learners, "published model"]))
+        shown.columns[0].no_wrap = False
+        for name, column, style in (
+            ("people", "human_attempts", "bold"),
+            ("published model", "model_attempts", ""),
+            ("ideal observer", "ideal_attempts", ""),
+        ):
+            known = ["" if value != value else _number(value) for value in first[column]]
+            if any(known):
+                shown.add_row(name, *known, style=style)
+        for learner in learners:
+            own = rows[rows["learner"] == learner]
+            if len(own):
+                cells = [_cell(own[own["condition"] == condition]) for condition in order]
+                shown.add_row(learner, *cells)
+        console.print_whole(shown)
+    text = Prose("report").sentence("measure")
+    console.print(f"\n{text} With 95% bootstrap intervals.", style="dim", highlight=False)
+
+
+def _cell(rows: pd.DataFrame) -> Text:
+    """Mean, interval, and how many trials were solved if not all were."""
+    from rich.text import Text
+
+    if not len(rows):
+        return Text()
+    row = rows.iloc[0]
+    lines = [Text(_number(row.attempts))]
+    if row.ci_low < row.ci_high:
+        lines.append(Text(f"{_number(row.ci_low)}–{_number(row.ci_high)}", "dim"))
+    if row.share_solved < 1:
+        lines.append(Text(f"{row.share_solved:.0%} solved", "dim"))
+    return Text("\n").join(lines)
+
+
+def _number(attempts: float) -> str:
+    return f"{attempts:.2f}" if attempts < 100 else f"{attempts:.0f}"
