@@ -126,9 +126,9 @@ def _space(many: int) -> Any:
     import numpy as np
 
     from causal_openlock.belief.catalogue import Catalogue, fits
+    from causal_openlock.belief.hypotheses import Block, RoomSight, Space, placed
     from causal_openlock.belief.prior import Prior
     from causal_openlock.belief.sampling import Sampler
-    from causal_openlock.belief.space import Block, RoomSight, Space, placed
     from causal_openlock.belief.strength import strengths
     from causal_openlock.belief.structures import Structures
 
@@ -148,7 +148,7 @@ def _space(many: int) -> Any:
     index = np.arange(many)
     own = Catalogue(members, index, index, np.zeros_like(index), np.full(many, 1 / many), True)
     block = Block((1 << 7) - 1, own)
-    hypotheses = placed(block, sight.positions, sight.solutions)
+    hypotheses = placed(block, sight.positions)
     return Space(sight, strengths(0.0, 1.0, 1.0, 1), (block,), hypotheses)
 
 

@@ -1,14 +1,13 @@
 """Causal structures as arrays: many gate-DAGs at once, and what they do.
 
-A *structure* on n levers says, for each lever and for the door, which levers enable it and how
-many of these must be pushed: the causes as a bit mask, and a threshold (1 is ``any``, all of them
-is ``all``, 0 is a free lever). It is a :class:`~causal_openlock.world.schema.Schema` without names,
-in a form in which ten thousand of them are compared at once: M structures are two small arrays.
+A *structure* on n levers gives, for each lever and for the door, its causes as a bit mask and the
+threshold of how many of them must be pushed (1 is ``any``, all of them is ``all``, 0 is a free
+lever). It is a :class:`~causal_openlock.world.schema.Schema` without names and strengths; M
+structures are two small arrays, so that thousands are compared at once.
 
-What a structure *does* is derived here for all of them together: which sets of levers unlock the
-door, which of these sets are minimal (the solutions), and which levers are inert. Two structures
-that do the same in every attempt of so many actions are alike in *behaviour*, and no learner can
-tell them apart.
+Derived here for all of them together: which sets of levers unlock the door, which of these are
+minimal (the solutions), and which levers are inert. Structures that do the same in every attempt
+have the same *behaviour*, and no learner can distinguish them.
 """
 
 from __future__ import annotations
@@ -40,6 +39,14 @@ class Structures:
     Attributes:
         causes: ``[M, n + 1]`` for each node the set of levers that enable it, as a bit mask.
         threshold: ``[M, n + 1]`` how many of them must be pushed; 0 for a free lever.
+
+    Example:
+        A chain: the first lever enables the second, and that one unlocks the door.
+
+        >>> chain = Structures(np.array([[0b00, 0b01, 0b10]], np.uint16),
+        ...                    np.array([[0, 1, 1]], np.uint8))
+        >>> np.flatnonzero(chain.solutions()[0])  # the set of both levers, as a bit mask
+        array([3])
     """
 
     causes: Masks
@@ -124,7 +131,7 @@ class Structures:
                 how many causes are pushed, so that this number matters too.
         """
         n = self.levers
-        # As many levers can stand pushed as there were actions, and no more.
+        # No more levers can be pushed than there were actions.
         sets = [pushed for pushed in range(1 << n) if pushed.bit_count() <= action_limit]
         inert, solutions = self.inert(), self.solutions()
         reached = np.zeros((1 << n, len(self)), dtype=bool)
@@ -142,7 +149,7 @@ class Structures:
                 acting = before  # states in which there is an action left
         for pushed in sets:
             holds = self.holds(pushed)
-            # Above 0 for a free lever too, which no count of causes would tell from a stuck one.
+            # Above 0 also for a free lever, to distinguish it from one that cannot move.
             how = 1 + np.bitwise_count(self.causes & np.uint16(pushed)) + 16 * self.threshold
             moves = np.where(holds, how if uncertain else 1, 0).astype(np.uint8)
             moves[:, n] = np.where(acting[pushed] | ~holds[:, n], moves[:, n], 1)
@@ -155,13 +162,13 @@ class Structures:
 
 
 def behaviour_bytes(levers: int, action_limit: int) -> int:
-    """Bytes that tell what a structure does: some for each node and each set that can be pushed."""
+    """Bytes that describe a behaviour, for each node and each set that can be pushed."""
     sets = sum(math.comb(levers, pushed) for pushed in range(min(levers, action_limit) + 1))
     return sets * (levers + 3)
 
 
 def renamed(sets: Masks, names: IntArray) -> Masks:
-    """What sets of n levers are called if lever i is called ``names[i]``.
+    """Sets of n levers after lever i is renamed to ``names[i]``.
 
     Args:
         sets: ``[...]`` sets of levers.
@@ -175,7 +182,7 @@ def renamed(sets: Masks, names: IntArray) -> Masks:
 
 
 def merge(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
-    """Which rows are equal.
+    """Group equal rows.
 
     Args:
         rows: ``[M, W]`` bytes.
@@ -192,7 +199,8 @@ def merge(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
 def gate_dags(levers: int) -> Structures:
     """Every labelled gate-DAG on so many levers, with every threshold gate.
 
-    One to four levers have 1, 12, 408 and 43,168 of them; five have millions.
+    >>> [len(gate_dags(levers)) for levers in (1, 2, 3)]  # 43,168 for four, millions for five
+    [1, 12, 408]
     """
     options = [
         [
@@ -228,7 +236,7 @@ def _acyclic(causes: list[int]) -> bool:
 
 
 def linear_extensions(causes: Masks) -> FloatArray:
-    """``[M]`` in how many orders the levers can be listed, causes before effects."""
+    """``[M]`` number of orders of the levers with causes before effects."""
     n = causes.shape[1] - 1
     ways = np.zeros((len(causes), 1 << n))
     ways[:, 0] = 1.0

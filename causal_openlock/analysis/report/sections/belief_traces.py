@@ -77,7 +77,7 @@ def _believers(material: Material) -> Iterator[Mapping[str, Any]]:
 
     Results are only read: code that they name, and that no package brings along, does not run.
     """
-    from causal_openlock.belief.believer import Believer
+    from causal_openlock.belief.belief_learner import BeliefLearner
     from causal_openlock.contract.registry import learner_class
 
     learners: Any = material.experiment.get("learners")
@@ -90,7 +90,7 @@ def _believers(material: Material) -> Iterator[Mapping[str, Any]]:
             kind = learner_class(entry["learner"])
         except OpenLockError:
             continue
-        if issubclass(kind, Believer):
+        if issubclass(kind, BeliefLearner):
             yield entry
 
 
