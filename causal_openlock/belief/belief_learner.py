@@ -37,7 +37,7 @@ class BeliefLearner(Learner):
         >>> session.begin(learner)
         >>> _ = session.step(learner.act(session.view))
         >>> learner.belief(0), learner.edges(0).shape
-        (Belief(2,298 hypotheses, 6.45 bits), (7, 8))
+        (Belief(4,278 hypotheses, 7.86 bits), (7, 8))
     """
 
     beliefs: Beliefs

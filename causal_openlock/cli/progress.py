@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
-from causal_openlock.files.plain_text import printable
+from causal_openlock.files.escaping import printable
 
 if TYPE_CHECKING:
     from causal_openlock.cli.terminal import Console

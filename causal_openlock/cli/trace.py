@@ -44,8 +44,8 @@ def trace(
     from causal_openlock.belief.trace import trace_trial
     from causal_openlock.belief.trace_text import trace_text
     from causal_openlock.cli.terminal import say
-    from causal_openlock.files.plain_text import csv_of
-    from causal_openlock.files.whole import write_text
+    from causal_openlock.files.atomic import write_text
+    from causal_openlock.files.escaping import csv_of
 
     who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
     path = check_suffix(out or Path(f"trace_{who[1].name}.svg"))

@@ -33,6 +33,7 @@ from typing import IO, TYPE_CHECKING, Any
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.inside import check_inside
+from causal_openlock.files.atomic import PARTIAL, sweep, write_bytes
 from causal_openlock.files.checksums import (
     ChecksumError,
     json_bytes,
@@ -40,7 +41,6 @@ from causal_openlock.files.checksums import (
     read_table,
     table_bytes,
 )
-from causal_openlock.files.whole import PARTIAL, sweep, write_bytes
 from causal_openlock.version import __version__
 
 if TYPE_CHECKING:

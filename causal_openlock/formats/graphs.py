@@ -1,22 +1,21 @@
 """Schemas in the file formats of other programs, and as a Bayesian network.
 
-A :class:`~causal_openlock.world.schema.Schema` is first turned into a networkx ``DiGraph`` that
-holds all of it in plain attributes, and every graph format is a way to write that graph:
+A :class:`~causal_openlock.world.schema.Schema` is turned into a networkx ``DiGraph`` with plain
+attributes, and each graph format writes that graph:
 
 * of the graph: ``name``, ``title``, ``levers`` (their order) and ``inert``;
 * of a node: ``kind`` (lever or door), and ``gate`` (``any``, ``all``, ``at_least 2``) if it has
   causes; of an edge: ``strength``.
 
-YAML, node-link JSON, GML and DOT carry everything there and back. A file from elsewhere may lack
-any of these attributes: its levers then come in the order of its nodes, gates are ``any``,
-strengths 1, and no lever is inert. The node ``door`` is the door.
+YAML, node-link JSON, GML and DOT lose nothing. A file from other software may lack any of these
+attributes: levers then have the order of its nodes, gates are ``any``, strengths 1, and no lever is
+inert. The node ``door`` is the door.
 
-DAGitty's grammar knows no attributes of the graph, so the door bears them; ``beta`` is the
-strength, the door is the ``outcome``, free levers are ``exposure``. Read back here nothing is
-lost; DAGitty itself keeps names, arrows, ``beta``, exposure and outcome when it saves a diagram
-again, and drops title, lever order, gates and inert levers. In a text from DAGitty the outcome is
-the door whatever it is called, positions and the roles latent, adjusted and selected are passed
-over, and edges other than ``->`` and ``<-`` are refused.
+DAGitty has no attributes of the graph, so they are on the door; ``beta`` is the strength, the door
+is the ``outcome``, free levers are ``exposure``. Nothing is lost here, but DAGitty drops title,
+lever order, gates and inert levers when it saves a diagram again. In a text from DAGitty the
+outcome is the door, whatever its name; positions and the roles latent, adjusted and selected are
+ignored, and edges other than ``->`` and ``<-`` are refused.
 
 BIF can only be written: it holds the tables of :func:`to_bayesian_network`, not their gates.
 """
@@ -35,9 +34,9 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, SchemaError
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
 from causal_openlock.files.yaml_file import MAX_BYTES
-from causal_openlock.formats.graph_text import dagitty_text, dot_text, parse_graph
+from causal_openlock.formats.dot import dagitty_text, dot_text, parse_graph
 from causal_openlock.formats.schema_file import dump_schema, parse_schema, schema_from_dict
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import gate_chance
@@ -52,11 +51,11 @@ class Format:
     """A file format that a schema can be written in.
 
     Attributes:
-        name: What it is called here.
-        suffixes: How its files end; the first is the one to use.
-        description: What it is and who reads it.
+        name: Its name here.
+        suffixes: Suffixes of its files; the first is the default.
+        description: What it is and what reads it.
         write: From a schema to text.
-        read: From text and the name of a nameless schema to a schema; None if it cannot be read.
+        read: From text and a default name to a schema; None if it cannot be read.
     """
 
     name: str
@@ -67,12 +66,12 @@ class Format:
 
     @property
     def suffix(self) -> str:
-        """How a file in this format ends, such as ``.gml``."""
+        """Default suffix of files, such as ``.gml``."""
         return self.suffixes[0]
 
     @property
     def readable(self) -> bool:
-        """Whether a schema can be read from it, not only written to it."""
+        """Whether a schema can be read from it."""
         return self.read is not None
 
 
@@ -81,6 +80,11 @@ def export_schema(schema: Schema, format: str) -> str:
 
     Raises:
         OpenLockError: If there is no such format.
+
+    Example:
+        >>> chain = Schema("chain", ["A", "B"], {"A": ["B"], "B": ["door"]})
+        >>> import_schema(export_schema(chain, "gml"), "gml") == chain
+        True
     """
     return _format(format).write(schema)
 
@@ -91,7 +95,7 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
     Args:
         text: The content of a file.
         format: Name of its format.
-        name: What to call the schema if the text does not say.
+        name: Name of the schema if the text has none.
 
     Raises:
         SchemaError: If the text is not in that format, or the graph in it is no schema.
@@ -118,7 +122,7 @@ def write_schema_as(schema: Schema, path: Path | str, format: str | None = None)
     Args:
         schema: What to write.
         path: Where; a file that is there is replaced in one step.
-        format: Name of the format; by default the one that the path's suffix stands for.
+        format: Name of the format; by default that of the path's suffix.
 
     Raises:
         OpenLockError: If the format is unknown or the file cannot be written.
@@ -127,11 +131,11 @@ def write_schema_as(schema: Schema, path: Path | str, format: str | None = None)
 
 
 def read_schema_as(path: Path | str, format: str | None = None) -> Schema:
-    """Read a schema from a file, whose name it gets if the file gives none.
+    """Read a schema from a file; the name of the file is its default name.
 
     Args:
         path: The file.
-        format: Name of its format; by default the one that the path's suffix stands for.
+        format: Name of its format; by default that of the path's suffix.
 
     Raises:
         OpenLockError: If the file cannot be read or holds no schema; the text begins with its path.
@@ -154,7 +158,7 @@ def read_schema_as(path: Path | str, format: str | None = None) -> Schema:
 
 
 def _format(name: str) -> Format:
-    """A format by its name, or by the ending of its files."""
+    """A format by its name or suffix."""
     for format in FORMATS.values():
         if name == format.name or f".{name}" in format.suffixes:
             return format
@@ -239,19 +243,19 @@ def _schema_of(graph: nx.DiGraph, format: str, name: str) -> Schema:
 
 
 def _names(value: Any) -> Any:
-    """Names in a list, which most formats can only hold as one text."""
+    """A list of names, which most formats hold as one text."""
     return value.split() if isinstance(value, str) else value
 
 
 def _number(value: Any, kind: type[int] | type[float]) -> Any:
-    """A number that a format may hold as text; what is none is left to the check that follows."""
+    """A number that a format may hold as text; anything else is left to validation."""
     with suppress(ValueError):
         return kind(value) if isinstance(value, str) else value
     return value
 
 
 def _no_graph(format: str, why: object, remedy: str) -> SchemaError:
-    """One sentence from what a reader of networkx said."""
+    """An error from an exception of networkx."""
     return SchemaError(f"this is no {format} graph ({' '.join(str(why).split())[:160]}); {remedy}")
 
 
@@ -334,14 +338,14 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
     """The causal model of one push per lever, causes before effects, then of the door.
 
     A lever's state is 1 if it moved: it was pushed and as many of its causes transmitted as its
-    gate asks for. The door's state is 1 if it opens when it is pushed then. To ask what follows
-    from an intervention, cut the model and condition on the state that was set, as
-    ``VariableElimination(model.do(["L0"])).query(["door"], evidence={"L0": 1})`` does in pgmpy;
+    gate needs. The door's state is 1 if it opens when it is pushed then. For an intervention, cut
+    the model and condition on the state that was set, in pgmpy
+    ``VariableElimination(model.do(["L0"])).query(["door"], evidence={"L0": 1})``;
     its ``CausalInference.query`` is wrong where levers that cause one another are set together.
 
     Args:
         schema: The levers and the door.
-        push_probability: Probability that a lever is pushed, each on its own.
+        push_probability: Probability that a lever is pushed, independent of the others.
 
     Returns:
         A checked model whose nodes are the schema's and have the states 0 and 1.

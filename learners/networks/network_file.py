@@ -19,8 +19,8 @@ import numpy as np
 import torch
 
 from causal_openlock.errors import LearnerError
-from causal_openlock.files.archive import HEADER, Archive, ArchiveError, open_archive, reading
-from causal_openlock.files.whole import replacing
+from causal_openlock.files.atomic import replacing
+from causal_openlock.files.npz import HEADER, Archive, ArchiveError, open_archive, reading
 from causal_openlock.world.room import PAPER_POSITIONS
 from causal_openlock.world.schema import MAX_LEVERS
 from learners.networks.memories import OWN, SHARED, Memory, Sizes, make_memory

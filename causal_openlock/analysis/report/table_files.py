@@ -15,7 +15,7 @@ import pandas as pd
 
 from causal_openlock.analysis.report.section import Table
 from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
 
 NONE = "–"
 """What stands where there is no value."""

@@ -34,7 +34,7 @@ from causal_openlock.analysis.results.people.comparable import Pairs, comparable
 from causal_openlock.analysis.results.people.published import did_what_people_did, model, people
 from causal_openlock.analysis.results.summary import headline, summarise, write_table
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
 from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
