@@ -47,7 +47,6 @@ class Catalogue:
         member: ``[G]`` the structure of each pair; ascending.
         kind: ``[G]`` the class of each pair; C is the free form.
         chance: ``[G]`` probability that the class generates the structure, of all on n levers.
-        free_form: Whether the free form is among the pairs.
     """
 
     members: Structures
@@ -55,7 +54,6 @@ class Catalogue:
     member: IntArray
     kind: IntArray
     chance: FloatArray
-    free_form: bool
 
     @cached_property
     def first(self) -> IntArray:
@@ -185,33 +183,19 @@ def catalogue(
         ways = [_ways(splits[index]) for index in fitting]
         most = min(limit, TABLE_BYTES // behaviour_bytes(levers, action_limit))
         fitting = fitting[np.cumsum(ways) <= most]
-    parts = [
-        assigned(
-            Generated(outline.structures[fitting], outline.kind[fitting], outline.chance[fitting]),
-            tuple(splits[index] for index in fitting),
-        )
-    ]
-    free_form = levers <= FREE_FORM_LEVERS
-    if free_form:
+    generated = assigned(outline[fitting], tuple(splits[index] for index in fitting))
+    if levers <= FREE_FORM_LEVERS:
         structures = gate_dags(levers)
         chosen = np.flatnonzero(fits(structures, solutions, action_limit))
-        parts.append(
-            Generated(
-                structures[chosen],
-                np.full(len(chosen), len(schema_classes())),
-                free_form_weight(levers, simplicity)[chosen],
-            )
-        )
-    causes = np.concatenate([part.structures.causes for part in parts])
-    threshold = np.concatenate([part.structures.threshold for part in parts])
-    if not len(causes):
+        kind = np.full(len(chosen), len(schema_classes()))
+        chance = free_form_weight(levers, simplicity)[chosen]
+        free_form = Generated(structures[chosen], kind, chance)
+        generated = Generated.joined([generated, free_form])
+    if not len(generated):
         nothing = np.zeros(0, dtype=np.int64)
-        return Catalogue(
-            Structures(causes, threshold), nothing, nothing, nothing, np.zeros(0), free_form
-        )
-    labels = np.concatenate([causes.view(np.uint8), threshold], axis=1)
-    first, member = merge(labels)
-    members = Structures(causes[first], threshold[first])
+        return Catalogue(generated.structures, nothing, nothing, nothing, np.zeros(0))
+    first, member = merge(generated.structures.labels())
+    members = generated.structures[first]
     _, behaviour = merge(members.behaviour(action_limit, uncertain))
     rank = np.argsort(behaviour, kind="stable")  # structures of a behaviour side by side
     place = np.empty_like(rank)
@@ -221,7 +205,6 @@ def catalogue(
         members=members[rank],
         behaviour=behaviour[rank],
         member=place[member][pairs],
-        kind=np.concatenate([part.kind for part in parts])[pairs],
-        chance=np.concatenate([part.chance for part in parts])[pairs],
-        free_form=free_form,
+        kind=generated.kind[pairs],
+        chance=generated.chance[pairs],
     )

@@ -21,7 +21,7 @@ import numpy as np
 
 from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import Masks
+from causal_openlock.belief.structures import Masks, Rows
 from causal_openlock.contract.learner import Step
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
@@ -61,7 +61,7 @@ class Event(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Events:
+class Events(Rows):
     """E events: the fields of :class:`Event`, each an array ``[E]``; ``found`` is ``[E, F]``.
 
     Rows of ``found`` are padded with 0, which is no solution, as no empty set unlocks the door.
@@ -73,10 +73,6 @@ class Events:
     unlocked: BoolArray
     new: BoolArray
     found: Masks
-
-    def __getitem__(self, rows: IntArray) -> Events:
-        """Some of the events, in any order and also repeatedly."""
-        return Events(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def single(self, row: int, found: tuple[int, ...]) -> Event:
         """One of the events, with the solutions found before it."""
@@ -161,19 +157,13 @@ def likelihood(
     of_lever = events.slot != DOOR
     bit = np.left_shift(np.uint16(1), np.where(of_lever, events.slot, 0).astype(np.uint16))
     after = np.where(events.took_effect & of_lever, events.pushed ^ bit, events.pushed)
-    result *= holds(hypotheses, which, np.full_like(node, door), after) == events.unlocked
+    live = np.bitwise_count(hypotheses.causes[which, door] & after)
+    result *= (live >= hypotheses.threshold[which, door]) == events.unlocked
     opened = np.flatnonzero(events.took_effect & ~of_lever)
     if len(opened):
         new = completes(hypotheses, which[opened], events.pushed[opened], events.found[opened])
         result[opened] *= new == events.new[opened]
     return result
-
-
-def holds(hypotheses: Hypotheses, which: IntArray, node: IntArray, pushed: Masks) -> BoolArray:
-    """``[E]`` whether enough causes of a node are pushed."""
-    live = np.bitwise_count(hypotheses.causes[which, node] & pushed)
-    enough: BoolArray = live >= hypotheses.threshold[which, node]
-    return enough
 
 
 def takes_effect(
@@ -189,14 +179,7 @@ def takes_effect(
 
 
 def completes(hypotheses: Hypotheses, which: IntArray, pushed: Masks, found: Masks) -> BoolArray:
-    """``[E]`` whether opening the door completes a solution that was not found before.
-
-    Args:
-        hypotheses: H hypotheses.
-        which: ``[E]`` one of them each.
-        pushed: ``[E]`` the levers that are pushed.
-        found: ``[E, F]`` the levers that were pushed when solutions were found.
-    """
+    """``[E]`` whether opening the door with these levers pushed completes a new solution."""
     relevant = ~hypotheses.inert[which]
     done = pushed & relevant
     credited = (hypotheses.solutions[which] == done[:, None]).any(axis=1)

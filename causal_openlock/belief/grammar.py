@@ -22,7 +22,7 @@ from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
-from causal_openlock.belief.structures import Structures, renamed
+from causal_openlock.belief.structures import Rows, Structures, renamed
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 MAX_ROLES = 4
@@ -185,7 +185,7 @@ def class_prior(simplicity: float, free_form: float) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Generated:
+class Generated(Rows):
     """What classes generate on n levers: G pairs of a structure and a class that generates it.
 
     Attributes:
@@ -239,33 +239,24 @@ def _outline(kind: SchemaClass, sizes: tuple[int, ...]) -> list[tuple[int, int]]
 
 
 def assigned(outline: Generated, splits: tuple[tuple[int, ...], ...]) -> Generated:
-    """Each outline with every assignment of levers to roles, all equally probable.
-
-    Args:
-        outline: Structures with the levers in the order of the roles.
-        splits: The size of each role.
-    """
+    """Each outline with every assignment of levers to roles of these sizes, equally probable."""
     levers = outline.structures.levers
-    causes = [np.zeros((0, levers + 1), dtype=np.uint16)]
-    threshold = [np.zeros((0, levers + 1), dtype=np.uint8)]
-    kind, chance = [outline.kind[:0]], [outline.chance[:0]]
+    parts = [outline[:0]]
     for split in sorted(set(splits)):
         rows = np.array([index for index, own in enumerate(splits) if own == split])
         orders = np.array(list(_orders(split)))[:, None]
-        each = outline.structures[rows]
+        each = outline[rows]
         own_place = np.full((len(orders), 1, 1), levers)  # the door's
         at = np.concatenate([orders.argsort(axis=2), own_place], axis=2)
-        called = renamed(each.causes, orders[:, :, None])
-        causes.append(np.take_along_axis(called, at, axis=2).reshape(-1, levers + 1))
-        gates = np.take_along_axis(each.threshold[None], at, axis=2)
-        threshold.append(gates.reshape(-1, levers + 1))
-        kind.append(np.tile(outline.kind[rows], len(orders)))
-        chance.append(np.tile(outline.chance[rows] / len(orders), len(orders)))
-    return Generated(
-        Structures(np.concatenate(causes), np.concatenate(threshold)),
-        np.concatenate(kind),
-        np.concatenate(chance),
-    )
+        called = renamed(each.structures.causes, orders[:, :, None])
+        causes = np.take_along_axis(called, at, axis=2).reshape(-1, levers + 1)
+        gates = np.take_along_axis(each.structures.threshold[None], at, axis=2)
+        structures = Structures(causes, gates.reshape(-1, levers + 1))
+        many = len(orders)
+        parts.append(
+            Generated(structures, np.tile(each.kind, many), np.tile(each.chance / many, many))
+        )
+    return Generated.joined(parts)
 
 
 def _orders(split: tuple[int, ...]) -> Iterator[tuple[int, ...]]:

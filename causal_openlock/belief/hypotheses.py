@@ -31,7 +31,7 @@ from causal_openlock.belief.catalogue import (
     feasible,
 )
 from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import NEVER, Counts, Masks, renamed
+from causal_openlock.belief.structures import NEVER, Counts, Masks, Rows, renamed
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 RULES = ("grey", "white", "position")
@@ -55,7 +55,7 @@ class RoomSight(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Hypotheses:
+class Hypotheses(Rows):
     """H hypotheses about P levers by slot and a door, as arrays; the door is the last node.
 
     Attributes:
@@ -72,13 +72,6 @@ class Hypotheses:
     solutions: Masks
     strength: Counts
 
-    def __len__(self) -> int:
-        return len(self.inert)
-
-    def __getitem__(self, chosen: IntArray | slice) -> Hypotheses:
-        """Some of the hypotheses."""
-        return Hypotheses(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
-
     @classmethod
     def none(cls, positions: int, solutions: int) -> Hypotheses:
         """No hypothesis, in the shape of others."""
@@ -89,14 +82,6 @@ class Hypotheses:
             np.zeros((0, solutions), dtype=np.uint16),
             np.zeros(0, dtype=np.uint8),
         )
-
-    @classmethod
-    def joined(cls, parts: list[Hypotheses]) -> Hypotheses:
-        """All hypotheses of several."""
-        return cls(
-            *(np.concatenate([getattr(part, name) for part in parts])
-              for name in cls.__dataclass_fields__)
-        )  # fmt: skip
 
     def on_slots(self, slots: Sequence[int], positions: int) -> Hypotheses:
         """Hypotheses about n levers, as hypotheses about a room in which all others are inactive.

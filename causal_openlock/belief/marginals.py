@@ -30,7 +30,7 @@ def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
 
     Args:
         belief: A subject's belief.
-        classes: ``[C + 1]`` the subject's probability of each schema class.
+        classes: ``[C + 1]`` the subject's probability of each schema class; so everywhere here.
     """
     positions = belief.space.sight.positions
     edges = np.zeros((positions, positions + 1))
@@ -49,10 +49,6 @@ def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
     The schema is the most probable structure with that behaviour, and the probability is that of
     all structures with it, whatever their strength. Levers are named by position; those without
     effect on the door are inert.
-
-    Args:
-        belief: A subject's belief.
-        classes: ``[C + 1]`` the subject's probability of each schema class.
     """
     best, found = -1.0, None
     for part in structure_posteriors(belief, classes):
@@ -108,12 +104,7 @@ class StructurePosterior:
 
 
 def structure_posteriors(belief: Belief, classes: FloatArray) -> tuple[StructurePosterior, ...]:
-    """The posterior over structures, one part for each possible set of active levers.
-
-    Args:
-        belief: A subject's belief.
-        classes: ``[C + 1]`` the subject's probability of each schema class.
-    """
+    """The posterior over structures, one part for each possible set of active levers."""
     space = belief.space
     many = len(space.strengths)
     names = position_names(space.sight.positions)

@@ -43,9 +43,9 @@ def metropolis(
         guess: Draws causes and threshold of a gate for each of some nodes, from its posterior.
         start: ``[D]`` where the chains begin.
         order: ``[D, n]`` the levers of each, causes before effects.
-        required: How many solutions, and the actions of an attempt that each has to fit into.
-        steps: Steps that each chain takes.
-        generator: Draws.
+        required: The number of solutions, and the action limit that each has to fit.
+        steps: Steps of each chain.
+        generator: Source of randomness.
     """
     n, rows = start.levers, np.arange(len(start))
     current, order = Structures(start.causes.copy(), start.threshold.copy()), order.copy()

@@ -40,7 +40,7 @@ from causal_openlock.belief.marginals import (
 )
 from causal_openlock.belief.posterior import Belief
 from causal_openlock.errors import OpenLockError
-from causal_openlock.formats.graphs import to_bayesian_network
+from causal_openlock.formats.graphs import binary_cpd, to_bayesian_network
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.room import position_names
@@ -122,12 +122,7 @@ class Model:
 
 
 def model_of(belief: Belief, classes: FloatArray) -> Model:
-    """A belief as objects of pgmpy.
-
-    Args:
-        belief: A subject's belief.
-        classes: ``[C + 1]`` the subject's probability of each schema class.
-    """
+    """A belief as objects of pgmpy, given the probability of each schema class."""
     import pandas as pd
 
     schema, probability = most_probable(belief, classes)
@@ -147,34 +142,13 @@ def lock_network(schema: Schema, push_probability: float = 0.0) -> DiscreteBayes
     In :func:`~causal_openlock.formats.graphs.to_bayesian_network` it is 1 if it opens, which also
     depends on strengths; the rest is the same.
 
-    Args:
-        schema: The levers and the door.
-        push_probability: Probability that a lever is pushed, independent of the others; at 0 all
-            stay pulled unless ``do`` sets them.
-
-    Returns:
-        A checked model whose nodes are the schema's and have the states 0 and 1.
-
-    Raises:
-        OpenLockError: If ``push_probability`` is no probability.
     """
-    from pgmpy.factors.discrete import TabularCPD
-
     network = to_bayesian_network(schema, push_probability)
     causes = schema.causes(DOOR)
     pushed = np.array([sum(states) for states in product((0, 1), repeat=len(causes))])
     unlocked = (pushed >= schema.threshold(DOOR)).astype(float)
     network.remove_cpds(network.get_cpds(DOOR))
-    network.add_cpds(
-        TabularCPD(
-            DOOR,
-            2,
-            [1.0 - unlocked, unlocked],
-            evidence=list(causes),
-            evidence_card=[2] * len(causes),
-            state_names={each: [0, 1] for each in (DOOR, *causes)},
-        )
-    )
+    network.add_cpds(binary_cpd(DOOR, unlocked, causes))
     network.check_model()
     return network
 
@@ -207,7 +181,6 @@ def probability_unlocked(
         >>> probability_unlocked(chain, pushed=["A"], push_probability=0.5)
         0.5
     """
-    from pgmpy.factors.discrete import TabularCPD
     from pgmpy.inference import VariableElimination
 
     up, down = _checked(schema.levers, pushed, pulled, push_probability)
@@ -217,9 +190,7 @@ def probability_unlocked(
         network = network.do(list(states))
     for lever, state in states.items():
         network.remove_cpds(lever)
-        network.add_cpds(
-            TabularCPD(lever, 2, [[1.0 - state], [state]], state_names={lever: [0, 1]})
-        )
+        network.add_cpds(binary_cpd(lever, np.array([float(state)])))
     answer = VariableElimination(network).query([DOOR], show_progress=False)
     return float(answer.get_value(**{DOOR: 1}))
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -111,10 +112,9 @@ class Optimum:
         self._symmetry = Symmetry(hypotheses, share)
         self._values: dict[tuple[int, tuple[int, ...]], float] = {}
         self._within: dict[tuple[Point, bool], float] = {}
-        self._moving: dict[tuple[int, int], int] = {}
-        self._unlocking: dict[int, int] = {}
-        self._finding: dict[tuple[int, tuple[int, ...]], int] = {}
-        self._reaching: dict[tuple[int, int, tuple[int, ...]], int] = {}
+        # Sets of hypotheses are computed once for each instance.
+        self._moves, self._unlocks = cache(self._moving), cache(self._unlocking)
+        self._finds, self._reach = cache(self._finding), cache(self._reaching)
         self.nodes = 0
 
     @property
@@ -287,17 +287,13 @@ class Optimum:
 
     # -- sets of hypotheses, cached ---------------------------------------------------------------
 
-    def _moves(self, pushed: int, slot: int) -> int:
+    def _moving(self, pushed: int, slot: int) -> int:
         """The hypotheses under which a lever moves."""
-        if (pushed, slot) not in self._moving:
-            self._moving[pushed, slot] = bits(self._holds(pushed, slot))
-        return self._moving[pushed, slot]
+        return bits(self._holds(pushed, slot))
 
-    def _unlocks(self, pushed: int) -> int:
+    def _unlocking(self, pushed: int) -> int:
         """The hypotheses under which the door is unlocked."""
-        if pushed not in self._unlocking:
-            self._unlocking[pushed] = bits(self._holds(pushed, self._slots))
-        return self._unlocking[pushed]
+        return bits(self._holds(pushed, self._slots))
 
     def _holds(self, pushed: int, node: int) -> BoolArray:
         live = np.bitwise_count(self._own.causes[:, node] & np.uint16(pushed))
@@ -312,22 +308,17 @@ class Optimum:
         to_find: BoolArray = ~done.any(axis=0)
         return to_find
 
-    def _finds(self, pushed: int, found: tuple[int, ...]) -> int:
+    def _finding(self, pushed: int, found: tuple[int, ...]) -> int:
         """The hypotheses under which opening the door completes a new solution."""
-        if (pushed, found) not in self._finding:
-            done = (np.uint16(pushed) & ~self._own.inert)[:, None]
-            new = (self._own.solutions == done) & self._to_find(found)
-            self._finding[pushed, found] = bits(new.any(axis=1))
-        return self._finding[pushed, found]
+        done = (np.uint16(pushed) & ~self._own.inert)[:, None]
+        new = (self._own.solutions == done) & self._to_find(found)
+        return bits(new.any(axis=1))
 
-    def _reach(self, pushed: int, left: int, found: tuple[int, ...]) -> int:
+    def _reaching(self, pushed: int, left: int, found: tuple[int, ...]) -> int:
         """The hypotheses under which so many actions may still complete a new solution."""
-        key = (pushed, left, found)
-        if key not in self._reaching:
-            stands = (np.uint16(pushed) & ~self._own.inert)[:, None]
-            missing = np.bitwise_count(self._own.solutions ^ stands) + 1 <= left
-            if not self._pulls:
-                missing &= self._own.solutions & stands == stands
-            useful: BoolArray = missing & self._to_find(found)
-            self._reaching[key] = bits(np.logical_or.reduce(useful, axis=1))
-        return self._reaching[key]
+        stands = (np.uint16(pushed) & ~self._own.inert)[:, None]
+        missing = np.bitwise_count(self._own.solutions ^ stands) + 1 <= left
+        if not self._pulls:
+            missing &= self._own.solutions & stands == stands
+        useful: BoolArray = missing & self._to_find(found)
+        return bits(np.logical_or.reduce(useful, axis=1))

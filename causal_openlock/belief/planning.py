@@ -78,15 +78,9 @@ class Situation:
     def of(
         cls, view: View, subject: int, slots: IntArray, found: tuple[int, ...] = ()
     ) -> Situation:
-        """Where a subject's attempt stands.
+        """Where a subject's attempt stands, given the slot of each position in its room.
 
         Once every solution is found, none counts as found: repeating one is as good as any.
-
-        Args:
-            view: What the subjects perceive.
-            subject: Which of them.
-            slots: ``[P]`` the slot of each position in its room.
-            found: What was pushed when it found solutions.
         """
         seen = view.observation[subject]
         return cls(

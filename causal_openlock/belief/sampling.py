@@ -77,7 +77,7 @@ class Gates:
         return cls(causes, threshold, weight)
 
     def holding(self, pushed: int, chance: FloatArray) -> FloatArray:
-        """``[O]`` probability that as many causes transmit as the gate asks for."""
+        """``[O]`` probability that enough causes transmit."""
         return chance[np.bitwise_count(self.causes & pushed), self.threshold]
 
 
@@ -133,14 +133,8 @@ class Sampler:
             return self.levers
         return slot if slot < self.levers else None
 
-    def draw(self, number: int, generator: np.random.Generator) -> Structures:
-        """So many independent structures; none if nothing is possible."""
-        return self.draw_in_order(number, generator)[0]
-
-    def draw_in_order(
-        self, number: int, generator: np.random.Generator
-    ) -> tuple[Structures, IntArray]:
-        """The same, and ``[D, n]`` the levers of each in an order, causes before effects."""
+    def draw(self, number: int, generator: np.random.Generator) -> tuple[Structures, IntArray]:
+        """Independent structures, none if nothing is possible, and their orders ``[D, n]``."""
         n = self.levers
         order = np.zeros((number, n), dtype=np.int64)
         causes = np.zeros((number, n + 1), dtype=np.uint16)
@@ -178,14 +172,7 @@ class Sampler:
     def _gates_of(
         self, lever: IntArray, before: IntArray, size: int, generator: np.random.Generator
     ) -> tuple[IntArray, IntArray]:
-        """Causes and threshold of a lever in each of D draws, its causes among those before it.
-
-        Args:
-            lever: ``[D]`` whose gate it is, in ascending order.
-            before: ``[D]`` the levers before it.
-            size: How many these are.
-            generator: Draws.
-        """
+        """``[D]`` causes and threshold of each lever, its causes among the ``size`` before it."""
         causes = np.zeros(len(lever), dtype=np.int64)
         threshold = np.zeros(len(lever), dtype=np.int64)
         left = np.arange(len(lever))
@@ -301,7 +288,7 @@ def sampled(
         sampler: Draws structures.
         sight: What the room looks like.
         wanted: How many draws to accept.
-        generator: Draws.
+        generator: Source of randomness.
         effort: Structures that are looked at, at most, where there are eight levers and more: a
             quarter of them are draws, the rest steps of Markov chains from those that come near.
     """
@@ -313,7 +300,7 @@ def sampled(
     accepted = tried = 0
     while accepted < wanted and tried < most:
         draws = min(BATCH, most - tried) if large else DRAWS
-        drawn, order = sampler.draw_in_order(draws, generator)
+        drawn, order = sampler.draw(draws, generator)
         if not len(drawn):
             break
         away = distance(drawn, *required)
@@ -335,9 +322,8 @@ def sampled(
         steps = max(1, 3 * effort // 4 // len(begin) - 1)
         kept.append(metropolis(sampler.guess, begin, orders, required, steps, generator))
         worth = sum(map(len, kept)) * tried / max(accepted, 0.5)
-    empty = np.zeros((0, sampler.levers + 1), dtype=np.uint16)
-    every = Structures.joined([Structures(empty, empty.astype(np.uint8)), *kept])
-    first, member = merge(np.concatenate([every.causes.view(np.uint8), every.threshold], axis=1))
+    every = Structures.joined([Structures.none(sampler.levers), *kept])
+    first, member = merge(every.labels())
     times = np.bincount(member, minlength=len(first))
     members = every[first]
     chance = times * sampler.evidence / worth / sampler.likelihood(members)
@@ -345,15 +331,10 @@ def sampled(
 
 
 def listed(members: Structures, chance: FloatArray) -> Catalogue:
-    """A catalogue of structures of the free form, each a behaviour of its own.
-
-    Args:
-        members: ``[M]`` the structures.
-        chance: ``[M]`` what their probabilities in the free form are estimated to be.
-    """
+    """A catalogue of structures with estimated prior probabilities, each a behaviour of its own."""
     index = np.arange(len(members))
     kind = np.full(len(members), len(schema_classes()))
-    return Catalogue(members, index, index, kind, chance, free_form=True)
+    return Catalogue(members, index, index, kind, chance)
 
 
 def with_sampled(space: Space, own: Catalogue) -> Space:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,32 @@ NEVER = np.uint8(15)
 """Threshold of a lever that never moves: more causes than any lever has."""
 
 
+class Rows:
+    """Base of dataclasses whose fields are arrays with a row for each element."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __len__(self) -> int:
+        return len(getattr(self, next(iter(self.__dataclass_fields__))))
+
+    def __getitem__(self, chosen: IntArray | BoolArray | slice) -> Self:
+        """Some of the elements, in any order and also repeatedly."""
+        return type(self)(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The elements of several."""
+
+        def column(name: str) -> Any:
+            values = [getattr(part, name) for part in parts]
+            rows = isinstance(values[0], Rows)
+            return values[0].joined(values) if rows else np.concatenate(values)
+
+        return cls(*map(column, cls.__dataclass_fields__))
+
+
 @dataclass(frozen=True, eq=False)
-class Structures:
+class Structures(Rows):
     """M gate-DAGs on n levers; the last node is the door.
 
     Attributes:
@@ -52,33 +76,24 @@ class Structures:
     causes: Masks
     threshold: Counts
 
-    def __len__(self) -> int:
-        return len(self.causes)
-
     @property
     def levers(self) -> int:
         """Number of levers, n."""
         return self.causes.shape[1] - 1
 
-    def __getitem__(self, chosen: IntArray | BoolArray | slice) -> Structures:
-        """Some of the structures."""
-        return Structures(self.causes[chosen], self.threshold[chosen])
-
     @classmethod
-    def joined(cls, parts: Sequence[Structures]) -> Structures:
-        """All structures of several."""
-        return cls(
-            np.concatenate([part.causes for part in parts]),
-            np.concatenate([part.threshold for part in parts]),
-        )
+    def none(cls, levers: int) -> Structures:
+        """No structure on so many levers."""
+        causes = np.zeros((0, levers + 1), dtype=np.uint16)
+        return cls(causes, causes.astype(np.uint8))
+
+    def labels(self) -> NDArray[np.uint8]:
+        """``[M, W]`` bytes that are equal exactly for equal structures."""
+        return np.concatenate([self.causes.view(np.uint8), self.threshold], axis=1)
 
     def holds(self, pushed: int) -> BoolArray:
         """``[M, n + 1]`` whether the gate of each node holds while ``pushed`` are pushed."""
         return np.bitwise_count(self.causes & np.uint16(pushed)) >= self.threshold
-
-    def works(self) -> BoolArray:
-        """``[M, 2^n]`` whether pushing exactly this set, in some order, unlocks the door."""
-        return members(self._working(), self.levers)
 
     def solutions(self) -> BoolArray:
         """``[M, 2^n]`` whether this set of levers is a solution: it works, and no subset does."""
@@ -86,9 +101,9 @@ class Structures:
 
     def solving(self) -> Families:
         """``[M, W]`` the solutions of each structure, a bit for each set of levers."""
-        return minimal(self._working(), self.levers)
+        return minimal(self.working(), self.levers)
 
-    def _working(self) -> Families:
+    def working(self) -> Families:
         """``[M, W]`` the sets that unlock the door.
 
         A set works if every gate in it, and the door's, is met by the set itself; as causes come
@@ -168,12 +183,7 @@ def behaviour_bytes(levers: int, action_limit: int) -> int:
 
 
 def renamed(sets: Masks, names: IntArray) -> Masks:
-    """Sets of n levers after lever i is renamed to ``names[i]``.
-
-    Args:
-        sets: ``[...]`` sets of levers.
-        names: ``[n]``, or ``[..., n]`` names for each of the sets.
-    """
+    """``[...]`` sets of levers after lever i is renamed to ``names[..., i]``."""
     result = np.zeros(np.broadcast_shapes(sets.shape, names.shape[:-1]), dtype=np.uint16)
     for lever in range(names.shape[-1]):
         holds = sets >> np.uint16(lever) & np.uint16(1)
@@ -182,14 +192,7 @@ def renamed(sets: Masks, names: IntArray) -> Masks:
 
 
 def merge(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
-    """Group equal rows.
-
-    Args:
-        rows: ``[M, W]`` bytes.
-
-    Returns:
-        ``[U]`` the first of each group of equal rows, and ``[M]`` the group of each row.
-    """
+    """``[U]`` the first of each group of equal rows of bytes, and ``[M]`` the group of each row."""
     whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1]))).ravel()
     _, first, group = np.unique(whole, return_index=True, return_inverse=True)
     return first, group.reshape(-1)

@@ -117,6 +117,7 @@ def _array(content: bytes) -> NDArray[Any]:
         raise ArchiveError("it holds an array without a valid shape")
     if file.tell() + math.prod(shape) * kind.itemsize != len(content):
         raise ArchiveError("it holds an array of another size than its header states")
-    order = "F" if by_columns else "C"
-    array: NDArray[Any] = np.ndarray(shape, kind, content, file.tell(), order=order)
+    array: NDArray[Any] = np.ndarray(
+        shape, kind, content, file.tell(), order="F" if by_columns else "C"
+    )
     return array.copy(order="K")

@@ -23,7 +23,7 @@ BIF can only be written: it holds the tables of :func:`to_bayesian_network`, not
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import compress, product
@@ -39,10 +39,11 @@ from causal_openlock.files.yaml_file import MAX_BYTES
 from causal_openlock.formats.dot import dagitty_text, dot_text, parse_graph
 from causal_openlock.formats.schema_file import dump_schema, parse_schema, schema_from_dict
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import gate_chance
+from causal_openlock.world.fsm import FloatArray, gate_chance
 from causal_openlock.world.schema import DOOR, NAME, Schema
 
 if TYPE_CHECKING:
+    from pgmpy.factors.discrete import TabularCPD
     from pgmpy.models import DiscreteBayesianNetwork
 
 
@@ -261,6 +262,9 @@ def _no_graph(format: str, why: object, remedy: str) -> SchemaError:
 
 # -- the formats ----------------------------------------------------------------------------------
 
+_UNREADABLE = (LookupError, ValueError, TypeError, AttributeError, RecursionError, nx.NetworkXError)
+"""What networkx raises for a text that is no graph."""
+
 
 def _write_node_link(schema: Schema) -> str:
     data = nx.node_link_data(_plain_graph(schema), edges="edges")
@@ -274,13 +278,14 @@ def _read_node_link(text: str, name: str) -> Schema:
         graph = nx.node_link_graph(data, edges="edges" if "edges" in data else "links")
     except KeyError as error:
         raise _no_graph("node-link", f"the key {error} is missing", remedy) from None
-    except (ValueError, TypeError, AttributeError, RecursionError, nx.NetworkXError) as error:
+    except _UNREADABLE as error:
         raise _no_graph("node-link", error, remedy) from None
     return _schema_of(graph, "node-link", name)
 
 
-def _joined(graph: nx.DiGraph) -> nx.DiGraph:
-    """The graph with its lists of names as texts, which are left out where empty."""
+def _text_graph(schema: Schema) -> nx.DiGraph:
+    """The schema as a graph whose lists of names are texts, left out if empty."""
+    graph = _plain_graph(schema)
     for key in ("levers", "inert"):
         graph.graph[key] = " ".join(graph.graph[key])
         if not graph.graph[key]:
@@ -288,38 +293,15 @@ def _joined(graph: nx.DiGraph) -> nx.DiGraph:
     return graph
 
 
-def _write_gml(schema: Schema) -> str:
-    return "\n".join(nx.generate_gml(_joined(_plain_graph(schema)))) + "\n"
-
-
 def _read_gml(text: str, name: str) -> Schema:
     try:
         graph = nx.parse_gml(text)
-    except (
-        LookupError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        RecursionError,
-        nx.NetworkXError,
-    ) as error:
+    except _UNREADABLE as error:
         raise _no_graph("gml", error, "write one with networkx.write_gml") from None
     if "title" in graph.graph:
         # networkx takes the texts "()" and "[]" for empty lists.
         graph.graph["title"] = str(graph.graph["title"])
     return _schema_of(graph, "gml", name)
-
-
-def _write_dot(schema: Schema) -> str:
-    return dot_text(_joined(_plain_graph(schema)))
-
-
-def _write_dagitty(schema: Schema) -> str:
-    return dagitty_text(_joined(_plain_graph(schema)))
-
-
-def _read_dot(text: str, name: str) -> Schema:
-    return _schema_of(parse_graph(text, "dot"), "dot", name)
 
 
 def _read_dagitty(text: str, name: str) -> Schema:
@@ -353,7 +335,6 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
     Raises:
         OpenLockError: If ``push_probability`` is no probability.
     """
-    from pgmpy.factors.discrete import TabularCPD
     from pgmpy.models import DiscreteBayesianNetwork
 
     if not 0.0 <= push_probability <= 1.0:
@@ -370,18 +351,29 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
         chance = gate_chance(schema, node, np.array(moved, dtype=np.int64))
         # Rounding may leave a sum of probabilities just above 1.
         chance = chance * (1.0 if node == DOOR else push_probability)
-        network.add_cpds(
-            TabularCPD(
-                node,
-                2,
-                [1.0 - chance, chance],
-                evidence=list(causes),
-                evidence_card=[2] * len(causes),
-                state_names={each: [0, 1] for each in (node, *causes)},
-            )
-        )
+        network.add_cpds(binary_cpd(node, chance, causes))
     network.check_model()
     return network
+
+
+def binary_cpd(node: str, chance: FloatArray, causes: Sequence[str] = ()) -> TabularCPD:
+    """A conditional probability table of pgmpy for a node with the states 0 and 1.
+
+    Args:
+        node: The node.
+        chance: ``[2^K]`` probability of 1, by the states of K causes, the first one slowest.
+        causes: The causes.
+    """
+    from pgmpy.factors.discrete import TabularCPD
+
+    return TabularCPD(
+        node,
+        2,
+        [1.0 - chance, chance],
+        evidence=list(causes),
+        evidence_card=[2] * len(causes),
+        state_names={each: [0, 1] for each in (node, *causes)},
+    )
 
 
 def _write_bif(schema: Schema) -> str:
@@ -398,10 +390,11 @@ FORMATS: dict[str, Format] = {
         Format("node-link", (".json",), "networkx node-link JSON, also for D3",
                _write_node_link, _read_node_link),
         Format("gml", (".gml",), "Graph Modelling Language: networkx, Gephi, igraph, yEd",
-               _write_gml, _read_gml),
-        Format("dot", (".dot", ".gv"), "Graphviz", _write_dot, _read_dot),
+               lambda schema: "\n".join(nx.generate_gml(_text_graph(schema))) + "\n", _read_gml),
+        Format("dot", (".dot", ".gv"), "Graphviz", lambda schema: dot_text(_text_graph(schema)),
+               lambda text, name: _schema_of(parse_graph(text, "dot"), "dot", name)),
         Format("dagitty", (".dagitty",), "DAGitty in the browser and in R",
-               _write_dagitty, _read_dagitty),
+               lambda schema: dagitty_text(_text_graph(schema)), _read_dagitty),
         Format("bif", (".bif",), "Bayesian network: pgmpy, bnlearn", _write_bif),
     )
 }  # fmt: skip

@@ -147,7 +147,7 @@ def test_three_levers_are_drawn_as_probable_as_they_are(plain, strength, moments
     events, weight = posterior(plain, strength, moments, 4)
     sampler = Sampler(3, SIMPLICITY, strength, events)
     assert sampler.evidence == pytest.approx(weight.sum(), rel=1e-9)
-    drawn = Counter(labels(sampler.draw(DRAWS, np.random.default_rng(1))))
+    drawn = Counter(labels(sampler.draw(DRAWS, np.random.default_rng(1))[0]))
     names = labels(arrays_of(list(free_form(3, SIMPLICITY))))
     assert not set(drawn) - {name for name, w in zip(names, weight, strict=True) if w > 0}
     expected = DRAWS * weight / weight.sum()
@@ -168,7 +168,7 @@ def test_four_levers_are_drawn_as_probable_as_they_are(strength, moments):
     weight = free_form_weight(4, SIMPLICITY) * likelihoods(everything, strength, events)
     sampler = Sampler(4, SIMPLICITY, strength, events)
     assert sampler.evidence == pytest.approx(weight.sum(), rel=1e-9)
-    drawn = sampler.draw(DRAWS, np.random.default_rng(2))
+    drawn = sampler.draw(DRAWS, np.random.default_rng(2))[0]
     assert (likelihoods(drawn, strength, events) > 0).all()
     agree(
         features(drawn).mean(axis=0),
@@ -180,7 +180,7 @@ def test_four_levers_are_drawn_as_probable_as_they_are(strength, moments):
 def test_the_likelihood_of_draws_is_that_by_hand():
     events = happened_in(BOTH, 0.7, 25, 4)
     sampler = Sampler(3, SIMPLICITY, 0.7, events)
-    drawn = sampler.draw(50, np.random.default_rng(0))
+    drawn = sampler.draw(50, np.random.default_rng(0))[0]
     exact = [by_hand(plain, 0.7, events) for plain in plains_of(drawn)]
     assert sampler.likelihood(drawn) == pytest.approx(exact, rel=1e-9)
 
@@ -197,14 +197,14 @@ def test_a_white_lever_that_moves_is_beyond_the_grey_ones():
     for white in (3, 5):
         sampler = Sampler(3, SIMPLICITY, 1.0, [(Event(white, 0, True, False, False), 1)])
         assert sampler.evidence == 0
-        assert len(sampler.draw(10, np.random.default_rng(0))) == 0
+        assert len(sampler.draw(10, np.random.default_rng(0))[0]) == 0
 
 
 def test_of_what_cannot_be_nothing_is_drawn():
     both: Events = [(Event(0, 0, True, False, False), 1), (Event(0, 0, False, False, False), 1)]
     sampler = Sampler(5, SIMPLICITY, 1.0, both)
     assert sampler.evidence == 0
-    assert len(sampler.draw(100, np.random.default_rng(0))) == 0
+    assert len(sampler.draw(100, np.random.default_rng(0))[0]) == 0
     sight = RoomSight(7, 5, 4, 3)
     own = sampled(sampler, sight, 100, np.random.default_rng(0))
     assert len(own) == 0
@@ -383,7 +383,7 @@ def test_white_levers_pushed_while_the_door_is_unlocked_rule_nothing_out():
                 assert view.observation[0, -2] == 0
                 belief = played.belief()
                 events = list(belief.events.items())
-                redrawn = Sampler(5, SIMPLICITY, 1.0, events).draw(200, generator)
+                redrawn = Sampler(5, SIMPLICITY, 1.0, events).draw(200, generator)[0]
                 assert likelihoods(redrawn, 1.0, events).all()
                 assert len(redrawn) == 200
 
