@@ -42,6 +42,8 @@ REDRAWS = 2
 """How often a subject samples again before it concludes that levers of a large room may fail."""
 FEW_DRAWS = 40
 """So few draws are every structure that there is to draw; sampling again would find the same."""
+SAVED = ("slots", "which", "weight", "start", "found", "possible")
+"""Fields of a belief that a checkpoint holds as they are; none of them is changed in place."""
 
 
 class Beliefs:
@@ -301,12 +303,7 @@ class Beliefs:
             "sight": tuple(belief.space.sight),
             "unsure": len(belief.space.strengths) > 1,
             "sampled": drawn and (drawn.members.causes, drawn.members.threshold, drawn.chance),
-            "slots": belief.slots.copy(),
-            "which": belief.which.copy(),
-            "weight": belief.weight.copy(),
-            "start": None if belief.start is None else belief.start.copy(),
-            "found": belief.found,
-            "possible": belief.possible,
+            **{name: getattr(belief, name) for name in SAVED},
             "events": [(tuple(event), times) for event, times in belief.events.items()],
             "attempt": tuple(map(tuple, belief.attempt)),
             "kept": tuple(map(tuple, belief.kept)),
@@ -329,14 +326,9 @@ class Beliefs:
             space, drawn = with_sampled(space, own), len(own)
         return Belief(
             space,
-            saved["slots"].copy(),
-            saved["which"].copy(),
-            saved["weight"].copy(),
-            None if saved["start"] is None else saved["start"].copy(),
-            saved["found"],
-            drawn,
-            saved["possible"],
-            Counter({Event(*event): times for event, times in saved["events"]}),
-            tuple(Event(*event) for event in saved["attempt"]),
-            tuple(Event(*event) for event in saved["kept"]),
+            **{name: saved[name] for name in SAVED},
+            drawn=drawn,
+            events=Counter({Event(*event): times for event, times in saved["events"]}),
+            attempt=tuple(Event(*event) for event in saved["attempt"]),
+            kept=tuple(Event(*event) for event in saved["kept"]),
         )

@@ -15,7 +15,7 @@ On n levers, a class *generates* structures: first how many levers play each rol
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations, pairwise, permutations
@@ -244,7 +244,7 @@ def assigned(outline: Generated, splits: tuple[tuple[int, ...], ...]) -> Generat
     parts = [outline[:0]]
     for split in sorted(set(splits)):
         rows = np.array([index for index, own in enumerate(splits) if own == split])
-        orders = np.array(list(_orders(split)))[:, None]
+        orders = np.array(list(assignments(split)))[:, None]
         each = outline[rows]
         own_place = np.full((len(orders), 1, 1), levers)  # the door's
         at = np.concatenate([orders.argsort(axis=2), own_place], axis=2)
@@ -259,11 +259,15 @@ def assigned(outline: Generated, splits: tuple[tuple[int, ...], ...]) -> Generat
     return Generated.joined(parts)
 
 
-def _orders(split: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
-    """Every assignment of levers to roles of these sizes, up to order within a role."""
-    levers = frozenset(range(sum(split)))
+def assignments(sizes: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Every assignment of levers to roles of these sizes, role after role.
 
-    def deal(left: frozenset[int], sizes: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    >>> list(assignments([1, 2]))
+    [(0, 1, 2), (1, 0, 2), (2, 0, 1)]
+    """
+    levers = frozenset(range(sum(sizes)))
+
+    def deal(left: frozenset[int], sizes: Sequence[int]) -> Iterator[tuple[int, ...]]:
         if not sizes:
             yield ()
             return
@@ -271,4 +275,4 @@ def _orders(split: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
             for rest in deal(left - set(hand), sizes[1:]):
                 yield (*hand, *rest)
 
-    return deal(levers, split)
+    return deal(levers, sizes)

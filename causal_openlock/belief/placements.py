@@ -8,12 +8,13 @@ room may be the active ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
 from causal_openlock.belief.catalogue import solution_masks
+from causal_openlock.belief.grammar import assignments
 from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.world.fsm import FloatArray
@@ -46,8 +47,9 @@ def placements(schema: Schema, action_limit: int) -> Hypotheses:
     roles, many = _alike(own), ways_to_place(schema)
     if many << len(schema.levers) > TABLE_LIMIT:
         raise TooLargeError(f"{schema.name} can be placed in {many:,} ways")
-    dealt = [own.relabelled(np.array(order)) for order in _deals(roles, len(schema.levers))]
-    structures = Structures.joined(dealt)
+    by_role = np.argsort([lever for role in roles for lever in role])
+    placed = [own.relabelled(np.array(slots)[by_role]) for slots in assignments([*map(len, roles)])]
+    structures = Structures.joined(placed)
     first, _ = merge(structures.behaviour(action_limit))
     structures = structures[np.sort(first)]
     return Hypotheses(
@@ -122,19 +124,3 @@ def _alike(one: Structures) -> list[list[int]]:
         else:
             roles.append([lever])
     return roles
-
-
-def _deals(roles: list[list[int]], slots: int) -> Iterator[list[int]]:
-    """Every assignment of slots to levers, up to swaps within a role."""
-
-    def deal(index: int, free: tuple[int, ...], order: list[int]) -> Iterator[list[int]]:
-        if index == len(roles):
-            yield order.copy()
-            return
-        for chosen in combinations(free, len(roles[index])):
-            for lever, slot in zip(roles[index], chosen, strict=True):
-                order[lever] = slot
-            rest = tuple(slot for slot in free if slot not in chosen)
-            yield from deal(index + 1, rest, order)
-
-    return deal(0, tuple(range(slots)), [0] * slots)

@@ -214,10 +214,9 @@ def gate_dags(levers: int) -> Structures:
         ]
         for lever in range(levers)
     ]
-    chosen = np.array(
-        [gates for gates in product(*options) if _acyclic([mask for mask, _ in gates])],
-        dtype=np.int64,
-    ).reshape(-1, levers, 2)
+    chosen = np.array(list(product(*options)), dtype=np.int64).reshape(-1, levers, 2)
+    causes = np.pad(chosen[..., 0].astype(np.uint16), ((0, 0), (0, 1)))
+    chosen = chosen[linear_extensions(causes) > 0]  # a graph with a cycle has none
     door = np.array(
         [(mask, k) for mask in range(1, 1 << levers) for k in range(1, mask.bit_count() + 1)]
     )
@@ -226,16 +225,6 @@ def gate_dags(levers: int) -> Structures:
         [np.repeat(chosen, doors, axis=0), np.tile(door, (many, 1))[:, None]], axis=1
     )
     return Structures(nodes[..., 0].astype(np.uint16), nodes[..., 1].astype(np.uint8))
-
-
-def _acyclic(causes: list[int]) -> bool:
-    left = set(range(len(causes)))
-    while left:
-        free = {lever for lever in left if not any(causes[lever] >> other & 1 for other in left)}
-        if not free:
-            return False
-        left -= free
-    return True
 
 
 def linear_extensions(causes: Masks) -> FloatArray:

@@ -24,7 +24,7 @@ NOISE = (
     "this room counts again for the new hypotheses."
 )
 IMPOSSIBLE = 1e-12
-"""Outcomes with a lower probability were held impossible."""
+"""Outcomes with a lower probability were impossible for the subject."""
 SURPRISING = 0.1
 NOTHING = 0.005
 """Fewer bits than these count as none."""
@@ -115,7 +115,7 @@ def _verdict(trace: Trace) -> str:
         "alike": f"acts the same in attempts of {counted(trace.action_limit, 'action')}",
         "different": "acts differently",
     }[agreement(trace)]
-    return f"{end} In truth, {truth}. The structure it believes most probable {verdict}."
+    return f"{end} In truth, {truth}. What it believes most probable {verdict}."
 
 
 def agreement(trace: Trace) -> str:

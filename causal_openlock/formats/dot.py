@@ -32,11 +32,14 @@ TOKEN = re.compile(
 
 @dataclass(frozen=True)
 class Token:
-    """A piece of the text: its kind, what it says, and the line it stands on."""
+    """A token: its kind, its text, and its line."""
 
     kind: str
     text: str
     line: int
+
+    def __str__(self) -> str:
+        return repr(self.text) if self.kind != "end" else "the end of the text"
 
 
 def parse_graph(text: str, format: str) -> nx.DiGraph:
@@ -152,14 +155,12 @@ class _Reader:
     def expect(self, text: str, where: str) -> None:
         token = self.take()
         if token.kind in ("quoted", "end") or token.text != text:
-            found = f"{token.text!r}" if token.kind != "end" else "the end of the text"
-            raise self.fault(token.line, f"{text!r} is needed {where}, and here is {found}; add it")
+            raise self.fault(token.line, f"{text!r} is needed {where}, and here is {token}; add it")
 
     def identifier(self, where: str) -> str:
         token = self.take()
         if token.kind not in ("word", "quoted"):
-            found = f"{token.text!r}" if token.kind != "end" else "the end of the text"
-            raise self.fault(token.line, f"a name is needed {where}, and here is {found}; add one")
+            raise self.fault(token.line, f"a name is needed {where}, and here is {token}; add one")
         if token.kind == "quoted":
             return html.unescape(token.text.replace("\\\n", "").replace('\\"', '"'))
         return token.text

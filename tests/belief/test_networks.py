@@ -538,9 +538,9 @@ def test_a_learner_tells_its_belief_as_a_network() -> None:
         assert model.schema == schema
         assert {*model.network.nodes} == {*schema.levers, DOOR} <= {*names, DOOR}
         assert set(model.network.edges) == set(schema.graph.edges)
-        of_structures = np.concatenate([held.probability.sum(axis=1) for held in model.held])
+        of_structures = np.concatenate([part.probability.sum(axis=1) for part in model.parts])
         # Structures that act alike are one hypothesis, and its probability is theirs together.
-        of_hypotheses = [np.bincount(h.behaviour, h.probability.sum(1)).max() for h in model.held]
+        of_hypotheses = [np.bincount(h.behaviour, h.probability.sum(1)).max() for h in model.parts]
         assert model.probability == probability == pytest.approx(max(of_hypotheses), abs=1e-12)
         assert of_structures.max() <= probability < 1
         assert of_structures.sum() == pytest.approx(1, abs=1e-12)

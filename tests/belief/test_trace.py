@@ -192,7 +192,7 @@ def test_the_table_has_a_column_for_each_arrow_that_was_ever_possible(cc4: Trace
 
 
 def test_what_cannot_be_traced() -> None:
-    with pytest.raises(LearnerError, match="holds no beliefs"):
+    with pytest.raises(LearnerError, match="has no beliefs to trace"):
         traced("CC4", learner=create("random"))
     for trial in (0, 6):
         with pytest.raises(ProtocolError, match=f"no trial {trial}; choose one from 1 to 5"):
@@ -244,7 +244,7 @@ def test_the_story_tells_every_action_and_every_solution_once(cc4: Trace) -> Non
         assert sum(f"({number} of 3)" in line for line in lines) == 1
     assert sum(line.startswith("Attempt ") for line in lines) == len(cc4.attempts)
     whole = " ".join(line.strip() for line in lines)
-    verdict = "What it holds most probable is the same structure."
+    verdict = "What it believes most probable is the same structure."
     assert f"In truth, {in_words(cc4.truth)}. {verdict}" in whole
     assert max(map(len, lines)) <= 100
 
@@ -262,7 +262,7 @@ def test_a_long_story_is_cut_and_says_so(cc4: Trace) -> None:
 def test_the_story_says_when_nothing_was_possible_any_more(uncertain: Trace) -> None:
     whole = " ".join(line.strip() for line in trace_text(uncertain))
     assert whole.count("From here on levers may fail to move") == 1
-    assert "the difference of entropies is no information" in whole
+    assert "the difference of entropies is not information" in whole
 
 
 @pytest.mark.parametrize(
@@ -459,7 +459,7 @@ def test_seed_and_subject_change_the_trial(tmp_path: Path) -> None:
     ("words", "sentence"),
     [
         (["CC4", "--learner", "bayse"], "did you mean bayes?"),
-        (["CC4", "--learner", "random"], "random holds no beliefs that could be traced"),
+        (["CC4", "--learner", "random"], "random has no beliefs to trace"),
         (["CC44"], "did you mean CC4?"),
         (["CC3-CC4-CC3"], "is no condition"),
         (["nowhere.yaml"], "cannot be read"),
