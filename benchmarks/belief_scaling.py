@@ -126,9 +126,9 @@ def _space(many: int) -> Any:
     import numpy as np
 
     from causal_openlock.belief.catalogue import Catalogue, fits
+    from causal_openlock.belief.hypotheses import Block, RoomSight, Space, placed
     from causal_openlock.belief.prior import Prior
     from causal_openlock.belief.sampling import Sampler
-    from causal_openlock.belief.space import Block, RoomSight, Space, placed
     from causal_openlock.belief.strength import strengths
     from causal_openlock.belief.structures import Structures
 
@@ -137,7 +137,7 @@ def _space(many: int) -> Any:
     sampler = Sampler(7, Prior().simplicity, 1.0)
     parts: list[Structures] = []
     while sum(map(len, parts)) < many:
-        drawn = sampler.draw(BATCH, generator)
+        drawn = sampler.draw(BATCH, generator)[0]
         drawn = drawn[fits(drawn, sight.solutions, sight.action_limit)]
         parts += [drawn.relabelled(generator.permutation(7)) for _ in range(RENAMED)]
     order = generator.permutation(sum(map(len, parts)))[:many]
@@ -146,9 +146,9 @@ def _space(many: int) -> Any:
         np.concatenate([part.threshold for part in parts])[order],
     )
     index = np.arange(many)
-    own = Catalogue(members, index, index, np.zeros_like(index), np.full(many, 1 / many), True)
+    own = Catalogue(members, index, index, np.zeros_like(index), np.full(many, 1 / many))
     block = Block((1 << 7) - 1, own)
-    hypotheses = placed(block, sight.positions, sight.solutions)
+    hypotheses = placed(block, sight.positions)
     return Space(sight, strengths(0.0, 1.0, 1.0, 1), (block,), hypotheses)
 
 

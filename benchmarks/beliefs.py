@@ -148,20 +148,17 @@ class _Scene:
 
     def _chance(self, step: Any) -> Any:
         """``[H]`` how probable each hypothesis makes what the first subject saw."""
-        import numpy as np
-
-        from causal_openlock.belief.believer import situation_of
         from causal_openlock.belief.evidence import Event, likelihood
+        from causal_openlock.belief.planning import Situation
 
-        belief, many = self.belief, self.many
+        belief = self.belief
         lever, before, after = int(step.action[0]), step.view.observation[0], step.outcome[0]
         event = Event(
-            slot=np.full(many, belief.slots[lever]),
-            pushed=np.full(many, situation_of(belief, step.view, 0).pushed, dtype=np.uint16),
-            took_effect=np.full(many, before[lever] != after[lever]),
-            unlocked=np.full(many, after[-2] == 0),
-            new=np.full(many, False),
-            found=np.zeros((many, 0), dtype=np.uint16),
+            slot=int(belief.slots[lever]),
+            pushed=Situation.of(step.view, 0, belief.slots).pushed,
+            took_effect=bool(before[lever] != after[lever]),
+            unlocked=bool(after[-2] == 0),
+            new=False,
         )
         return likelihood(belief.space.hypotheses, belief.which, belief.space.strengths, event)
 
@@ -234,8 +231,7 @@ def _plans(repeats: int) -> Iterator[Row]:
     import numpy as np
 
     from causal_openlock import Condition, Session, find_schema
-    from causal_openlock.belief.believer import situation_of
-    from causal_openlock.belief.planning import Objective, Planner
+    from causal_openlock.belief.planning import Objective, Planner, Situation
     from causal_openlock.experiment.protocol import PROTOCOLS
     from learners.bayes import Bayes
 
@@ -244,7 +240,7 @@ def _plans(repeats: int) -> Iterator[Row]:
     learner.begin(session.brief)
     learner.beliefs.enter(session.view)
     belief = learner.belief(0)
-    situation = situation_of(belief, session.view, 0)
+    situation = Situation.of(session.view, 0, belief.slots, belief.found)
 
     def measurement(many: int) -> Measurement:
         likely = np.sort(np.argsort(-belief.weight, kind="stable")[:many])

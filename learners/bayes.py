@@ -1,24 +1,22 @@
-"""The Bayesian structure learner: it intervenes to find out, and solves with what it knows.
+"""The Bayesian structure learner: active causal learning by expected information gain.
 
-It holds a belief about how the levers of the room hang together
-(:mod:`causal_openlock.belief`), picks the action that promises most, looks at what happens, and
-believes the less in whatever had predicted something else. What it learns about *schemas* it
-carries into the next room; which lever does what it finds out in each. It is told nothing of roles,
-schemas or solutions: it knows what every subject perceives.
+It holds a posterior over the causal structures of the room (:mod:`causal_openlock.belief`), chooses
+the most valuable action, and updates the posterior with what it observes. What it learns about
+*schemas* is carried into the next room; which lever does what is learned anew in each. It perceives
+what every subject perceives and knows nothing else about roles, schemas or solutions.
 
-How it picks actions is a parameter, so that rules can be compared:
+The policy is a parameter:
 
-* ``solve_and_learn``: expected information over the rest of the attempt, plus ``beta`` times the
-  probability of a new solution. Within a few hundredths of an attempt of the best possible.
+* ``solve_and_learn``: expected information gain over the rest of the attempt, plus ``beta`` times
+  the probability of a new solution. Within a few hundredths of an attempt of the optimum.
 * ``solve``: the probability of a new solution alone.
-* ``learn_attempt``, ``learn_action``: expected information alone, over the attempt or of the next
-  action; an unlocked door is opened at the end.
-* ``thompson``: believe one hypothesis, drawn as probable as it is, and carry out a solution of it.
-* ``random_consistent``: carry out any solution that some hypothesis still allows.
+* ``learn_attempt``, ``learn_action``: expected information gain alone, over the attempt or of the
+  next action; an unlocked door is opened at the end.
+* ``thompson``: Thompson sampling. Draw a hypothesis from the posterior, carry out a solution of it.
+* ``random_consistent``: carry out a random solution that some hypothesis still allows.
 
-Bounded rationality is a parameter too, and off by default: noise in decisions, lapses of attention,
-forgetting (of everything, or of failures alone), the expectation that levers act on the door
-themselves, and how readily a prior gives way.
+Bounded rationality is off by default: decision noise, lapses, forgetting (of everything, or of
+failures alone), the expectation that levers act on the door themselves, and a strong prior.
 """
 
 from __future__ import annotations
@@ -31,15 +29,16 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from pydantic import Field
 
-from causal_openlock.belief.beliefs import Belief, Beliefs
-from causal_openlock.belief.believer import Believer, situation_of
+from causal_openlock.belief.belief_learner import BeliefLearner
+from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, TABLE_BYTES
-from causal_openlock.belief.intention import draw_intention
+from causal_openlock.belief.hypotheses import Space
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
+from causal_openlock.belief.posterior import Belief
 from causal_openlock.belief.prior import Count, Prior, Share
 from causal_openlock.belief.sampling import DRAWS, LISTED_CAUSES, ROUNDS
-from causal_openlock.belief.space import Space
 from causal_openlock.belief.structures import behaviour_bytes
+from causal_openlock.belief.thompson import sample_solution
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.experiment.expected_cost import Cost
 from causal_openlock.world.fsm import FloatArray, IntArray
@@ -50,19 +49,19 @@ Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
 ]
 _PLANS: WeakKeyDictionary[Space, dict[Any, FloatArray]] = WeakKeyDictionary()
-"""Plans made in this process: a plan follows from a belief, whoever holds it."""
+"""Plans made in this process; subjects with the same posterior share them."""
 MOST_PLANS = 50_000
 SAMPLINGS, SAMPLINGS_A_SOLUTION = 8, 1.5
-"""How often hypotheses are sampled in a trial of many levers, as measured; for an estimate."""
+"""How often hypotheses are sampled in a trial with many levers (measured), for the estimate."""
 SECONDS_A_NODE = 2e-6
-"""Seconds to look at a structure, for each lever; the same."""
+"""Seconds to check a structure, for each lever (measured)."""
 COPIES = 4
 ALMOST_NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
 class BayesParameters(Prior):
-    """What the learner believes at first, how it decides, and where its rationality is bounded."""
+    """Prior, policy, and bounds of rationality."""
 
     policy: Annotated[Policy, "how it picks actions"] = "solve_and_learn"
     beta: Annotated[float, Field(ge=0), "worth of a new solution, in bits of information"] = 3.0
@@ -73,15 +72,15 @@ class BayesParameters(Prior):
     lapse: Annotated[Share, "share of actions that are random"] = 0.0
 
 
-class Bayes(Believer):
-    """Plays by a belief about the causal structure of the room."""
+class Bayes(BeliefLearner):
+    """Acts on a posterior over the causal structure of the room."""
 
     Parameters = BayesParameters
     parameters: BayesParameters
 
     @classmethod
     def expected_cost(cls, parameters: BayesParameters, schema: Schema, action_limit: int) -> Cost:
-        """What a room costs: hypotheses sampled time after time, and tables to compare them."""
+        """What a room costs: repeated sampling of hypotheses, and tables to compare them."""
         levers = len(schema.levers)
         if levers <= FREE_FORM_LEVERS:
             return Cost(0.1, "every structure is listed")
@@ -94,16 +93,16 @@ class Bayes(Believer):
         return Cost(seconds, work, COPIES * many / 1e6)
 
     def begin(self, brief: Brief) -> None:
-        """Believe what there is to believe before the first room."""
+        """Set the priors before the first room."""
         self.brief = brief
         choices, samples = zip(*(g.spawn(2) for g in brief.generators), strict=True)
         self._draws = Streams(choices, width=3)
         self.beliefs = Beliefs(brief, self.parameters, samples)
-        self._intended: list[tuple[int, ...] | None] = [None] * brief.subjects
+        self._plans: list[tuple[int, ...] | None] = [None] * brief.subjects
         self._tried = [0] * brief.subjects
 
     def act(self, view: View) -> IntArray:
-        """``[B]`` what each subject does."""
+        """``[B]`` the action of each subject."""
         self.beliefs.enter(view)
         draws = self._draws.uniform()
         actions = np.zeros(self.brief.subjects, dtype=np.int64)
@@ -113,7 +112,7 @@ class Bayes(Believer):
                 actions[subject] = int(one * self.brief.actions)
                 continue
             belief = self.belief(subject)
-            situation = situation_of(belief, view, subject)
+            situation = Situation.of(view, subject, belief.slots, belief.found)
             if self.parameters.policy in ("thompson", "random_consistent"):
                 slot = self._carry_out(subject, belief, situation, (one, other))
             else:
@@ -123,17 +122,17 @@ class Bayes(Believer):
         return actions
 
     def _choose(self, values: FloatArray, draw: float) -> int:
-        """The slot of the lever that is best to push, or nearly; P is the door."""
+        """The slot of the best lever to push, by softmax; P is the door."""
         best = values.max()
         if self.parameters.temperature > 0:
-            with np.errstate(over="ignore"):  # hardly any noise at all
+            with np.errstate(over="ignore"):  # at very low temperatures
                 odds = np.exp((values - best) / self.parameters.temperature)
         else:
             odds = (values >= best - TIE).astype(float)
         return pick(odds, draw)
 
     def _values(self, belief: Belief, situation: Situation) -> FloatArray:
-        """``[P + 1]`` what pushing each lever is worth to the policy, and the door."""
+        """``[P + 1]`` value of pushing each lever, and the door, under the policy."""
         beta = self.parameters.beta
         if self.parameters.policy == "solve_and_learn":
             return self._plan(belief, situation, Objective(1.0, beta))
@@ -141,7 +140,7 @@ class Bayes(Believer):
         if self.parameters.policy == "solve":
             return self._plan(belief, situation, solve)
         if self.parameters.policy == "learn_attempt":
-            # When there is nothing to learn, what solves comes first.
+            # When there is nothing left to learn, solving decides.
             return self._plan(belief, situation, Objective(1.0, ALMOST_NOTHING))
         values = self._plan(belief, situation, Objective(1.0, 0.0, horizon=1))
         if situation.unlocked or values.max() < TIE:
@@ -153,29 +152,28 @@ class Bayes(Believer):
     def _carry_out(
         self, subject: int, belief: Belief, situation: Situation, draws: tuple[float, float]
     ) -> int:
-        """The next lever of what the subject intends in this attempt; P is the door."""
-        intended = self._intended[subject]
-        missing = [slot for slot in intended or () if not situation.pushed >> slot & 1]
-        # What was tried last and does not stand pushed has failed.
-        if intended is None or len(intended) - len(missing) < self._tried[subject]:
-            policy = self.parameters.policy
+        """The next lever of the solution that the subject carries out; P is the door."""
+        plan = self._plans[subject]
+        missing = [slot for slot in plan or () if not situation.pushed >> slot & 1]
+        # If the lever tried last is not pushed, the plan has failed.
+        if plan is None or len(plan) - len(missing) < self._tried[subject]:
             hypotheses = belief.space.hypotheses
-            intended = draw_intention(
+            plan = sample_solution(
                 hypotheses if belief.whole else hypotheses[belief.which],
                 belief.weight,
                 situation,
                 draws,
-                by_weight=policy == "thompson",
+                by_weight=self.parameters.policy == "thompson",
             )
-            self._intended[subject] = intended
+            self._plans[subject] = plan
             self._tried[subject] = 0
-            missing = list(intended or ())
-        if intended is None or not (missing or situation.unlocked):
-            self._intended[subject] = None
+            missing = list(plan or ())
+        if plan is None or not (missing or situation.unlocked):
+            self._plans[subject] = None
             return int(draws[0] * self.brief.positions)
         if not missing:
             return self.brief.positions
-        self._tried[subject] = len(intended) - len(missing) + 1
+        self._tried[subject] = len(plan) - len(missing) + 1
         return missing[0]
 
     def _plan(self, belief: Belief, situation: Situation, objective: Objective) -> FloatArray:
@@ -193,17 +191,17 @@ class Bayes(Believer):
         return plans[key]
 
     def learn(self, step: Step) -> None:
-        """Believe the less in what had predicted something else."""
+        """Update the posteriors with what was observed."""
         self.beliefs.update(step)
         for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
-            self._intended[subject] = None
+            self._plans[subject] = None
 
     def state_dict(self) -> dict[str, Any]:
-        """Beliefs, intentions and randomness."""
+        """Beliefs, plans and randomness."""
         return {
             "beliefs": self.beliefs.state_dict(),
             "draws": self._draws.state_dict(),
-            "intended": list(self._intended),
+            "intended": list(self._plans),
             "tried": list(self._tried),
         }
 
@@ -211,5 +209,5 @@ class Bayes(Believer):
         """Go on from a checkpoint."""
         self.beliefs.load_state_dict(state["beliefs"])
         self._draws.load_state_dict(state["draws"])
-        self._intended = list(state["intended"])
+        self._plans = list(state["intended"])
         self._tried = list(state["tried"])

@@ -1,11 +1,10 @@
-"""A DDQN that explores as a scientist would.
+"""A DDQN that explores by expected information gain.
 
 The paper's discussion asks for model-free learning guided by a causal model. Here the model is the
-belief of the structure learner (:mod:`learners.bayes`): when the DDQN explores, it draws its action
-in proportion to what the action is expected to tell about the causal structure of the room, in
-place of uniformly. Once there is nothing left to be told, it draws uniformly again. Everything else
-is the DDQN (:mod:`learners.ddqn`): it values and chooses actions as before, and knows nothing of
-what the belief holds.
+posterior of the structure learner (:mod:`learners.bayes`): exploratory actions are drawn in
+proportion to their expected information gain about the causal structure of the room, and uniformly
+once nothing is left to learn. Values and greedy actions are those of the DDQN
+(:mod:`learners.ddqn`), which does not use the posterior.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Beliefs
-from causal_openlock.belief.believer import Believer
 from causal_openlock.belief.planning import TIE
 from causal_openlock.belief.prior import Prior
 from causal_openlock.contract.learner import Brief, Step, View
@@ -27,17 +26,17 @@ from learners.ddqn import DDQN, DDQNParameters
 
 @dataclass(frozen=True)
 class BayesNetDDQNParameters(Prior, DDQNParameters):
-    """Hyper-parameters: those of the DDQN, and what the structure learner believes at first."""
+    """Hyper-parameters of the DDQN, and the prior of the structure learner."""
 
 
-class BayesNetDDQN(DDQN, Believer):
+class BayesNetDDQN(DDQN, BeliefLearner):
     """A DDQN whose exploratory actions are drawn by expected information gain."""
 
     Parameters = BayesNetDDQNParameters
     parameters: BayesNetDDQNParameters
 
     def begin(self, brief: Brief) -> None:
-        """Make the DDQN and the structure learner."""
+        """Begin as a DDQN, with a belief for each subject."""
         super().begin(brief)
         samples = tuple(generator.spawn(1)[0] for generator in brief.generators)
         self.beliefs = Beliefs(brief, self.parameters, samples)
@@ -52,12 +51,12 @@ class BayesNetDDQN(DDQN, Believer):
         return actions
 
     def learn(self, step: Step) -> None:
-        """Learn as the DDQN does, and revise the belief."""
+        """Train the DDQN and update the posteriors."""
         super().learn(step)
         self.beliefs.update(step)
 
     def state_dict(self) -> dict[str, Any]:
-        """What the DDQN learned, and what the structure learner believes."""
+        """The state of the DDQN, and the beliefs."""
         return super().state_dict() | {"beliefs": self.beliefs.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

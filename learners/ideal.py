@@ -1,16 +1,14 @@
-"""The ideal observer: it knows the schema, and finds out at once which lever is which.
+"""The ideal observer: it knows the schema and has to learn only which lever is which.
 
-The bound that the others are drawn beside. It is told the schema that governs the room, and that
-the grey levers are the active ones, but never where which of them stands; what is left to find out
-is the room, and it does that in the least expected number of attempts, by exact dynamic programming
-over its beliefs (:mod:`causal_openlock.belief.optimal`): 8/3 attempts with the paper's three levers
-and 3.75 with four, under common cause and common effect alike. Actions that are equally good are
-drawn by chance.
+It is the bound that other learners are compared with. It knows the schema of the room, and that the
+grey levers are the active ones, but not their layout. It solves the room in the least expected
+number of attempts, by exact dynamic programming over beliefs
+(:mod:`causal_openlock.belief.optimal`): 8/3 attempts with the paper's three levers and 3.75 with
+four, for common cause and common effect alike. Ties between actions are broken at random.
 
-Where the optimum is out of reach, because levers may fail to move or can be placed in too many
-ways, it plans ahead to the end of each attempt as the Bayesian learner does, schema and strength
-known: close to the best, and no exact bound any more. A schema whose edges differ in strength is
-held to have their mean.
+Where the optimum is out of reach, because levers may fail to move or there are too many placements,
+it plans to the end of each attempt as the Bayesian learner does, with schema and strength known:
+near-optimal, but no exact bound. Edges of different strengths all get their mean.
 """
 
 from __future__ import annotations
@@ -19,11 +17,12 @@ import math
 from copy import deepcopy
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from causal_openlock.belief.evidence import DOOR, Event, likelihood
+from causal_openlock.belief.evidence import Event, informative, likelihood, observed
+from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.belief.optimal import HYPOTHESIS_LIMIT, NODE_LIMIT, Optimum, Point
 from causal_openlock.belief.placements import (
     TABLE_LIMIT,
@@ -32,10 +31,9 @@ from causal_openlock.belief.placements import (
     ways_to_place,
 )
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
-from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.strength import Strengths, at_least, strengths
 from causal_openlock.belief.symmetry import bits
-from causal_openlock.contract.learner import Brief, InformedLearner, Observations, Step, Truth, View
+from causal_openlock.contract.learner import Brief, InformedLearner, Step, Truth, View
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.expected_cost import Cost
 from causal_openlock.world.fsm import FloatArray, IntArray
@@ -45,49 +43,37 @@ from causal_openlock.world.schema import Schema
 PLANNED = 600
 """The most hypotheses that a plan takes into account."""
 SECONDS_A_STATE, SECONDS_A_PLAN = 3e-4, 2e-4
-"""Seconds for a state of the search, and for a placement where it plans; for an estimate."""
+"""Seconds for a state of the search and for a placement in planning (measured)."""
 
 
 @dataclass(eq=False)
-class Acquaintance:
-    """What a subject knows of the room that it is in.
+class RoomBelief:
+    """A subject's belief about the room that it is in.
 
     Attributes:
         action_limit: Actions in an attempt.
-        grey: ``[n]`` positions of the active levers; a lever's place here is its slot.
-        weight: ``[H]`` how probable each placement of the schema's levers is.
-        found: What stood pushed when solutions were found, in ascending order.
+        slots: ``[P]`` the slot of each position; those of the n active, grey levers come first.
+        weight: ``[H]`` probability of each placement of the schema's levers.
+        found: The levers that were pushed when solutions were found, in ascending order.
     """
 
     action_limit: int
-    grey: IntArray
+    slots: IntArray
     weight: FloatArray
     found: tuple[int, ...] = ()
 
 
-class Happened(NamedTuple):
-    """An :class:`~causal_openlock.belief.evidence.Event` of one subject, in plain numbers."""
-
-    slot: int
-    pushed: int
-    took_effect: bool
-    unlocked: bool
-    new: bool
-    found: tuple[int, ...]
-
-
 class Ideal(InformedLearner):
-    """Knows the schema and not the layout, and needs the fewest attempts that are possible."""
+    """Knows the schema and not the layout; solves rooms in the fewest expected attempts."""
 
     @classmethod
     def expected_cost(cls, parameters: Any, schema: Schema, action_limit: int) -> Cost:
-        """What a room costs: every placement is listed, and the exact search may be long."""
+        """What a room costs: a list of all placements, and an exact search that may be long."""
         many = ways_to_place(schema)
         if many << len(schema.levers) > TABLE_LIMIT:
             return Cost(math.inf, f"its levers can be placed in {many:,} ways, too many to list")
         if not schema.deterministic or many > HYPOTHESIS_LIMIT:
             return Cost(many * SECONDS_A_PLAN, f"plans over {many:,} placements")
-        # The search over few placements is soon done; the more solutions, the more orders of them.
         states = min(NODE_LIMIT, many * len(schema.solutions) * len(schema.levers))
         return Cost(
             states * SECONDS_A_STATE,
@@ -99,10 +85,10 @@ class Ideal(InformedLearner):
         """Open one stream of numbers for each subject."""
         self._brief = brief
         self._draws = Streams(brief.generators)
-        self._rooms: list[Acquaintance | None] = [None] * brief.subjects
+        self._rooms: list[RoomBelief | None] = [None] * brief.subjects
 
     def inform(self, truth: Truth) -> None:
-        """Hear which schema governs each subject's room, and nothing of layouts."""
+        """Take the schema of each subject's room; the layout is not used."""
         self._schemas = [truth.rooms[room].schema for room in truth.room]
 
     def act(self, view: View) -> IntArray:
@@ -112,81 +98,53 @@ class Ideal(InformedLearner):
         actions = np.zeros(self._brief.subjects, dtype=np.int64)
         for subject in np.flatnonzero(view.playing).tolist():
             room = self._rooms[subject] or self._enter(view, subject)
-            seen = view.observation[subject]
-            situation = Situation(
-                pushed=_mask(seen, room.grey),
-                unlocked=bool(seen[-2] == 0),
-                left=int(view.console.actions_left[subject]),
-                found=room.found,
-            )
-            mind = _mind(self._schemas[subject], room.action_limit)
-            best = mind.best(room.weight, situation, bool(view.console.solutions_left[subject]))
-            verb, slot = divmod(best[int(draws[subject] * len(best))], len(room.grey))
-            actions[subject] = 2 * positions if verb == 2 else verb * positions + room.grey[slot]
+            schema = self._schemas[subject]
+            situation = Situation.of(view, subject, room.slots, room.found)
+            solver = _solver(schema, room.action_limit)
+            best = solver.best(room.weight, situation, bool(view.console.solutions_left[subject]))
+            verb, slot = divmod(best[int(draws[subject] * len(best))], len(schema.levers))
+            lever = int(np.flatnonzero(room.slots == slot)[0])
+            actions[subject] = 2 * positions if verb == 2 else verb * positions + lever
         return actions
 
-    def _enter(self, view: View, subject: int) -> Acquaintance:
+    def _enter(self, view: View, subject: int) -> RoomBelief:
         positions = self._brief.positions
-        grey = np.flatnonzero(view.observation[subject, positions : 2 * positions])
+        white = view.observation[subject, positions : 2 * positions] == 0
         schema, limit = self._schemas[subject], int(view.console.actions_left[subject])
-        room = Acquaintance(limit, grey, _mind(schema, limit).prior)
-        self._rooms[subject] = room
+        slots = np.argsort(np.argsort(white, kind="stable"))
+        room = self._rooms[subject] = RoomBelief(limit, slots, _solver(schema, limit).prior)
         return room
 
     def learn(self, step: Step) -> None:
-        """Rule out where levers cannot stand, and forget the room when its trial is over."""
-        for subject in np.flatnonzero(step.view.playing).tolist():
-            room = self._rooms[subject]
-            if step.trial_over[subject]:
-                self._rooms[subject] = None
-            elif room is not None and (event := self._event(step, subject, room)):
-                mind = _mind(self._schemas[subject], room.action_limit)
-                room.weight = mind.after(room.weight, event)
+        """Rule out placements, and forget the room when its trial is over."""
+        for subject in informative(step).tolist():
+            room, schema = self._rooms[subject], self._schemas[subject]
+            if room is None or step.trial_over[subject]:
+                continue
+            events = observed(step, np.array([subject]), room.slots[None], [room.found])
+            event = events.single(0, room.found)
+            if event.slot < len(schema.levers):  # white levers are no part of the hypotheses
+                room.weight = _solver(schema, room.action_limit).after(room.weight, event)
                 if event.new:
                     room.found = tuple(sorted((*room.found, event.pushed)))
-
-    def _event(self, step: Step, subject: int, room: Acquaintance) -> Happened | None:
-        """What an action told, if it could do something."""
-        seen, outcome = step.view.observation[subject], step.outcome[subject]
-        verb, position = divmod(int(step.action[subject]), self._brief.positions)
-        if verb == 2:
-            slot, could, took_effect = DOOR, seen[-2] == 0, outcome[-1] == 1
-        elif position not in room.grey:
-            return None
-        else:
-            slot = int(np.searchsorted(room.grey, position))
-            could, took_effect = seen[position] == verb, seen[position] != outcome[position]
-        if not could:
-            return None
-        return Happened(
-            slot=slot,
-            pushed=_mask(seen, room.grey),
-            took_effect=bool(took_effect),
-            unlocked=bool(outcome[-2] == 0),
-            new=bool(step.new_solution[subject]),
-            found=room.found,
-        )
+        for subject in np.flatnonzero(step.trial_over & step.view.playing).tolist():
+            self._rooms[subject] = None
 
     def state_dict(self) -> dict[str, Any]:
-        """What each subject knows of its room, and where the streams stand."""
+        """The beliefs about the rooms, and the states of the random streams."""
         rooms = [None if room is None else asdict(room) for room in self._rooms]
         return {"rooms": rooms, "draws": self._draws.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        self._rooms = [room and Acquaintance(**deepcopy(room)) for room in state["rooms"]]
+        self._rooms = [room and RoomBelief(**deepcopy(room)) for room in state["rooms"]]
         self._draws.load_state_dict(state["draws"])
 
 
-def _mask(seen: Observations, grey: IntArray) -> int:
-    """What stands pushed, as a bit mask of slots."""
-    return int((seen[grey].astype(np.int64) << np.arange(len(grey))).sum())
+class _Solver:
+    """Posteriors and best actions for a schema, cached for all subjects.
 
-
-class _Mind:
-    """What anybody can think who knows a schema: kept, since many subjects think the same.
-
-    Nothing that is kept changes what is thought, so a subject does not depend on the others.
+    The cache changes no result, so a subject does not depend on the others.
     """
 
     def __init__(self, schema: Schema, action_limit: int) -> None:
@@ -199,8 +157,8 @@ class _Mind:
             ) from None
         self.prior = np.full(len(self._hypotheses), 1.0 / len(self._hypotheses))
         self._optimum: Optimum | None = None
-        self._thoughts: dict[Any, tuple[int, ...]] = {}
-        self._beliefs: dict[tuple[bytes, Happened], FloatArray] = {}
+        self._best: dict[Any, tuple[int, ...]] = {}
+        self._posteriors: dict[tuple[bytes, Event], FloatArray] = {}
         if schema.deterministic:
             self._strengths = strengths(0.0, 1.0, 1.0, 1)
             self._optimum = _solved(self._hypotheses, self.prior, action_limit)
@@ -212,22 +170,22 @@ class _Mind:
         """The actions that are best: pushes by slot, then pulls, then the door.
 
         Args:
-            weight: ``[H]`` what is believed.
+            weight: ``[H]`` the posterior.
             situation: Where the attempt stands.
-            seeking: Whether there is a solution left to find; if not, any solution will do.
+            seeking: Whether there is a solution left to find; if not, any solution counts.
         """
         if self._optimum is not None and seeking:
             possible = weight > 0
             key = (possible.tobytes(), situation.pushed, situation.left, situation.found)
-            if key not in self._thoughts:
+            if key not in self._best:
                 point = Point(bits(possible), situation.found, situation.pushed, situation.left)
-                self._thoughts[key] = tuple(self._optimum.best(point))
-            return self._thoughts[key]
+                self._best[key] = tuple(self._optimum.best(point))
+            return self._best[key]
         which, counts = thinned(weight, PLANNED)
         key = (which.tobytes(), counts.tobytes(), *astuple(situation), seeking)
-        if key not in self._thoughts:
-            self._thoughts[key] = self._planned(which, counts, situation, seeking)
-        return self._thoughts[key]
+        if key not in self._best:
+            self._best[key] = self._planned(which, counts, situation, seeking)
+        return self._best[key]
 
     def _planned(
         self, which: IntArray, weight: FloatArray, situation: Situation, seeking: bool
@@ -241,34 +199,26 @@ class _Mind:
         best = np.flatnonzero(values >= values.max() - TIE)
         return tuple(2 * slots if slot == slots else slot for slot in best.tolist())
 
-    def after(self, weight: FloatArray, event: Happened) -> FloatArray:
-        """``[H]`` what is believed after an event; not to be changed."""
-        if len(self._strengths) > 1:  # hardly anything is believed twice
+    def after(self, weight: FloatArray, event: Event) -> FloatArray:
+        """``[H]`` the posterior after an event; shared, so not to be changed."""
+        if len(self._strengths) > 1:  # hardly any posterior occurs twice
             return self._after(weight, event)
         key = (weight.tobytes(), event)
-        if key not in self._beliefs:
-            self._beliefs[key] = self._after(weight, event)
-        return self._beliefs[key]
+        if key not in self._posteriors:
+            self._posteriors[key] = self._after(weight, event)
+        return self._posteriors[key]
 
-    def _after(self, weight: FloatArray, event: Happened) -> FloatArray:
-        many = len(weight)
-        whole = Event(
-            slot=np.full(many, event.slot),
-            pushed=np.full(many, event.pushed, dtype=np.uint16),
-            took_effect=np.full(many, event.took_effect),
-            unlocked=np.full(many, event.unlocked),
-            new=np.full(many, event.new),
-            found=np.tile(np.array(event.found, dtype=np.uint16), (many, 1)),
-        )
-        held = weight * likelihood(self._hypotheses, np.arange(many), self._strengths, whole)
-        total = float(held.sum())
-        assert total > 0, "the schema that governs the room allows what happens in it"
-        result: FloatArray = held / total
+    def _after(self, weight: FloatArray, event: Event) -> FloatArray:
+        every = np.arange(len(weight))
+        posterior = weight * likelihood(self._hypotheses, every, self._strengths, event)
+        total = float(posterior.sum())
+        assert total > 0, "the room's schema allows what happens in it"
+        result: FloatArray = posterior / total
         return result
 
 
 def _solved(hypotheses: Hypotheses, weight: FloatArray, action_limit: int) -> Optimum | None:
-    """The optimum if it is in reach, which must not depend on what was asked of it before."""
+    """The optimum if it is in reach, whatever was computed before."""
     try:
         optimum = Optimum(hypotheses, weight, action_limit)
         optimum.attempts()
@@ -278,11 +228,11 @@ def _solved(hypotheses: Hypotheses, weight: FloatArray, action_limit: int) -> Op
     return optimum
 
 
-_mind = lru_cache(maxsize=32)(_Mind)
+_solver = lru_cache(maxsize=32)(_Solver)
 
 
 def _one_strength(schema: Schema) -> Strengths:
-    """Certainty, and the strength that the schema's edges have in the mean."""
+    """Certainty, and the mean strength of the schema's edges."""
     known = [schema.graph.edges[edge]["strength"] for edge in schema.graph.edges]
     value = np.array([1.0, float(np.mean(known))])
     return Strengths(value, np.array([0.0, 1.0]), np.stack([at_least(s) for s in value]))

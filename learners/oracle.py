@@ -1,9 +1,8 @@
-"""The oracle: it knows the schema and the layout, and simply does what works.
+"""The oracle: it knows the schema and the layout, and carries out the solutions.
 
-The floor of every comparison: as many attempts as the room has solutions (two with the paper's
-three levers, three with four). It takes the solutions one by one, pushes the next lever that does
-not stand pushed yet, and then the door; looking before it pushes makes it try again where a noisy
-room did not obey.
+The lower bound of every comparison: as many attempts as the room has solutions (two with the
+paper's three levers, three with four). It takes the solutions one by one, pushes the next lever
+that is not pushed yet, and then the door; where a push fails in a noisy room, it tries again.
 """
 
 from __future__ import annotations
@@ -15,16 +14,16 @@ from causal_openlock.world.fsm import IntArray
 
 
 class Oracle(InformedLearner):
-    """Carries out the solutions that it is told, one after another."""
+    """Carries out the known solutions, one after another."""
 
     def begin(self, brief: Brief) -> None:
-        """Remember the size of the room."""
+        """Store the size of the room."""
         self._door = 2 * brief.positions
         self._plans = np.zeros((0, 0, 0), dtype=np.int64)
         self._room = np.zeros(brief.subjects, dtype=np.int64)
 
     def inform(self, truth: Truth) -> None:
-        """Write down, for each room, the positions to push for each of its solutions."""
+        """Store the actions of each solution of each room."""
         self._room = truth.room
         if len(self._plans) == len(truth.rooms):
             return
@@ -36,7 +35,7 @@ class Oracle(InformedLearner):
                 self._plans[index, which, : len(levers) + 1] = room.action_of(levers)
 
     def act(self, view: View) -> IntArray:
-        """``[B]`` the first push of the present solution that is still to be done."""
+        """``[B]`` the next push of the current solution."""
         # Solutions are carried out in order, so the number found is the index of the present one.
         present = np.minimum(view.console.solutions_found, self._plans.shape[1] - 1)
         plan = self._plans[self._room, present]

@@ -1,6 +1,6 @@
-"""The random learner: every action equally likely, whatever happens.
+"""The random learner: every action is uniformly random.
 
-The lower bound of every comparison. Under the human protocol it almost never finishes a trial: of
+The chance level of every comparison. Under the human protocol it almost never finishes a trial: of
 the 3,375 sequences of three actions only two or three open the door.
 """
 
@@ -17,7 +17,7 @@ class RandomLearner(Learner):
     """Draws every action uniformly."""
 
     def begin(self, brief: Brief) -> None:
-        """Open one stream of numbers for each subject."""
+        """Open a random stream for each subject."""
         self._actions = brief.actions
         self._streams = Streams(brief.generators)
 
@@ -26,7 +26,7 @@ class RandomLearner(Learner):
         return self._streams.integers(self._actions)
 
     def state_dict(self) -> dict[str, Any]:
-        """Where its streams stand, so that it goes on drawing as if never interrupted."""
+        """The states of the random streams."""
         return {"streams": self._streams.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

@@ -1,28 +1,32 @@
-"""Beliefs about causal structure: hypotheses, evidence, plans.
+"""Bayesian beliefs about causal structure: hypotheses, posteriors, policies.
 
-From a grammar to a decision, one idea a module:
-:mod:`~causal_openlock.belief.lever_sets` (sets of levers, a bit for each),
-:mod:`~causal_openlock.belief.structures` (gate-DAGs as arrays),
-:mod:`~causal_openlock.belief.grammar` (schema classes of any size),
-:mod:`~causal_openlock.belief.catalogue` (what n levers can do, alike behaviours merged),
-:mod:`~causal_openlock.belief.strength` (how surely levers move),
-:mod:`~causal_openlock.belief.space` (the hypotheses about a room),
-:mod:`~causal_openlock.belief.sampling` (hypotheses where there are too many to list),
-:mod:`~causal_openlock.belief.steering` (and where hardly any draw keeps the console's promise),
-:mod:`~causal_openlock.belief.evidence` (likelihoods),
-:mod:`~causal_openlock.belief.knowledge` (what is carried from room to room),
-:mod:`~causal_openlock.belief.beliefs` (many subjects' posteriors),
-:mod:`~causal_openlock.belief.planning` (what an action is worth),
-:mod:`~causal_openlock.belief.intention` (acting on a single hypothesis).
+Hypotheses and their prior
+    :mod:`~causal_openlock.belief.structures` (gate-DAGs as arrays, on
+    :mod:`~causal_openlock.belief.lever_sets`), :mod:`~causal_openlock.belief.grammar` (schema
+    classes of any size), :mod:`~causal_openlock.belief.catalogue` (the behaviours of n levers),
+    :mod:`~causal_openlock.belief.strength` (how reliably levers move),
+    :mod:`~causal_openlock.belief.hypotheses` (about one room),
+    :mod:`~causal_openlock.belief.sampling` and :mod:`~causal_openlock.belief.metropolis` (where
+    there are too many to list), :mod:`~causal_openlock.belief.prior` (settings).
 
-Looking inside: :mod:`~causal_openlock.belief.believer` (learners that let others look),
-:mod:`~causal_openlock.belief.insight` (levers and arrows),
-:mod:`~causal_openlock.belief.networks` (pgmpy),
-:mod:`~causal_openlock.belief.trace`, :mod:`~causal_openlock.belief.story` and
-:mod:`~causal_openlock.belief.likeness` (a trial as a table, in words, and beside the truth; the
-words are in :mod:`~causal_openlock.belief.words`).
+Inference
+    :mod:`~causal_openlock.belief.evidence` (events and their likelihood),
+    :mod:`~causal_openlock.belief.posterior` (one subject in one room),
+    :mod:`~causal_openlock.belief.knowledge` (what is carried from room to room),
+    :mod:`~causal_openlock.belief.beliefs` (many subjects at once).
 
-The best that can be done: :mod:`~causal_openlock.belief.placements` (a known schema anywhere),
-:mod:`~causal_openlock.belief.symmetry` (levers that are alike) and
-:mod:`~causal_openlock.belief.optimal` (the least expected attempts).
+Policies
+    :mod:`~causal_openlock.belief.planning` (expected information gain and chance to solve),
+    :mod:`~causal_openlock.belief.thompson` (Thompson sampling).
+
+Inspection
+    :mod:`~causal_openlock.belief.belief_learner` (base class of learners that hold beliefs),
+    :mod:`~causal_openlock.belief.marginals` (edges, most probable structure),
+    :mod:`~causal_openlock.belief.networks` (pgmpy, interventions),
+    :mod:`~causal_openlock.belief.structure_schemas` (beside the truth, in words),
+    :mod:`~causal_openlock.belief.trace` and :mod:`~causal_openlock.belief.trace_text` (one trial).
+
+Bounds
+    :mod:`~causal_openlock.belief.optimal` (least expected attempts of an ideal observer, with
+    :mod:`~causal_openlock.belief.placements` and :mod:`~causal_openlock.belief.symmetry`).
 """

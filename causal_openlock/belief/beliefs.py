@@ -1,13 +1,13 @@
-"""The beliefs of many subjects at once, each about the room that it is in.
+"""The posteriors of many subjects at once, each about the room that it is in.
 
-Each subject holds its hypotheses and their probabilities; what is ruled out is dropped. An update
-takes the pairs of all subjects whose rooms look alike, one flat array of (subject, hypothesis)
-pairs, and multiplies each pair's probability by the likelihood of what its subject saw.
+An update multiplies the weight of each hypothesis by the likelihood of what its subject observed.
+Subjects whose rooms look alike share their hypotheses, so all their (subject, hypothesis) pairs are
+updated as one flat array.
 
-A world without noise rules hypotheses out for good. A subject starts in such a world unless it is
-told to expect noise, and once every hypothesis is ruled out it concludes that levers may fail to
-move: it takes the trial's events up again with strengths that are unknown. That is Bayesian
-inference in the limit of a vanishing prior probability of noise.
+Without noise, evidence rules hypotheses out for good. By default a subject starts by expecting no
+noise. Once every hypothesis is ruled out it concludes that levers may fail to move, and conditions
+hypotheses of unknown strength on all events of the trial. That is Bayesian inference in the limit
+of a vanishing prior probability of noise.
 """
 
 from __future__ import annotations
@@ -19,20 +19,18 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
-from causal_openlock.belief.evidence import DOOR, Event, likelihood
+from causal_openlock.belief.evidence import Event, Events, informative, likelihood, observed
+from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space
 from causal_openlock.belief.knowledge import Knowledge, rule_prior
-from causal_openlock.belief.one_belief import Belief as Belief
+from causal_openlock.belief.posterior import Belief, conditioned, likelihood_of_all
 from causal_openlock.belief.prior import Prior
-from causal_openlock.belief.recall import evidence, evidence_of_all, in_mind
 from causal_openlock.belief.sampling import (
     LISTED_CAUSES,
-    Happened,
     Sampler,
     listed,
     sampled,
     with_sampled,
 )
-from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import strengths
 from causal_openlock.belief.structures import Structures
 from causal_openlock.contract.learner import Brief, Step, View
@@ -40,10 +38,12 @@ from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 enumerated = lru_cache(maxsize=64)(enumerate_space)
 STRENGTH_NODES = 10
-SECOND_THOUGHTS = 2
-"""How often a subject draws again before it believes that the levers of a large room may fail."""
-FEW = 40
-"""So few draws are all that there is to draw; drawing again would bring the same."""
+REDRAWS = 2
+"""How often a subject samples again before it concludes that levers of a large room may fail."""
+FEW_DRAWS = 40
+"""So few draws are every structure that there is to draw; sampling again would find the same."""
+SAVED = ("slots", "which", "weight", "start", "found", "possible")
+"""Fields of a belief that a checkpoint holds as they are; none of them is changed in place."""
 
 
 class Beliefs:
@@ -53,6 +53,21 @@ class Beliefs:
         brief: Sizes of the rooms.
         prior: What they believe before they see a room.
         generators: One for each subject, for hypotheses that are sampled.
+
+    Attributes:
+        of: The posterior of each subject; None while it is in no room.
+        knowledge: What each subject carries from room to room.
+        unsure: ``[B]`` whether the subject believes that levers may fail to move.
+
+    Example:
+        A subject enters a room with the levers of CC3.
+
+        >>> from causal_openlock import PROTOCOLS, Condition, Session, find_schema
+        >>> session = Session(Condition.named("CC3", find_schema), PROTOCOLS["human"], 1)
+        >>> beliefs = Beliefs(session.brief, Prior(), session.brief.generators)
+        >>> beliefs.enter(session.view)
+        >>> beliefs.of[0]
+        Belief(4,278 hypotheses, 7.86 bits)
     """
 
     def __init__(
@@ -80,28 +95,26 @@ class Beliefs:
     # -- a room is entered, and left ------------------------------------------------------------
 
     def enter(self, view: View) -> None:
-        """Take up the rooms of subjects that have just come into one."""
+        """Form the prior of subjects that have just come into a room."""
         new = [b for b in np.flatnonzero(view.playing).tolist() if self.of[b] is None]
+        is_grey = view.observation[:, self.positions : 2 * self.positions] == 1
         groups: dict[tuple[RoomSight, bool], list[int]] = {}
         for subject in new:
-            grey = view.observation[subject, self.positions : 2 * self.positions] == 1
             sight = RoomSight(
                 self.positions,
-                int(grey.sum()),
+                int(is_grey[subject].sum()),
                 int(view.console.solutions_left[subject]),
                 int(view.console.actions_left[subject]),
             )
             groups.setdefault((sight, bool(self.unsure[subject])), []).append(subject)
         for (sight, unsure), members in groups.items():
-            who = np.array(members)
-            grey = view.observation[who, self.positions : 2 * self.positions] == 1
-            order = np.argsort(~grey, axis=1, kind="stable")
+            order = np.argsort(~is_grey[members], axis=1, kind="stable")
             space = self._space(sight, unsure)
             if sight.grey > FREE_FORM_LEVERS:
                 for row, subject in enumerate(members):
-                    self.of[subject] = self._sampled(subject, space, np.argsort(order[row]))
+                    self.of[subject] = self._sampled(subject, space, np.argsort(order[row]), {})
                 continue
-            weights = self._weights(space, who, order)
+            weights = self._weights(space, np.array(members), order)
             for row, subject in enumerate(members):
                 self.of[subject] = self._fresh(space, np.argsort(order[row]), weights[row])
 
@@ -109,12 +122,13 @@ class Beliefs:
         how = self._unsure if unsure else self._certain
         return enumerated(sight, how, self.prior.simplicity, self.prior.hypothesis_limit)
 
-    def _weights(self, space: Space, who: IntArray, order: IntArray) -> FloatArray:
-        """``[len(who), H]`` what subjects believe of a room before they try anything."""
+    def _weights(self, space: Space, subjects: IntArray, order: IntArray) -> FloatArray:
+        """``[len(subjects), H]`` prior probabilities of the hypotheses about a room."""
         known = self.knowledge
-        places = np.take_along_axis(known.places(who), order, axis=1)
-        surely = known.strengths[who] if len(space.strengths) > 1 else np.ones((len(who), 1))
-        weights = space.prior(known.classes(who), known.rules[who], places, surely)
+        places = np.take_along_axis(known.places(subjects), order, axis=1)
+        noisy = len(space.strengths) > 1
+        strength = known.strengths[subjects] if noisy else np.ones((len(subjects), 1))
+        weights = space.prior(known.classes(subjects), known.rules[subjects], places, strength)
         if self.prior.directness:
             direct = np.bitwise_count(space.hypotheses.causes[:, -1])
             weights *= np.exp(self.prior.directness * direct)
@@ -126,7 +140,7 @@ class Beliefs:
         return Belief(space, slots, which, share, share if self.prior.forgetting else None)
 
     def _sampled(
-        self, subject: int, space: Space, slots: IntArray, past: Belief | None = None
+        self, subject: int, space: Space, slots: IntArray, events: dict[Event, int]
     ) -> Belief:
         """A belief over what is enumerated and over draws from the free form's posterior.
 
@@ -134,56 +148,55 @@ class Beliefs:
             subject: Whose belief it is.
             space: What is enumerated.
             slots: ``[P]`` the slot of each position.
-            past: What happened so far.
+            events: What was observed so far, and how often.
         """
-        happened: Counter[Happened] = Counter()
-        for (*one, _, _), times in (past.events if past else Counter()).items():
-            happened[tuple(one)] += times
-        sampler = Sampler(
-            space.sight.grey,
-            self.prior.simplicity,
-            space.strengths.typical,
-            happened.items(),
-        )
-        own = sampled(
-            sampler,
-            space.sight,
-            self.prior.particles,
-            self._generators[subject],
-            self.prior.effort,
-        )
-        whole = with_sampled(space, own)
+        of_gates: Counter[Event] = Counter()
+        for event, times in events.items():  # solutions say nothing about single gates
+            of_gates[event._replace(new=False, found=())] += times
+        prior, sight = self.prior, space.sight
+        sampler = Sampler(sight.grey, prior.simplicity, space.strengths.typical, of_gates.items())
+        drawn = sampled(sampler, sight, prior.particles, self._generators[subject], prior.effort)
+        whole = with_sampled(space, drawn)
         weight = self._weights(whole, np.array([subject]), np.argsort(slots)[None])[0]
         fresh = self._fresh(whole, slots, weight)
-        fresh.drawn = len(own)
+        fresh.drawn = len(drawn)
         return fresh
 
     def leave(self, subject: int) -> None:
-        """Keep what a room has taught, and forget the room."""
+        """Update what is carried between rooms, and forget the room."""
         belief = self.of[subject]
         if belief is not None and belief.possible and len(belief.which):
             self.knowledge.absorb(subject, belief.space, belief.which, belief.weight, belief.slots)
         self.of[subject] = None
 
-    # -- something happens ----------------------------------------------------------------------
+    # -- something is observed ------------------------------------------------------------------
 
     def update(self, step: Step) -> None:
-        """Take in what the subjects' actions led to."""
-        who, events = self._events(step)
+        """Update the posteriors with what the subjects' actions led to."""
+        subjects = informative(step)
+        beliefs = [self._belief(subject) for subject in subjects.tolist()]
+        slots = np.array([belief.slots for belief in beliefs], dtype=np.int64)
+        slots = slots.reshape(-1, self.positions)
+        events = observed(step, subjects, slots, [belief.found for belief in beliefs])
         spaces: dict[int, list[int]] = {}
-        for row, subject in enumerate(who):
-            belief = self._belief(subject)
-            happened = (*(int(value[row]) for value in events[:-1]), belief.found)
-            belief.events[happened] += 1
+        for row, belief in enumerate(beliefs):
+            event = events.single(row, belief.found)
+            belief.events[event] += 1
             if belief.start is not None:
-                belief.attempt = (*belief.attempt, happened)
-            spaces.setdefault(id(belief.space), []).append(row)
+                belief.attempt = (*belief.attempt, event)
+            if belief.start is None or not belief.whole:
+                spaces.setdefault(id(belief.space), []).append(row)
+                continue
+            weight = belief.weight * likelihood_of_all(belief.space, event)
+            if (total := weight.sum()) > 0:
+                belief.weight = weight / total
+            else:
+                self._reconsider(int(subjects[row]))
         for rows in spaces.values():
-            self._update(who[rows], events.take(np.array(rows)))
-        for row, subject in enumerate(who):
-            if events.new[row]:
-                belief = self._belief(subject)
-                belief.found = (*belief.found, int(events.pushed[row]))
+            self._update(subjects[rows], events[np.array(rows)])
+        for row in np.flatnonzero(events.new).tolist():
+            belief = self._belief(subjects[row])
+            belief.found = (*belief.found, int(events.pushed[row]))
         if self.prior.forgetting:
             for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
                 keeps = bool(step.new_solution[subject]) and self.prior.forgets == "failures"
@@ -196,65 +209,21 @@ class Beliefs:
         assert belief is not None, "the subject is in no room"
         return belief
 
-    def _events(self, step: Step) -> tuple[IntArray, Event]:
-        """The actions that could have done something, and what came of them."""
-        seen, outcome = step.view.observation, step.outcome
-        positions = self.positions
-        door = step.action == 2 * positions
-        lever = step.action % positions
-        everyone = np.arange(len(step.action))
-        is_pushed = seen[everyone, lever] == 1
-        pulls = step.action >= positions
-        tells = np.where(door, seen[:, -2] == 0, pulls == is_pushed)
-        who = np.flatnonzero(step.view.playing & tells)
-        slots = np.array([self._belief(b).slots for b in who.tolist()], dtype=np.int64)
-        slots = slots.reshape(-1, positions)
-        masks = (seen[who, :positions].astype(np.int64) << slots).sum(axis=1)
-        found = [self._belief(b).found for b in who.tolist()]
-        padded = np.zeros((len(who), max(map(len, found), default=0)), dtype=np.uint16)
-        for row, sets in enumerate(found):
-            padded[row, : len(sets)] = sets
-        of_lever = slots[np.arange(len(who)), lever[who]]
-        moved = seen[who, lever[who]] != outcome[who, lever[who]]
-        return who, Event(
-            slot=np.where(door[who], DOOR, of_lever),
-            pushed=masks.astype(np.uint16),
-            took_effect=np.where(door[who], outcome[who, -1] == 1, moved),
-            unlocked=outcome[who, -2] == 0,
-            new=step.new_solution[who],
-            found=padded,
-        )
-
-    def _update(self, who: IntArray, event: Event) -> None:
+    def _update(self, subjects: IntArray, events: Events) -> None:
         """One event for each of some subjects that share a space."""
-        beliefs = [self._belief(subject) for subject in who]
-        # Who forgets rules nothing out, and asks the same of the same hypotheses again and again.
-        whole = [belief.start is not None and belief.whole for belief in beliefs]
-        for row in np.flatnonzero(whole).tolist():
-            belief = beliefs[row]
-            seen = (*(int(value[row]) for value in event[:-1]), belief.found)
-            weight = belief.weight * evidence_of_all(belief.space, seen)
-            if (all_ := weight.sum()) > 0:
-                belief.weight = weight / all_
-            else:
-                self._reconsider(int(who[row]))
-        if any(whole):
-            rest = np.flatnonzero(~np.array(whole))
-            if len(rest):
-                self._update(who[rest], event.take(rest))
-            return
+        beliefs = [self._belief(subject) for subject in subjects]
         sizes = [len(belief.which) for belief in beliefs]
-        of = np.repeat(np.arange(len(who)), sizes)
+        of = np.repeat(np.arange(len(subjects)), sizes)
         which = np.concatenate([belief.which for belief in beliefs])
         weight = np.concatenate([belief.weight for belief in beliefs])
         space = beliefs[0].space
-        weight *= likelihood(space.hypotheses, which, space.strengths, event.take(of))
-        total = np.bincount(of, weight, minlength=len(who))
+        weight *= likelihood(space.hypotheses, which, space.strengths, events[of])
+        total = np.bincount(of, weight, minlength=len(subjects))
         ends = np.cumsum([0, *sizes])
         for row, belief in enumerate(beliefs):
             own = slice(ends[row], ends[row + 1])
             if total[row] <= 0:
-                self._reconsider(int(who[row]))
+                self._reconsider(int(subjects[row]))
                 continue
             share = weight[own] / total[row]
             if belief.start is None:
@@ -262,89 +231,82 @@ class Beliefs:
                 belief.which, belief.weight = which[own][kept], share[kept]
             else:
                 belief.weight = share
-            if belief.drawn > FEW and self._depleted(belief):
-                fresh = self._again(int(who[row]), belief.space.sight)
-                self.of[who[row]] = fresh if fresh.possible else belief
+            if belief.drawn > FEW_DRAWS and self._depleted(belief):
+                fresh = self._rebuilt(int(subjects[row]))
+                self.of[subjects[row]] = fresh if fresh.possible else belief
 
-    # -- when too little is possible any more ---------------------------------------------------
+    # -- when too few hypotheses are left --------------------------------------------------------
 
     @staticmethod
     def _depleted(belief: Belief) -> bool:
-        """Whether of the structures that were drawn too few are still possible."""
+        """Whether too few of the structures that were sampled are still possible."""
         first = belief.space.ends[-2] if len(belief.space.ends) > 1 else 0
         alive = int((belief.weight[belief.which >= first] > 0).sum())
         return alive < belief.drawn / 4
 
     def _reconsider(self, subject: int) -> None:
-        """Every hypothesis is ruled out: draw others, or believe that levers may fail to move."""
-        belief = self._belief(subject)
-        sight = belief.space.sight
+        """No hypothesis is left: sample others, or conclude that levers may fail to move."""
+        grey = self._belief(subject).space.sight.grey
         fresh = None
-        if sight.grey > FREE_FORM_LEVERS:
-            fresh = self._again(subject, sight)
-            # That of many levers nothing was found is no proof that there is nothing.
-            for _ in range(SECOND_THOUGHTS if sight.grey > LISTED_CAUSES + 1 else 0):
-                fresh = fresh if fresh.possible else self._again(subject, sight)
+        if grey > FREE_FORM_LEVERS:
+            # Where there are many levers, a sample without a fitting structure proves nothing.
+            for _ in range(1 + (REDRAWS if grey > LISTED_CAUSES + 1 else 0)):
+                fresh = fresh if fresh and fresh.possible else self._rebuilt(subject)
         if fresh is None or not fresh.possible:
             self.unsure[subject] = True
-            fresh = self._again(subject, belief.space.sight)
+            fresh = self._rebuilt(subject)
         self.of[subject] = fresh
 
-    def _again(self, subject: int, sight: RoomSight) -> Belief:
-        """What to believe of the room, had it been seen with other hypotheses from the start.
-
-        Nothing that happened in the trial is forgotten in this.
-        """
+    def _rebuilt(self, subject: int) -> Belief:
+        """The posterior over other hypotheses, given everything observed in this trial."""
         past = self._belief(subject)
+        sight = past.space.sight
         space = self._space(sight, bool(self.unsure[subject]))
         if sight.grey > FREE_FORM_LEVERS:
-            fresh = self._sampled(subject, space, past.slots, past)
+            fresh = self._sampled(subject, space, past.slots, past.events)
         else:
             weight = self._weights(space, np.array([subject]), past.positions[None])[0]
             fresh = self._fresh(space, past.slots, weight)
         fresh.events, fresh.found = past.events, past.found
         fresh.attempt, fresh.kept = past.attempt, past.kept
+        hypotheses, strengths_ = fresh.space.hypotheses, fresh.space.strengths
         with np.errstate(divide="ignore"):
-            log = np.log(fresh.weight)
-            for seen, times in past.events.items():
-                log += times * np.log(evidence(fresh.space, fresh.which, seen))
-        best = log.max(initial=-np.inf)
+            log_prob = np.log(fresh.weight)
+            for event, times in past.events.items():
+                chance = likelihood(hypotheses, fresh.which, strengths_, event)
+                log_prob += times * np.log(chance)
+        best = log_prob.max(initial=-np.inf)
         fresh.possible = bool(np.isfinite(best))
         if fresh.possible:
-            weight = np.exp(log - best)
+            weight = np.exp(log_prob - best)
             kept = weight > 0 if fresh.start is None else np.ones(len(weight), dtype=bool)
             fresh.which, fresh.weight = fresh.which[kept], weight[kept] / weight.sum()
             if fresh.start is not None:
-                fresh.start = in_mind(fresh.space, fresh.which, fresh.start, fresh.kept)
+                fresh.start = conditioned(fresh.space, fresh.which, fresh.start, fresh.kept)
         return fresh
 
     # -- checkpoints ----------------------------------------------------------------------------
 
     def state_dict(self) -> dict[str, Any]:
-        """All of it, for a checkpoint; enumerated hypotheses are named and not copied."""
+        """All of it, for a checkpoint; of enumerated hypotheses only how to enumerate them."""
         return {
             "knowledge": self.knowledge.state_dict(),
             "unsure": self.unsure.copy(),
             "generators": [generator.bit_generator.state for generator in self._generators],
-            "of": [None if belief is None else self._kept(belief) for belief in self.of],
+            "of": [None if belief is None else self._saved(belief) for belief in self.of],
         }
 
     @staticmethod
-    def _kept(belief: Belief) -> dict[str, Any]:
-        own = belief.space.blocks[-1].catalogue if belief.drawn else None
+    def _saved(belief: Belief) -> dict[str, Any]:
+        drawn = belief.space.blocks[-1].catalogue if belief.drawn else None
         return {
             "sight": tuple(belief.space.sight),
             "unsure": len(belief.space.strengths) > 1,
-            "sampled": own and (own.members.causes, own.members.threshold, own.chance),
-            "slots": belief.slots.copy(),
-            "which": belief.which.copy(),
-            "weight": belief.weight.copy(),
-            "start": None if belief.start is None else belief.start.copy(),
-            "found": belief.found,
-            "possible": belief.possible,
-            "events": list(belief.events.items()),
-            "attempt": belief.attempt,
-            "kept": belief.kept,
+            "sampled": drawn and (drawn.members.causes, drawn.members.threshold, drawn.chance),
+            **{name: getattr(belief, name) for name in SAVED},
+            "events": [(tuple(event), times) for event, times in belief.events.items()],
+            "attempt": tuple(map(tuple, belief.attempt)),
+            "kept": tuple(map(tuple, belief.kept)),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -353,26 +315,20 @@ class Beliefs:
         self.unsure = state["unsure"].copy()
         for generator, saved in zip(self._generators, state["generators"], strict=True):
             generator.bit_generator.state = saved
-        for subject, kept in enumerate(state["of"]):
-            self.of[subject] = None if kept is None else self._restored(kept)
+        self.of = [None if saved is None else self._restored(saved) for saved in state["of"]]
 
-    def _restored(self, kept: dict[str, Any]) -> Belief:
-        space = self._space(RoomSight(*kept["sight"]), kept["unsure"])
+    def _restored(self, saved: dict[str, Any]) -> Belief:
+        space = self._space(RoomSight(*saved["sight"]), saved["unsure"])
         drawn = 0
-        if kept["sampled"]:
-            causes, threshold, chance = kept["sampled"]
+        if saved["sampled"]:
+            causes, threshold, chance = saved["sampled"]
             own = listed(Structures(causes, threshold), chance)
             space, drawn = with_sampled(space, own), len(own)
         return Belief(
             space,
-            kept["slots"].copy(),
-            kept["which"].copy(),
-            kept["weight"].copy(),
-            None if kept["start"] is None else kept["start"].copy(),
-            kept["found"],
-            drawn,
-            kept["possible"],
-            Counter(dict(kept["events"])),
-            kept["attempt"],
-            kept["kept"],
+            **{name: saved[name] for name in SAVED},
+            drawn=drawn,
+            events=Counter({Event(*event): times for event, times in saved["events"]}),
+            attempt=tuple(Event(*event) for event in saved["attempt"]),
+            kept=tuple(Event(*event) for event in saved["kept"]),
         )

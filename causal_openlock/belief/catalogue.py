@@ -1,9 +1,9 @@
-"""All that n levers can do, given what the console tells: how many solutions there are.
+"""All behaviours of n levers that have as many solutions as the console shows.
 
-A :class:`Catalogue` lists the *behaviours* of n levers, each once: the classes of the grammar and
-the free form generate many structures that no attempt can tell apart, and these are one hypothesis
-with the sum of their probabilities. Which structures stand behind a behaviour is kept, so that
-beliefs about arrows can be read off a belief about behaviours.
+The classes of the grammar and the free form generate many structures that no attempt can
+distinguish. These are one hypothesis, an equivalence class with the sum of their probabilities. A
+:class:`Catalogue` lists each such *behaviour* once, and keeps its structures, so that beliefs about
+edges follow from beliefs about behaviours.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ FREE_FORM_LEVERS = 4
 """Up to so many levers every gate-DAG is enumerated; five have seventeen million."""
 
 TABLE_BYTES = 1 << 27
-"""Bytes of the table by which structures are compared; of many levers fewer of them are listed."""
+"""Most bytes of the table in which structures are compared; it limits how many are listed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Catalogue:
     """The behaviours of n levers with k solutions in attempts of so many actions.
 
-    U behaviours, M labelled structures behind them, G pairs of a structure and a class that
+    U behaviours, M labelled structures that have them, G pairs of a structure and a class that
     generates it, C classes and the free form.
 
     Attributes:
@@ -47,7 +47,6 @@ class Catalogue:
         member: ``[G]`` the structure of each pair; ascending.
         kind: ``[G]`` the class of each pair; C is the free form.
         chance: ``[G]`` probability that the class generates the structure, of all on n levers.
-        free_form: Whether the free form is among the pairs.
     """
 
     members: Structures
@@ -55,7 +54,6 @@ class Catalogue:
     member: IntArray
     kind: IntArray
     chance: FloatArray
-    free_form: bool
 
     @cached_property
     def first(self) -> IntArray:
@@ -64,7 +62,7 @@ class Catalogue:
 
     @cached_property
     def inert(self) -> Masks:
-        """``[U]`` levers that do nothing for the door."""
+        """``[U]`` levers without effect on the door."""
         return self.members[self.first].inert()
 
     @cached_property
@@ -115,7 +113,7 @@ def fits(structures: Structures, solutions: int, action_limit: int) -> BoolArray
 
 
 def distance(structures: Structures, solutions: int, action_limit: int) -> IntArray:
-    """``[M]`` how many solutions are too many or too few, or too long for an attempt."""
+    """``[M]`` number of solutions too many or too few, plus those too long for an attempt."""
     found, levers = structures.solving(), structures.levers
     too_long = meeting(levers)[(1 << levers) - 1, min(action_limit, levers + 1)]
     number = np.bitwise_count(found).sum(axis=1, dtype=np.int64)
@@ -135,8 +133,8 @@ def feasible(levers: int) -> BoolArray:
 def free_form_weight(levers: int, simplicity: float) -> FloatArray:
     """``[M]`` probability of each gate-DAG in the free form.
 
-    Levers are put in a random order, and each chooses its causes among those before it; what a
-    structure needs to be described costs ``simplicity`` for each cause and each gate but ``any``.
+    Levers are put in a random order, and each chooses its causes among those before it; each cause
+    and each gate other than ``any`` costs ``simplicity`` nats.
     """
     structures = gate_dags(levers)
     weight = linear_extensions(structures.causes)
@@ -147,14 +145,14 @@ def free_form_weight(levers: int, simplicity: float) -> FloatArray:
 
 
 def _ways(split: tuple[int, ...]) -> int:
-    """In how many ways levers can be dealt out to roles of these sizes."""
+    """Number of ways to assign levers to roles of these sizes."""
     return math.factorial(sum(split)) // math.prod(map(math.factorial, split))
 
 
 def gate_weight(
     causes: NDArray[np.integer], threshold: NDArray[np.integer], simplicity: float
 ) -> FloatArray:
-    """Factor of one node in the free form: what its gate costs to describe."""
+    """Prior factor of one node in the free form, by the length of its description."""
     weight: FloatArray = np.exp(-simplicity * (causes + (threshold > 1.0)))
     return weight
 
@@ -176,9 +174,8 @@ def catalogue(
         action_limit: Actions in an attempt.
         uncertain: Whether levers may fail to move, so that more behaviours differ.
         simplicity: As for :func:`free_form_weight`.
-        limit: Of more than four levers, only so many structures of the shortest classes are
-            listed, and no more than :data:`TABLE_BYTES` can compare; the others are of the free
-            form, which is sampled there.
+        limit: With more than four levers, only so many structures of the shortest classes are
+            listed, within :data:`TABLE_BYTES`; the others are sampled from the free form.
     """
     outline, splits = outlines(levers)
     fitting = np.flatnonzero(fits(outline.structures, solutions, action_limit))
@@ -186,35 +183,21 @@ def catalogue(
         ways = [_ways(splits[index]) for index in fitting]
         most = min(limit, TABLE_BYTES // behaviour_bytes(levers, action_limit))
         fitting = fitting[np.cumsum(ways) <= most]
-    parts = [
-        assigned(
-            Generated(outline.structures[fitting], outline.kind[fitting], outline.chance[fitting]),
-            tuple(splits[index] for index in fitting),
-        )
-    ]
-    free_form = levers <= FREE_FORM_LEVERS
-    if free_form:
+    generated = assigned(outline[fitting], tuple(splits[index] for index in fitting))
+    if levers <= FREE_FORM_LEVERS:
         structures = gate_dags(levers)
         chosen = np.flatnonzero(fits(structures, solutions, action_limit))
-        parts.append(
-            Generated(
-                structures[chosen],
-                np.full(len(chosen), len(schema_classes())),
-                free_form_weight(levers, simplicity)[chosen],
-            )
-        )
-    causes = np.concatenate([part.structures.causes for part in parts])
-    threshold = np.concatenate([part.structures.threshold for part in parts])
-    if not len(causes):
+        kind = np.full(len(chosen), len(schema_classes()))
+        chance = free_form_weight(levers, simplicity)[chosen]
+        free_form = Generated(structures[chosen], kind, chance)
+        generated = Generated.joined([generated, free_form])
+    if not len(generated):
         nothing = np.zeros(0, dtype=np.int64)
-        return Catalogue(
-            Structures(causes, threshold), nothing, nothing, nothing, np.zeros(0), free_form
-        )
-    labels = np.concatenate([causes.view(np.uint8), threshold], axis=1)
-    first, member = merge(labels)
-    members = Structures(causes[first], threshold[first])
+        return Catalogue(generated.structures, nothing, nothing, nothing, np.zeros(0))
+    first, member = merge(generated.structures.labels())
+    members = generated.structures[first]
     _, behaviour = merge(members.behaviour(action_limit, uncertain))
-    rank = np.argsort(behaviour, kind="stable")  # so that members of a behaviour are neighbours
+    rank = np.argsort(behaviour, kind="stable")  # structures of a behaviour side by side
     place = np.empty_like(rank)
     place[rank] = np.arange(len(rank))
     pairs = np.argsort(place[member], kind="stable")
@@ -222,7 +205,6 @@ def catalogue(
         members=members[rank],
         behaviour=behaviour[rank],
         member=place[member][pairs],
-        kind=np.concatenate([part.kind for part in parts])[pairs],
-        chance=np.concatenate([part.chance for part in parts])[pairs],
-        free_form=free_form,
+        kind=generated.kind[pairs],
+        chance=generated.chance[pairs],
     )

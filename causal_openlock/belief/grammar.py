@@ -1,30 +1,28 @@
-"""A grammar of causal schemas that knows no size: roles, and which role enables which.
+"""A grammar of causal schemas of any size: roles, and which role enables which.
 
-What a subject carries from a room with three levers into one with four can be no structure on three
-levers. It is a *class* of structures: "one lever enables many, any of which unlocks the door". The
-grammar generates such classes. A class is a list of up to four *roles*; a role is played by one
-lever or by many, is enabled by earlier roles through a gate (any of their levers, all of them, at
-least two of them), and the door is enabled by roles in the same way, or by at least three or four
-of their levers. A role that enables nothing is a decoy. The prior prefers short descriptions: each
-role, each "role enables role", and each gate other than ``any`` is a part, costs a factor, and
-there are at most eight.
+What a subject transfers from a room with three levers to one with four is not a structure but a
+*class* of structures, such as "one lever enables many, any of which unlocks the door". A class is a
+list of up to four *roles*. A role is played by one lever or by many, and is enabled by earlier
+roles through a gate (any of their levers, all of them, at least two of them); the door is enabled
+in the same way, or by at least three or four levers. A role that enables nothing is a decoy.
+
+The prior prefers short descriptions, ``P(class)`` proportional to ``exp(-simplicity * length)``:
+each role, each "role enables role", and each gate other than ``any`` counts one; at most eight.
 
 On n levers, a class *generates* structures: first how many levers play each role, then which.
-Classes and what they generate are enumerated here; which of them are probable is for experience to
-say.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
-from causal_openlock.belief.structures import Structures, renamed
+from causal_openlock.belief.structures import Rows, Structures, renamed
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 MAX_ROLES = 4
@@ -37,7 +35,7 @@ ENOUGH = {"any": 1, "two": 2, "three": 3, "four": 4}
 
 @dataclass(frozen=True, order=True)
 class Role:
-    """Levers that do the same.
+    """Interchangeable levers.
 
     Attributes:
         many: Whether any number of levers may play it, or exactly one.
@@ -62,7 +60,16 @@ class SchemaClass:
 
     Attributes:
         roles: The levers' roles, causes before effects.
-        door: What enables the door; it is no role of levers, and one of it is enough.
+        door: The door's causes and gate.
+
+    Example:
+        >>> common_cause = SchemaClass(
+        ...     (Role(False, 0, "any"), Role(True, 0b01, "any")), Role(False, 0b10, "any")
+        ... )
+        >>> print(common_cause)
+        A; A -> B+; B+ -> door
+        >>> common_cause.length, list(common_cause.sizes(4))
+        (4, [(1, 3)])
     """
 
     roles: tuple[Role, ...]
@@ -83,16 +90,15 @@ class SchemaClass:
     def __str__(self) -> str:
         names = [f"{chr(65 + i)}{'+' * role.many}" for i, role in enumerate(self.roles)]
 
-        def told(role: Role) -> str:
-            of = [name for i, name in enumerate(names) if role.causes >> i & 1]
-            joined = " ".join(of)
+        def causes(role: Role) -> str:
+            joined = " ".join(name for i, name in enumerate(names) if role.causes >> i & 1)
             return joined if role.gate == "any" else f"{role.gate}({joined})"
 
         arrows = [
-            f"{told(role)} -> {name}" if role.causes else name
+            f"{causes(role)} -> {name}" if role.causes else name
             for role, name in zip(self.roles, names, strict=True)
         ]
-        return "; ".join([*arrows, f"{told(self.door)} -> door"])
+        return "; ".join([*arrows, f"{causes(self.door)} -> door"])
 
 
 @cache
@@ -107,7 +113,7 @@ def schema_classes(roles: int = MAX_ROLES, length: int = MAX_LENGTH) -> tuple[Sc
                     yield SchemaClass(chosen, door)
         if len(chosen) < roles:
             for role in _options(len(chosen)):
-                # The door takes one part more.
+                # The door needs one part more.
                 if role.length < left and _chooses(role, chosen):
                     yield from extend((*chosen, role), left - role.length)
 
@@ -117,7 +123,7 @@ def schema_classes(roles: int = MAX_ROLES, length: int = MAX_LENGTH) -> tuple[Sc
 
 @cache
 def _options(earlier: int, door: bool = False) -> list[Role]:
-    """Roles that can come after so many others, or what can enable the door."""
+    """Possible roles after so many others, or the possible causes of the door."""
     return [
         Role(many, causes, gate)
         for many in ((False,) if door else (False, True))
@@ -134,26 +140,26 @@ def _chooses(role: Role, roles: tuple[Role, ...]) -> bool:
 
 
 def _canonical(kind: SchemaClass) -> SchemaClass:
-    """The same class with its roles in an order that does not depend on how it was written."""
+    """The same class with its roles in a canonical order."""
     best = None
     for order, moved in _renamings(len(kind.roles)):
         causes = [moved[kind.roles[old].causes] for old in order]
         if any(mask >> index for index, mask in enumerate(causes)):
             continue  # an effect would come before its cause
-        told = [
+        described = [
             (kind.roles[old].many, mask, kind.roles[old].gate)
             for old, mask in zip(order, causes, strict=True)
         ]
-        told.append((False, moved[kind.door.causes], kind.door.gate))
-        best = told if best is None else min(best, told)
-    assert best is not None, "the order in which it was written is possible"
+        described.append((False, moved[kind.door.causes], kind.door.gate))
+        best = described if best is None else min(best, described)
+    assert best is not None, "the order in which it was given is possible"
     *roles, door = (Role(*role) for role in best)
     return SchemaClass(tuple(roles), door)
 
 
 @cache
 def _renamings(roles: int) -> list[tuple[tuple[int, ...], list[int]]]:
-    """Every order of so many roles, and what each set of roles is called in it."""
+    """Every order of so many roles, and each set of roles as a bit mask in that order."""
     return [
         (
             order,
@@ -179,11 +185,11 @@ def class_prior(simplicity: float, free_form: float) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Generated:
+class Generated(Rows):
     """What classes generate on n levers: G pairs of a structure and a class that generates it.
 
     Attributes:
-        structures: ``[G]`` the structures; one is there as often as classes generate it.
+        structures: ``[G]`` the structures, each as often as classes generate it.
         kind: ``[G]`` index of the class.
         chance: ``[G]`` probability that the class generates it, of all structures on n levers.
     """
@@ -197,10 +203,9 @@ class Generated:
 def outlines(levers: int) -> tuple[Generated, tuple[tuple[int, ...], ...]]:
     """One structure for each class and each way to split the levers into its roles.
 
-    Which lever plays which role is left open here: it changes neither how many solutions there
-    are nor how long they are, by which most structures are ruled out at a glance.
-
-    Of many levers only the shortest classes are outlined, as there are tens of thousands.
+    Which lever plays which role is left open: it changes neither the number of solutions nor their
+    lengths, which rule most structures out. With many levers only the shortest classes are
+    outlined, as there are tens of thousands.
 
     Returns:
         The structures with the levers in the order of the roles, and the size of each role.
@@ -234,40 +239,35 @@ def _outline(kind: SchemaClass, sizes: tuple[int, ...]) -> list[tuple[int, int]]
 
 
 def assigned(outline: Generated, splits: tuple[tuple[int, ...], ...]) -> Generated:
-    """Each outline with its levers in every way in the roles, all ways equally probable.
-
-    Args:
-        outline: Structures with the levers in the order of the roles.
-        splits: The size of each role.
-    """
+    """Each outline with every assignment of levers to roles of these sizes, equally probable."""
     levers = outline.structures.levers
-    causes = [np.zeros((0, levers + 1), dtype=np.uint16)]
-    threshold = [np.zeros((0, levers + 1), dtype=np.uint8)]
-    kind, chance = [outline.kind[:0]], [outline.chance[:0]]
+    parts = [outline[:0]]
     for split in sorted(set(splits)):
         rows = np.array([index for index, own in enumerate(splits) if own == split])
-        orders = np.array(list(_orders(split)))[:, None]
-        each = outline.structures[rows]
+        orders = np.array(list(assignments(split)))[:, None]
+        each = outline[rows]
         own_place = np.full((len(orders), 1, 1), levers)  # the door's
         at = np.concatenate([orders.argsort(axis=2), own_place], axis=2)
-        called = renamed(each.causes, orders[:, :, None])
-        causes.append(np.take_along_axis(called, at, axis=2).reshape(-1, levers + 1))
-        gates = np.take_along_axis(each.threshold[None], at, axis=2)
-        threshold.append(gates.reshape(-1, levers + 1))
-        kind.append(np.tile(outline.kind[rows], len(orders)))
-        chance.append(np.tile(outline.chance[rows] / len(orders), len(orders)))
-    return Generated(
-        Structures(np.concatenate(causes), np.concatenate(threshold)),
-        np.concatenate(kind),
-        np.concatenate(chance),
-    )
+        called = renamed(each.structures.causes, orders[:, :, None])
+        causes = np.take_along_axis(called, at, axis=2).reshape(-1, levers + 1)
+        gates = np.take_along_axis(each.structures.threshold[None], at, axis=2)
+        structures = Structures(causes, gates.reshape(-1, levers + 1))
+        many = len(orders)
+        parts.append(
+            Generated(structures, np.tile(each.kind, many), np.tile(each.chance / many, many))
+        )
+    return Generated.joined(parts)
 
 
-def _orders(split: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
-    """Every way to deal the levers out to roles of these sizes, order within a role aside."""
-    levers = frozenset(range(sum(split)))
+def assignments(sizes: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Every assignment of levers to roles of these sizes, role after role.
 
-    def deal(left: frozenset[int], sizes: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    >>> list(assignments([1, 2]))
+    [(0, 1, 2), (1, 0, 2), (2, 0, 1)]
+    """
+    levers = frozenset(range(sum(sizes)))
+
+    def deal(left: frozenset[int], sizes: Sequence[int]) -> Iterator[tuple[int, ...]]:
         if not sizes:
             yield ()
             return
@@ -275,4 +275,4 @@ def _orders(split: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
             for rest in deal(left - set(hand), sizes[1:]):
                 yield (*hand, *rest)
 
-    return deal(levers, split)
+    return deal(levers, sizes)

@@ -1,11 +1,12 @@
-"""What is carried from room to room: classes of schemas, rules that mark levers, strength.
+"""What is carried from room to room: schema classes, rules that mark levers, strength.
 
-A room's hypotheses start afresh; what they have in common does not. Each subject holds
+The hypotheses about each room are new; their hyperparameters are learned (a hierarchical Bayesian
+model). Each subject holds
 
-* a Dirichlet distribution over schema classes: prior counts, ``concentration`` in all, and with
-  each finished room one more count, divided among the classes as the room's posterior has it;
-* the probability of each rule that may mark active levers, which every room updates;
-* for each position, a Beta distribution of how often the lever there is active;
+* a Dirichlet distribution over schema classes: prior counts, ``concentration`` in all, plus one
+  count for each finished room, divided among the classes by the room's posterior;
+* the probability of each rule that may mark active levers, updated by every room;
+* for each position, a Beta distribution of the probability that the lever there is active;
 * the probability of each strength of levers.
 """
 
@@ -17,16 +18,16 @@ import numpy as np
 
 from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.grammar import class_prior
-from causal_openlock.belief.space import RULES, Space
+from causal_openlock.belief.hypotheses import RULES, Space
 from causal_openlock.belief.strength import Strengths
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 RULE_CHANGES = 1e-3
-"""Probability that another rule holds in the next room; keeps every rule possible."""
+"""Probability that another rule holds in the next room, so that every rule stays possible."""
 
 
 class Knowledge:
-    """What B subjects know about schemas, before they enter a room.
+    """What B subjects have learned about schemas before they enter a room.
 
     Args:
         subjects: B.
@@ -34,14 +35,14 @@ class Knowledge:
         concentration: Of the Dirichlet prior over classes: how many rooms the prior is worth.
         simplicity: As for :func:`~causal_openlock.belief.grammar.class_prior`.
         free_form: The same.
-        rules: Prior probability of each of :data:`~causal_openlock.belief.space.RULES`.
-        strengths: Strengths that are held possible.
+        rules: Prior probability of each of :data:`~causal_openlock.belief.hypotheses.RULES`.
+        strengths: The possible strengths.
 
     Attributes:
-        rooms: ``[B, C + 1]`` in how many rooms each class was met.
+        rooms: ``[B, C + 1]`` expected number of rooms of each class.
         rules: ``[B, 3]`` probability of each rule.
-        active: ``[B, P]`` in how many of these the lever at each position was active.
-        visits: ``[B]`` rooms that position explains, in expectation.
+        active: ``[B, P]`` in how many of the ``visits`` the lever at each position was active.
+        visits: ``[B]`` expected number of rooms whose active levers were marked by position.
         strengths: ``[B, G]`` probability of each strength.
     """
 
@@ -65,46 +66,46 @@ class Knowledge:
         self.visits: FloatArray = np.zeros(subjects)
         self.strengths: FloatArray = np.tile(strengths.prior, (subjects, 1))
 
-    def classes(self, who: IntArray) -> FloatArray:
-        """``[len(who), C + 1]`` probability of each class in the next room."""
-        counts = self.rooms[who] + self.concentration * self.prior
+    def classes(self, subjects: IntArray) -> FloatArray:
+        """``[len(subjects), C + 1]`` probability of each class in the next room."""
+        counts = self.rooms[subjects] + self.concentration * self.prior
         return counts / counts.sum(axis=1, keepdims=True)
 
-    def places(self, who: IntArray) -> FloatArray:
-        """``[len(who), P]`` probability that the lever at each position is active."""
-        return (self.active[who] + 1.0) / (self.visits[who, None] + 2.0)
+    def places(self, subjects: IntArray) -> FloatArray:
+        """``[len(subjects), P]`` probability that the lever at each position is active."""
+        return (self.active[subjects] + 1.0) / (self.visits[subjects, None] + 2.0)
 
     def absorb(
         self, subject: int, space: Space, which: IntArray, weight: FloatArray, slots: IntArray
     ) -> None:
-        """Learn from a room that is left.
+        """Update with the final posterior of a room.
 
         Args:
             subject: Whose room it was.
             space: Its hypotheses.
-            which: ``[E]`` those held possible in the end.
+            which: ``[E]`` those still possible.
             weight: ``[E]`` their probabilities.
             slots: ``[P]`` the slot of each position.
         """
-        who = np.array([subject])
+        rows = np.array([subject])
         many = len(space.strengths)
         in_block = np.searchsorted(space.ends, which, side="right")
         blocks = np.bincount(in_block, weight, minlength=len(space.blocks))
-        by_rule = space.marked(self.places(who)[:, np.argsort(slots)])[0] * self.rules[subject]
+        by_rule = space.marked(self.places(rows)[:, np.argsort(slots)])[0] * self.rules[subject]
         total = by_rule.sum(axis=1, keepdims=True)
         shares = np.divide(by_rule, total, out=np.zeros_like(by_rule), where=total > 0)
         rules = blocks @ shares
         if rules.sum() > 0:
             rules = rules / rules.sum()
             self.rules[subject] = (1.0 - RULE_CHANGES) * rules + RULE_CHANGES * self._rules
-            # Places tell something only if it was by position that the levers were marked.
+            # Places are evidence only to the extent that position marked the levers.
             by_position = rules[RULES.index("position")]
             self.active[subject] += by_position * (blocks @ (space.active[:, None] >> slots & 1))
             self.visits[subject] += by_position
         if many > 1:
             self.strengths[subject] = np.bincount(which % many, weight, minlength=many)
 
-        classes = self.classes(who)[0]
+        classes = self.classes(rows)[0]
         starts = np.concatenate([[0], space.ends[:-1]])
         counts = np.zeros_like(classes)
         for index in np.flatnonzero(blocks > 0):
@@ -132,8 +133,12 @@ def rule_prior(by_colour: float, by_white: float) -> FloatArray:
     """``[3]`` probability of each of the rules.
 
     Args:
-        by_colour: That colour marks the active levers.
-        by_white: If so, that it is the white ones.
+        by_colour: Probability that colour marks the active levers.
+        by_white: In that case, that it is the white ones.
+
+    Example:
+        >>> rule_prior(0.5, 0.1).round(2).tolist()  # grey, white, position
+        [0.45, 0.05, 0.5]
     """
     grey = by_colour * (1.0 - by_white)
     return np.array([grey, by_colour * by_white, 1.0 - by_colour][: len(RULES)])

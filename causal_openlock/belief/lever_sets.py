@@ -1,10 +1,9 @@
 """Families of sets of levers, a bit for each set.
 
-Which sets of levers open the door is a question about all 2^n of them. A *family* answers it in
-2^n bits, 64 to a word: bit ``s`` says whether the set ``s``, itself a bit mask of levers, belongs
-to it. Gates are families (the sets that meet them), "all of these gates hold" is a bitwise ``and``,
-and adding a lever to every set is a shift, so that twelve levers are 64 words and not 4,096
-questions.
+A *family* is a set of subsets of n levers as 2^n bits, 64 to a word: bit ``s`` is 1 if the subset
+``s``, itself a bit mask of levers, is a member. A gate is the family of subsets that meet it, "all
+of these gates hold" is a bitwise ``and``, and adding a lever to every subset is a shift. Twelve
+levers take 64 words.
 """
 
 from __future__ import annotations
@@ -28,7 +27,11 @@ _THRESHOLDS = 16
 
 
 def family(members: BoolArray) -> Families:
-    """``[..., W]`` the family with these members, ``[..., 2^n]``."""
+    """``[..., W]`` the family with these members, ``[..., 2^n]``.
+
+    >>> members(family(np.array([False, True, True, False])), 2).tolist()
+    [False, True, True, False]
+    """
     packed = np.packbits(members, axis=-1, bitorder="little")
     short = [(0, 0)] * (packed.ndim - 1) + [(0, -packed.shape[-1] % 8)]
     return np.pad(packed, short).view(_WORDS)
@@ -62,7 +65,7 @@ def with_lever(levers: int) -> Families:
 
 
 def raised(families: Families, lever: int) -> Families:
-    """``[M, W]`` what comes of the sets without a lever, once it is added to them."""
+    """``[M, W]`` the sets without a lever, after it is added to them."""
     if lever < _WORD:
         without = families & ~np.uint64(_HOLDING[lever])
         shifted: Families = without << np.uint64(1 << lever)

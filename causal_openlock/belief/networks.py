@@ -1,26 +1,25 @@
-"""A belief as objects of pgmpy and networkx, and what follows from interventions.
+"""A posterior as causal Bayesian networks of pgmpy, and the effects of interventions.
 
-A *lever's state* is 1 while it stands pushed, the *door's* is 1 while it is unlocked. ``do`` sets
-states from outside: a lever that is set stands where it was put, whether or not its gate holds,
-and its arrows from its causes are cut. What the other levers do has to be said too, so every
-question here has three parts:
+A *lever's state* is 1 while it is pushed, the *door's* is 1 while it is unlocked. ``do`` sets
+states from outside: a lever that is set stays as set, whether or not its gate holds, and the edges
+from its causes are cut. An intervention here has three parts:
 
 * ``pushed``: levers set to 1;
 * ``pulled``: levers set to 0;
-* ``push_probability``: each lever that is not set is pushed with this probability, once, causes
-  before effects, and moves if its gate lets it (see
+* ``push_probability``: each other lever is pushed with this probability, once, causes before
+  effects, and moves if its gate holds (see
   :func:`~causal_openlock.formats.graphs.to_bayesian_network`).
 
-Three questions that can be asked so, of levers A and B and all the others:
+Three examples, with levers A and B and others:
 
-* *Is the door unlocked if A and B stand pushed?* ``pushed=[A, B]``, the others stay pulled. No luck
-  is involved: the lock is a function of where the levers stand, and strengths do not matter.
-* *Is it, once somebody has tried to push A and B?* ``pulled`` are all the others, with
-  ``push_probability=1``: A moves only if its gate holds, and with the chance of its strength.
-* *Is it, if A is forced and all that can move is pushed?* ``pushed=[A]``, ``push_probability=1``.
+* *Is the door unlocked if A and B are pushed?* ``pushed=[A, B]``; the others stay pulled. The lock
+  is a function of the levers' states, so strengths do not matter.
+* *Is it, after somebody has tried to push A and B?* ``pulled`` are all the others, with
+  ``push_probability=1``: A moves only if its gate holds, with the probability of its strength.
+* *Is it, if A is forced and every other lever is tried?* ``pushed=[A]``, ``push_probability=1``.
 
-pgmpy is loaded when it is needed and never before: beliefs themselves are updated and planned with
-by plain arrays, which say the same thousands of times faster.
+pgmpy is imported only here and when needed: posteriors are updated as plain arrays, thousands of
+times faster.
 """
 
 from __future__ import annotations
@@ -33,10 +32,15 @@ from typing import TYPE_CHECKING
 import networkx as nx
 import numpy as np
 
-from causal_openlock.belief.beliefs import Belief
-from causal_openlock.belief.insight import Held, edge_probabilities, held, most_probable
+from causal_openlock.belief.marginals import (
+    StructurePosterior,
+    edge_probabilities,
+    most_probable,
+    structure_posteriors,
+)
+from causal_openlock.belief.posterior import Belief
 from causal_openlock.errors import OpenLockError
-from causal_openlock.formats.graphs import to_bayesian_network
+from causal_openlock.formats.graphs import binary_cpd, to_bayesian_network
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.room import position_names
@@ -49,31 +53,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What a subject believes at one moment, for users of pgmpy and networkx.
-
-    It stays as it is while the learner goes on.
+    """A subject's posterior at one moment, for pgmpy and networkx; it does not change later.
 
     Attributes:
-        schema: The most probable structure; its levers are called by their positions, as
-            everything here.
-        probability: How probable it is, together with those that act alike in every attempt.
+        schema: The most probable structure; levers are named by position, here and below.
+        probability: Its probability, together with structures that behave alike in every attempt.
         network: The same as a checked network: levers that are pushed once, causes before effects,
-            and a door that is then pushed open. Ask it anything that pgmpy can answer, and see
-            :func:`~causal_openlock.formats.graphs.to_bayesian_network` for what its states mean.
-        edges: ``[P, P + 1]`` posterior-mean probability that the lever of the row enables that of
-            the column, or the door; averaged over all structures.
-        held: Every structure that is held possible.
+            and a door that is then pushed open; for the meaning of its states see
+            :func:`~causal_openlock.formats.graphs.to_bayesian_network`.
+        edges: ``[P, P + 1]`` posterior probability that the lever of the row enables that of the
+            column, or the door; averaged over all structures.
+        parts: The posterior over structures, for each possible set of active levers.
     """
 
     schema: Schema
     probability: float
     network: DiscreteBayesianNetwork
     edges: pd.DataFrame
-    held: tuple[Held, ...] = field(repr=False)
+    parts: tuple[StructurePosterior, ...] = field(repr=False)
 
     @property
     def graph(self) -> nx.DiGraph:
-        """The edges that are possible at all, each with its ``probability``."""
+        """The edges of positive probability, each with its ``probability``."""
         graph = nx.DiGraph(name="belief")
         graph.add_nodes_from(self.edges.index, kind="lever")
         graph.add_node(DOOR, kind="door")
@@ -89,7 +90,7 @@ class Model:
         pulled: Iterable[str] = (),
         push_probability: float = 0.0,
     ) -> float:
-        """P(door unlocked | do) if the most probable structure is right; pgmpy's answer.
+        """P(door unlocked | do) under the most probable structure, by pgmpy.
 
         Args:
             pushed: Positions of levers that are set to pushed, whether or not they could move.
@@ -101,7 +102,7 @@ class Model:
             OpenLockError: If there is no such position, or one is set both ways.
         """
         up, down = _checked(self.edges.index, pushed, pulled, push_probability)
-        levers = set(self.schema.levers)  # a lever of no use may be set, to no effect
+        levers = set(self.schema.levers)  # setting any other has no effect
         return probability_unlocked(self.schema, up & levers, down & levers, push_probability)
 
     def expected_unlocked(
@@ -110,30 +111,18 @@ class Model:
         pulled: Iterable[str] = (),
         push_probability: float = 0.0,
     ) -> float:
-        """P(door unlocked | do) as the subject believes it: averaged over all that it holds.
+        """P(door unlocked | do) averaged over the posterior; otherwise as :meth:`unlocked`.
 
-        Structures count and not behaviours, as setting levers can bring about what no attempt can.
-
-        Args:
-            pushed: As for :meth:`unlocked`.
-            pulled: The same.
-            push_probability: The same.
-
-        Raises:
-            OpenLockError: If there is no such position, or one is set both ways.
+        The average is over structures and not over behaviours, as ``do`` can set levers in ways
+        that no attempt can.
         """
         up, down = _checked(self.edges.index, pushed, pulled, push_probability)
-        total = sum(held.unlocked(up, down, push_probability) for held in self.held)
+        total = sum(part.unlocked(up, down, push_probability) for part in self.parts)
         return min(total, 1.0)  # rounding may end just above 1
 
 
 def model_of(belief: Belief, classes: FloatArray) -> Model:
-    """A belief as objects of pgmpy.
-
-    Args:
-        belief: A subject's belief.
-        classes: ``[C + 1]`` how probable the subject holds each schema class.
-    """
+    """A belief as objects of pgmpy, given the probability of each schema class."""
     import pandas as pd
 
     schema, probability = most_probable(belief, classes)
@@ -143,43 +132,23 @@ def model_of(belief: Belief, classes: FloatArray) -> Model:
         index=pd.Index(names, name="cause"),
         columns=pd.Index([*names, DOOR], name="effect"),
     )
-    return Model(schema, probability, to_bayesian_network(schema), edges, held(belief, classes))
+    parts = structure_posteriors(belief, classes)
+    return Model(schema, probability, to_bayesian_network(schema), edges, parts)
 
 
 def lock_network(schema: Schema, push_probability: float = 0.0) -> DiscreteBayesianNetwork:
-    """The causal model of the lock: levers as they are, and a door that is unlocked or not.
+    """The causal model of the lock, in which the door is 1 if it is unlocked.
 
-    It is :func:`~causal_openlock.formats.graphs.to_bayesian_network` but for the door, whose state
-    is 1 if it is unlocked, which no strength has a part in, and not if it opens.
+    In :func:`~causal_openlock.formats.graphs.to_bayesian_network` it is 1 if it opens, which also
+    depends on strengths; the rest is the same.
 
-    Args:
-        schema: The levers and the door.
-        push_probability: Probability that a lever is pushed, each on its own; at 0 all stay pulled
-            until ``do`` sets them.
-
-    Returns:
-        A checked model whose nodes are the schema's and have the states 0 and 1.
-
-    Raises:
-        OpenLockError: If ``push_probability`` is no probability.
     """
-    from pgmpy.factors.discrete import TabularCPD
-
     network = to_bayesian_network(schema, push_probability)
     causes = schema.causes(DOOR)
     pushed = np.array([sum(states) for states in product((0, 1), repeat=len(causes))])
     unlocked = (pushed >= schema.threshold(DOOR)).astype(float)
     network.remove_cpds(network.get_cpds(DOOR))
-    network.add_cpds(
-        TabularCPD(
-            DOOR,
-            2,
-            [1.0 - unlocked, unlocked],
-            evidence=list(causes),
-            evidence_card=[2] * len(causes),
-            state_names={each: [0, 1] for each in (DOOR, *causes)},
-        )
-    )
+    network.add_cpds(binary_cpd(DOOR, unlocked, causes))
     network.check_model()
     return network
 
@@ -192,10 +161,9 @@ def probability_unlocked(
 ) -> float:
     """P(door unlocked | do) under a schema, by pgmpy.
 
-    The network is cut above the levers that are set, and these are made certain; to condition on
-    what they are set to would not do, as it may have had no probability before.
-    ``CausalInference.query`` of pgmpy would be shorter and is wrong where levers that cause one
-    another are set together.
+    Edges into the levers that are set are cut, and their states made certain. (Conditioning on
+    their states fails if these had probability 0 before, and pgmpy's ``CausalInference.query`` is
+    wrong where levers that cause one another are set together.)
 
     Args:
         schema: The levers and the door.
@@ -205,8 +173,14 @@ def probability_unlocked(
 
     Raises:
         OpenLockError: If there is no such lever, or one is set both ways.
+
+    Example:
+        >>> chain = Schema("chain", ["A", "B"], {"A": ["B"], "B": ["door"]})
+        >>> probability_unlocked(chain, pushed=["A"])
+        0.0
+        >>> probability_unlocked(chain, pushed=["A"], push_probability=0.5)
+        0.5
     """
-    from pgmpy.factors.discrete import TabularCPD
     from pgmpy.inference import VariableElimination
 
     up, down = _checked(schema.levers, pushed, pulled, push_probability)
@@ -216,9 +190,7 @@ def probability_unlocked(
         network = network.do(list(states))
     for lever, state in states.items():
         network.remove_cpds(lever)
-        network.add_cpds(
-            TabularCPD(lever, 2, [[1.0 - state], [state]], state_names={lever: [0, 1]})
-        )
+        network.add_cpds(binary_cpd(lever, np.array([float(state)])))
     answer = VariableElimination(network).query([DOOR], show_progress=False)
     return float(answer.get_value(**{DOOR: 1}))
 
@@ -226,9 +198,9 @@ def probability_unlocked(
 def _checked(
     known: Iterable[str], pushed: Iterable[str], pulled: Iterable[str], push_probability: float
 ) -> tuple[set[str], set[str]]:
-    """What is set to pushed, and to pulled."""
+    """The levers set to pushed and those set to pulled, as sets."""
     if isinstance(pushed, str) or isinstance(pulled, str):
-        raise OpenLockError("levers are given as a list of names, also a single one")
+        raise OpenLockError("give levers as a list of names, even a single one")
     known, up, down = list(known), {*map(str, pushed)}, {*map(str, pulled)}
     for name in sorted(up | down):
         if name not in known:

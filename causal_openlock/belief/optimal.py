@@ -1,50 +1,52 @@
-"""The best that can be done: the least expected number of attempts, by exact dynamic programming.
+"""The least expected number of attempts, by exact dynamic programming over beliefs.
 
-A state is what is still possible, which solutions were found, what stands pushed, and how many
-actions the attempt has left. Its value is the expected number of further attempts until every
-solution is found, if every action is the best: the smallest value among the actions, where that
-of an action is the mean over what can come of it (expectimax over beliefs). Levers must move
-surely; then an action only ever splits the set of hypotheses, and sets are integers, a bit each.
+A state is the set of possible hypotheses B, the solutions found, the pushed levers and the actions
+left in the attempt. Its value is the expected number of further attempts until every solution is
+found under the optimal policy (the Bellman equation, expectimax over beliefs):
 
-Three things keep this small. Values are kept by state, and the states in which attempts begin also
-by what they are but for the names of the levers. Levers that the belief cannot tell apart are
-tried once. And an action is dropped as soon as a lower bound shows that another is as good: every
-solution to be found costs an attempt, and the present one is of use only where it can still end
-with one.
+    V(state) = min over actions of the sum over outcomes of P(outcome | B) V(next state)
 
-Pulling a lever back never helps within the paper's three actions, and is left out unless an attempt
-has at least two actions to spare: so many are lost by a pull and the push that it undoes.
+Levers must move surely, so an action only splits B; sets of hypotheses are integers, a bit each.
+
+Three things keep the search small. Values are cached by state, for states at the start of an
+attempt up to renaming of the levers. Of levers that the belief cannot distinguish, one is tried.
+And an action is dropped once a lower bound shows that another is as good: each solution left costs
+an attempt, and the present attempt saves one only where it can still complete a solution.
+
+Pulling a lever back never helps within the paper's three actions. It is left out unless an attempt
+has at least two actions to spare, which a pull and the push that it undoes cost.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
+from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.belief.placements import TooLargeError
-from causal_openlock.belief.space import Hypotheses
 from causal_openlock.belief.symmetry import Symmetry, bits, swapped
 from causal_openlock.world.fsm import BoolArray, FloatArray
 
 NODE_LIMIT = 20_000
-"""States that are looked at before a problem counts as too large; a few seconds."""
+"""Searching more states than these is too large a problem; a few seconds."""
 HYPOTHESIS_LIMIT = 5_000
-"""Hypotheses from which on a problem counts as too large."""
+"""More hypotheses than these are too large a problem."""
 TIE = 1e-9
-"""Values that differ by less, as a share, are equal but for rounding."""
+"""Relative difference below which values are equal but for rounding."""
 
 
 class Point(NamedTuple):
-    """Where a trial stands.
+    """A state of a trial.
 
     Attributes:
-        possible: The hypotheses that are possible, as a bit mask.
-        found: What stood pushed when solutions were found, in ascending order.
-        pushed: What stands pushed, as a bit mask of slots.
-        left: Actions left in the attempt.
+        possible: The possible hypotheses, as a bit mask.
+        found: The pushed levers with which solutions were found, in ascending order.
+        pushed: The pushed levers, as a bit mask of slots.
+        left: Actions left in the attempt; with none left the attempt is over.
     """
 
     possible: int
@@ -53,16 +55,12 @@ class Point(NamedTuple):
     left: int
 
 
-Outcome = tuple[int, tuple[int, ...], int, int]
-"""What can come of an action: the fields of a :class:`Point`; an attempt is over with none left."""
-
-
 class _Option(NamedTuple):
-    """An action, what can come of it, and lower bounds: of each outcome and of them all."""
+    """An action, the states it can lead to, and lower bounds of their values and of the sum."""
 
     bound: float
     action: int
-    outcomes: list[Outcome]
+    outcomes: list[Point]
     bounds: list[float]
 
 
@@ -70,18 +68,24 @@ class Optimum:
     """The least expected number of attempts, and the actions that achieve it.
 
     Args:
-        hypotheses: ``[H]`` what may be the case, each once, all with equally many solutions, each
-            of which fits an attempt; strengths are left aside.
-        weight: ``[H]`` their probabilities, in any unit.
+        hypotheses: ``[H]`` different hypotheses with equally many solutions, each of which fits an
+            attempt; strengths are ignored.
+        weight: ``[H]`` their probabilities, up to a factor.
         action_limit: Actions in an attempt.
-        node_limit: States to look at before giving up; also an attribute, to be set anew.
+        node_limit: States to search before giving up; also an attribute that can be changed.
         pulls: Whether levers may be pulled back; by default if two actions can be spared.
 
     Attributes:
-        nodes: States looked at so far.
+        nodes: States searched so far.
 
     Raises:
         TooLargeError: If there are too many hypotheses.
+
+    Example:
+        >>> from causal_openlock import find_schema
+        >>> from causal_openlock.belief.placements import mixture
+        >>> round(Optimum(*mixture([(find_schema("CC3"), 1.0)], 3), 3).attempts(), 3)
+        2.667
     """
 
     def __init__(
@@ -107,11 +111,10 @@ class Optimum:
         self._everything = bits(share > 0)
         self._symmetry = Symmetry(hypotheses, share)
         self._values: dict[tuple[int, tuple[int, ...]], float] = {}
-        self._within: dict[tuple[int, tuple[int, ...], int, int, bool], float] = {}
-        self._moving: dict[tuple[int, int], int] = {}
-        self._unlocking: dict[int, int] = {}
-        self._finding: dict[tuple[int, tuple[int, ...]], int] = {}
-        self._reaching: dict[tuple[int, int, tuple[int, ...]], int] = {}
+        self._within: dict[tuple[Point, bool], float] = {}
+        # Sets of hypotheses are computed once for each instance.
+        self._moves, self._unlocks = cache(self._moving), cache(self._unlocking)
+        self._finds, self._reach = cache(self._finding), cache(self._reaching)
         self.nodes = 0
 
     @property
@@ -130,14 +133,13 @@ class Optimum:
     def best(self, point: Point) -> list[int]:
         """The best actions: pushes by slot, then pulls, and the door as ``2P``.
 
-        If nothing that is left of the attempt can do anything, it may as well be the door.
+        If no action can do anything in the rest of the attempt, the door stands for any.
         """
-        options = self._options(point.possible, point.found, point.pushed, point.left)
         tie = TIE * self._weight(point.possible)
         least, values = math.inf, {}
-        for option in options:
-            # The attempt is not held to have begun like this: to waste the rest of it has a value.
-            values[option.action] = self._value(option, point.possible, point.found, 0, least + tie)
+        for option in self._options(point):
+            # With 0 for the start of the attempt, wasting the rest of it has a value, too.
+            values[option.action] = self._value(option, point, 0, least + tie)
             least = min(least, values[option.action])
         alike = self._alike(point.possible, point.found, point.pushed)
         return sorted(
@@ -148,100 +150,92 @@ class Optimum:
         ) or [2 * self._slots]
 
     def most(self) -> int:
-        """The most attempts that it may come to, by one plan with the least expected number."""
-        worst: dict[tuple[Outcome, bool], int] = {}
+        """The largest number of attempts under one optimal policy."""
+        worst: dict[tuple[Point, bool], int] = {}
 
-        def after(outcome: Outcome, began: int) -> int:
+        def after(point: Point, began: int) -> int:
             """Attempts to come, the present one not counted."""
-            possible, found, pushed, left = outcome
+            possible, found, _, left = point
             if not left:
                 to_find = self._solutions - len(found)
                 if not to_find or possible & (possible - 1) == 0:
                     return to_find
                 possible, found = self._symmetry.canonical(possible, found)
-                return 1 + after((possible, found, 0, self._limit), possible)
-            if (outcome, possible == began) not in worst:
-                best, plan = math.inf, [(possible, found, 0, 0)]
-                for option in self._options(possible, found, pushed, left):
-                    value = self._value(option, possible, found, began, best)
+                return 1 + after(Point(possible, found, 0, self._limit), possible)
+            if (point, possible == began) not in worst:
+                best, plan = math.inf, [Point(possible, found, 0, 0)]
+                for option in self._options(point):
+                    value = self._value(option, point, began, best)
                     if value < best:
                         best, plan = value, option.outcomes
-                worst[outcome, possible == began] = max(
-                    after(one, began if one[:2] == (possible, found) else 0) for one in plan
+                worst[point, possible == began] = max(
+                    after(one, began if one[:2] == point[:2] else 0) for one in plan
                 )
-            return worst[outcome, possible == began]
+            return worst[point, possible == began]
 
-        return after((self._everything, (), 0, 0), 0)
+        return after(Point(self._everything, (), 0, 0), 0)
 
-    # -- values, in units of the probability of what is possible ---------------------------------
+    # -- values, times the probability of the possible hypotheses --------------------------------
 
     def _attempts(self, possible: int, found: tuple[int, ...]) -> float:
-        """The value of a state in which an attempt begins."""
+        """The value of a state at the start of an attempt."""
         left = self._solutions - len(found)
         if not left or possible & (possible - 1) == 0:
             return self._weight(possible) * left
         possible, found = key = self._symmetry.canonical(possible, found)
         if key not in self._values:
-            value = self._search(possible, found, 0, self._limit, possible)
+            value = self._search(Point(possible, found, 0, self._limit), possible)
             self._values[key] = self._weight(possible) + value
         return self._values[key]
 
-    def _after(self, outcome: Outcome, began: int) -> float:
-        """The value of what came of an action, in an attempt that began with these hypotheses."""
-        possible, found, pushed, left = outcome
-        if left:
-            return self._search(possible, found, pushed, left, began)
-        # An attempt that told nothing and found nothing is never the best: no need to go round.
-        return math.inf if possible == began else self._attempts(possible, found)
+    def _after(self, point: Point, began: int) -> float:
+        """The value after an action, in an attempt that began with these possible hypotheses."""
+        if point.left:
+            return self._search(point, began)
+        # An attempt that changes nothing is never the best: do not search it again and again.
+        return math.inf if point.possible == began else self._attempts(point.possible, point.found)
 
-    def _search(
-        self, possible: int, found: tuple[int, ...], pushed: int, left: int, began: int
-    ) -> float:
-        key = (possible, found, pushed, left, possible == began)
+    def _search(self, point: Point, began: int) -> float:
+        key = (point, point.possible == began)
         if key in self._within:
             return self._within[key]
         self.nodes += 1
         if self.nodes > self.node_limit:
             raise TooLargeError(f"more than {self.node_limit:,} states")
-        options = self._options(possible, found, pushed, left)
-        best = math.inf if options else self._after((possible, found, pushed, 0), began)
+        options = self._options(point)
+        best = math.inf if options else self._after(point._replace(left=0), began)
         for option in options:
-            best = min(best, self._value(option, possible, found, began, best))
+            best = min(best, self._value(option, point, began, best))
         self._within[key] = best
         return best
 
-    def _options(
-        self, possible: int, found: tuple[int, ...], pushed: int, left: int
-    ) -> list[_Option]:
+    def _options(self, point: Point) -> list[_Option]:
         """The actions that can do something, those with the lowest bounds first."""
         options = []
-        for action, outcomes in self._actions(possible, found, pushed, left):
+        for action, outcomes in self._actions(point):
             bounds = [self._bound(outcome) for outcome in outcomes]
             options.append(_Option(sum(bounds), action, outcomes, bounds))
         return sorted(options)
 
-    def _value(
-        self, option: _Option, possible: int, found: tuple[int, ...], began: int, limit: float
-    ) -> float:
+    def _value(self, option: _Option, point: Point, began: int, limit: float) -> float:
         """The value of an action, or a lower bound of it that exceeds the limit."""
         value = option.bound
         for outcome, bound in zip(option.outcomes, option.bounds, strict=True):
             if value > limit:
                 break
-            same = began if outcome[:2] == (possible, found) else 0
+            same = began if outcome[:2] == point[:2] else 0
             value += self._after(outcome, same) - bound
         return value
 
-    def _bound(self, outcome: Outcome) -> float:
-        """What the outcome is worth at least: an attempt for each solution, less this one's."""
-        possible, found, pushed, left = outcome
+    def _bound(self, point: Point) -> float:
+        """A lower bound of the value: an attempt for each solution, less this one's."""
+        possible, found, pushed, left = point
         value = self._weight(possible) * (self._solutions - len(found))
         return value - self._weight(possible & self._reach(pushed, left, found)) if left else value
 
-    def _actions(
-        self, possible: int, found: tuple[int, ...], pushed: int, left: int
-    ) -> Iterator[tuple[int, list[Outcome]]]:
-        """Each action that can do something, once for levers that are alike, and its outcomes."""
+    def _actions(self, point: Point) -> Iterator[tuple[int, list[Point]]]:
+        """The actions that can do something, one for levers that are alike, and their outcomes."""
+        possible, found, pushed, left = point
         alike = self._alike(possible, found, pushed)
         for slot in range(self._slots):
             stands = pushed >> slot & 1
@@ -253,7 +247,7 @@ class Optimum:
             after = pushed ^ 1 << slot
             unlocks = moving & self._unlocks(after)
             outcomes = [
-                (part, found, now, left - 1)
+                Point(part, found, now, left - 1)
                 for part, now in (
                     (unlocks, after),
                     (moving & ~unlocks, after),
@@ -265,13 +259,13 @@ class Optimum:
         if possible & self._unlocks(pushed):
             new = possible & self._finds(pushed, found)
             more = tuple(sorted((*found, pushed)))
-            outcomes = [(new, more, 0, 0), (possible & ~new, found, 0, 0)]
-            yield 2 * self._slots, [outcome for outcome in outcomes if outcome[0]]
+            outcomes = [Point(new, more, 0, 0), Point(possible & ~new, found, 0, 0)]
+            yield 2 * self._slots, [outcome for outcome in outcomes if outcome.possible]
 
     def _alike(
         self, possible: int, found: tuple[int, ...], pushed: int
     ) -> dict[int, tuple[int, ...]]:
-        """The levers that are not pushed, in groups that the belief cannot tell apart."""
+        """The levers that are not pushed, in groups that the belief cannot distinguish."""
         groups: dict[int, tuple[int, ...]] = {}
         for slot in range(self._slots):
             if pushed >> slot & 1:
@@ -287,21 +281,19 @@ class Optimum:
         return groups
 
     def _weight(self, possible: int) -> float:
-        return sum((weight * (possible & who).bit_count() for weight, who in self._weights), 0.0)
+        return sum(
+            (weight * (possible & having).bit_count() for weight, having in self._weights), 0.0
+        )
 
-    # -- what hypotheses say, as sets of them ----------------------------------------------------
+    # -- sets of hypotheses, cached ---------------------------------------------------------------
 
-    def _moves(self, pushed: int, slot: int) -> int:
-        """Those under which a lever moves."""
-        if (pushed, slot) not in self._moving:
-            self._moving[pushed, slot] = bits(self._holds(pushed, slot))
-        return self._moving[pushed, slot]
+    def _moving(self, pushed: int, slot: int) -> int:
+        """The hypotheses under which a lever moves."""
+        return bits(self._holds(pushed, slot))
 
-    def _unlocks(self, pushed: int) -> int:
-        """Those under which the door is unlocked."""
-        if pushed not in self._unlocking:
-            self._unlocking[pushed] = bits(self._holds(pushed, self._slots))
-        return self._unlocking[pushed]
+    def _unlocking(self, pushed: int) -> int:
+        """The hypotheses under which the door is unlocked."""
+        return bits(self._holds(pushed, self._slots))
 
     def _holds(self, pushed: int, node: int) -> BoolArray:
         live = np.bitwise_count(self._own.causes[:, node] & np.uint16(pushed))
@@ -316,22 +308,17 @@ class Optimum:
         to_find: BoolArray = ~done.any(axis=0)
         return to_find
 
-    def _finds(self, pushed: int, found: tuple[int, ...]) -> int:
-        """Those under which opening the door completes a new solution."""
-        if (pushed, found) not in self._finding:
-            done = (np.uint16(pushed) & ~self._own.inert)[:, None]
-            new = (self._own.solutions == done) & self._to_find(found)
-            self._finding[pushed, found] = bits(new.any(axis=1))
-        return self._finding[pushed, found]
+    def _finding(self, pushed: int, found: tuple[int, ...]) -> int:
+        """The hypotheses under which opening the door completes a new solution."""
+        done = (np.uint16(pushed) & ~self._own.inert)[:, None]
+        new = (self._own.solutions == done) & self._to_find(found)
+        return bits(new.any(axis=1))
 
-    def _reach(self, pushed: int, left: int, found: tuple[int, ...]) -> int:
-        """Those under which so many actions may still complete a new solution."""
-        key = (pushed, left, found)
-        if key not in self._reaching:
-            stands = (np.uint16(pushed) & ~self._own.inert)[:, None]
-            missing = np.bitwise_count(self._own.solutions ^ stands) + 1 <= left
-            if not self._pulls:
-                missing &= self._own.solutions & stands == stands
-            useful: BoolArray = missing & self._to_find(found)
-            self._reaching[key] = bits(np.logical_or.reduce(useful, axis=1))
-        return self._reaching[key]
+    def _reaching(self, pushed: int, left: int, found: tuple[int, ...]) -> int:
+        """The hypotheses under which so many actions may still complete a new solution."""
+        stands = (np.uint16(pushed) & ~self._own.inert)[:, None]
+        missing = np.bitwise_count(self._own.solutions ^ stands) + 1 <= left
+        if not self._pulls:
+            missing &= self._own.solutions & stands == stands
+        useful: BoolArray = missing & self._to_find(found)
+        return bits(np.logical_or.reduce(useful, axis=1))

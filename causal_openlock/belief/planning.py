@@ -1,15 +1,20 @@
-"""What an action is worth: information, and solutions.
+"""The value of an action: expected information gain, and the chance of a new solution.
 
-The value of a plan is what it is expected to tell about the room, in bits, plus ``beta`` times the
-probability that it completes a new solution. Plans are *closed loop*: what is done next depends on
-what was seen, so a plan is a tree over the actions left in the attempt, and its value is computed
-from the leaves up. The expected information of a tree is the entropy of its outcomes, less what
-is pure chance in them; by the chain rule it adds up from action to action.
+The value of a plan is its expected information gain about the room in bits, plus ``beta`` times the
+probability that it completes a new solution. The expected information gain is the mutual
+information between hypothesis h and outcome o, the entropy of the outcomes less what is pure
+chance in them:
 
-Where attempts are so long that the tree would have too many branches, it is cut, and what comes
-after is taken to be worth what could still be solved if it were known there what is the case.
+    EIG = H(o) - sum over h of P(h) H(o | h)
 
-Pulling a lever back is left out: it never helps to find out, or to solve, within so few actions.
+By the chain rule it adds up from action to action. Plans are *closed loop*: the next action depends
+on what was observed, so a plan is a tree over the actions left in the attempt, and its value is
+computed from the leaves up (expectimax).
+
+Where attempts are so long that the tree would have too many branches, it is cut. A leaf there is
+worth the probability that a new solution can still be completed by somebody who knows the truth.
+
+Pulling a lever back is left out: within so few actions it helps neither to learn nor to solve.
 """
 
 from __future__ import annotations
@@ -21,14 +26,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from causal_openlock.belief.evidence import completes
-from causal_openlock.belief.space import Hypotheses
+from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.belief.strength import Strengths
 from causal_openlock.belief.structures import NEVER
+from causal_openlock.contract.learner import View
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 MOST_BRANCHES = 5000
-"""Sequences of pushes that a plan goes through at most, about; seven levers are looked at for four
-actions ahead, four levers for six."""
+"""About the most sequences of pushes in a plan: four actions ahead with seven levers, six with
+four."""
 FEW_LEVERS = 7
 MOST_PAIRS = 1_000_000
 """With more levers than these, also the most sequences times hypotheses; two actions are always
@@ -39,7 +45,7 @@ TIE = 1e-9
 
 @dataclass(frozen=True)
 class Objective:
-    """What a plan is for.
+    """What a plan maximises.
 
     Attributes:
         information: Weight of expected information, per bit.
@@ -57,10 +63,10 @@ class Situation:
     """Where an attempt stands.
 
     Attributes:
-        pushed: What stands pushed, as a bit mask of slots.
+        pushed: The pushed levers, as a bit mask of slots.
         unlocked: Whether the door is unlocked.
         left: Actions left.
-        found: What stood pushed when solutions were found.
+        found: What was pushed when solutions were found.
     """
 
     pushed: int
@@ -68,15 +74,31 @@ class Situation:
     left: int
     found: tuple[int, ...]
 
+    @classmethod
+    def of(
+        cls, view: View, subject: int, slots: IntArray, found: tuple[int, ...] = ()
+    ) -> Situation:
+        """Where a subject's attempt stands, given the slot of each position in its room.
+
+        Once every solution is found, none counts as found: repeating one is as good as any.
+        """
+        seen = view.observation[subject]
+        return cls(
+            pushed=int((seen[: len(slots)].astype(np.int64) << slots).sum()),
+            unlocked=bool(seen[-2] == 0),
+            left=int(view.console.actions_left[subject]),
+            found=found if view.console.solutions_left[subject] else (),
+        )
+
 
 class Planner:
     """Values of actions under a belief.
 
     Args:
-        hypotheses: ``[h]`` what is held possible.
+        hypotheses: ``[h]`` the possible hypotheses.
         strengths: What their strengths stand for.
-        objective: What plans are for.
-        found: What stood pushed when solutions were found.
+        objective: What plans maximise.
+        found: What was pushed when solutions were found.
     """
 
     def __init__(
@@ -94,34 +116,34 @@ class Planner:
     def values(self, weight: FloatArray, situation: Situation) -> FloatArray:
         """``[P + 1]`` value of pushing each lever, and the door last.
 
-        Minus infinity for what stands pushed already, and for a locked door; zero for a lever that
-        cannot move.
+        Minus infinity for levers that are pushed already, and for a locked door; zero for a lever
+        that cannot move.
 
         Args:
-            weight: ``[h]`` the belief.
+            weight: ``[h]`` the posterior.
             situation: Where the attempt stands.
         """
         self._seen: dict[tuple[bytes, int, int], float] = {}
-        who = np.flatnonzero(weight > 0)
-        share = weight[who] / weight[who].sum()
+        alive = np.flatnonzero(weight > 0)
+        share = weight[alive] / weight[alive].sum()
         left = min(situation.left, self._objective.horizon or situation.left)
-        self._cut = max(0, left - self._depth(who, situation.pushed))
+        self._cut = max(0, left - self._depth(alive, situation.pushed))
         values = np.full(self._door + 1, -np.inf)
-        self._look(who, share, situation.pushed, situation.unlocked, left, values)
+        self._look(alive, share, situation.pushed, situation.unlocked, left, values)
         return values
 
-    def _depth(self, who: IntArray, pushed: int) -> int:
-        """How many actions can be looked ahead without the tree of plans growing too large."""
-        can_move = (self._hypotheses.threshold[who, : self._door] < NEVER).any(axis=0)
+    def _depth(self, alive: IntArray, pushed: int) -> int:
+        """How many actions to look ahead, so that the tree of plans does not grow too large."""
+        can_move = (self._hypotheses.threshold[alive, : self._door] < NEVER).any(axis=0)
         choices = sum(1 for slot in np.flatnonzero(can_move).tolist() if not pushed >> slot & 1)
         most = MOST_BRANCHES
         if choices > FEW_LEVERS:
-            most = min(most, max(MOST_PAIRS // len(who), 1))
+            most = min(most, max(MOST_PAIRS // len(alive), 1))
         return max(2, int(math.log(most) / math.log(max(choices, 2))))
 
     def _look(
         self,
-        who: IntArray,
+        alive: IntArray,
         weight: FloatArray,
         pushed: int,
         unlocked: bool,
@@ -129,24 +151,24 @@ class Planner:
         values: FloatArray | None = None,
     ) -> float:
         """The value of the best plan, in units of the weights' sum."""
-        known = len(who) == 1 and not self._uncertain
+        known = len(alive) == 1 and not self._uncertain
         if values is None and (known or left <= self._cut):
-            return self._hope(who, weight, pushed, left)
+            return self._optimistic(alive, weight, pushed, left)
         own = self._hypotheses
         slots = np.array([slot for slot in range(self._door) if not pushed >> slot & 1])
         best = 0.0
         if len(slots):
             mask = np.uint16(pushed)
-            live = np.bitwise_count(own.causes[who[:, None], slots] & mask)
-            threshold = own.threshold[who[:, None], slots]
+            live = np.bitwise_count(own.causes[alive[:, None], slots] & mask)
+            threshold = own.threshold[alive[:, None], slots]
             if self._uncertain:
-                chance = self._strengths.chance[own.strength[who, None], live, threshold]
+                chance = self._strengths.chance[own.strength[alive, None], live, threshold]
             else:
                 chance = (live >= threshold).astype(float)
             after = (mask | np.left_shift(np.uint16(1), slots.astype(np.uint16))).astype(np.uint16)
             opens = (
-                np.bitwise_count(own.causes[who, self._door, None] & after)
-                >= own.threshold[who, self._door, None]
+                np.bitwise_count(own.causes[alive, self._door, None] & after)
+                >= own.threshold[alive, self._door, None]
             )
             moves = weight[:, None] * chance
             unlocks = moves * opens
@@ -154,68 +176,68 @@ class Planner:
             moving, unlocking = moves.sum(axis=0), unlocks.sum(axis=0)
             outcomes = np.stack([total - moving, moving - unlocking, unlocking])
             worth = self._objective.information * (
-                _bits(total) - _bits(outcomes).sum(axis=0) - self._luck(weight, chance)
+                _bits(total) - _bits(outcomes).sum(axis=0) - self._noise(weight, chance)
             )
             worth[moving <= TIE * total] = 0.0
             if left > 1:
                 for index in np.flatnonzero(moving > TIE * total):
                     if outcomes[0, index] > TIE * total:
                         stays = weight - moves[:, index]
-                        worth[index] += self._child(who, stays, pushed, unlocked, left - 1)
+                        worth[index] += self._child(alive, stays, pushed, unlocked, left - 1)
                     for open_now in (False, True):
                         if outcomes[1 + open_now, index] > TIE * total:
                             part = unlocks[:, index] if open_now else (moves - unlocks)[:, index]
                             worth[index] += self._child(
-                                who, part, int(after[index]), open_now, left - 1
+                                alive, part, int(after[index]), open_now, left - 1
                             )
             if values is not None:
                 values[slots] = worth
             best = max(best, float(worth.max()))
         if unlocked:
-            door = self._open(who, weight, pushed, left)
+            door = self._open(alive, weight, pushed, left)
             if values is not None:
                 values[self._door] = door
             best = max(best, door)
         return best
 
     def _child(
-        self, who: IntArray, weight: FloatArray, pushed: int, unlocked: bool, left: int
+        self, alive: IntArray, weight: FloatArray, pushed: int, unlocked: bool, left: int
     ) -> float:
         kept = weight > 0
-        alive, share = who[kept], weight[kept]
+        alive, share = alive[kept], weight[kept]
         if self._uncertain:
             return self._look(alive, share, pushed, unlocked, left)
-        # Without chance the weights follow from who is left, whatever the order of the pushes.
+        # Without noise the weights depend on what is left alone, whatever the order of the pushes.
         key = (alive.tobytes(), pushed, left)
         if key not in self._seen:
             self._seen[key] = self._look(alive, share, pushed, unlocked, left)
         return self._seen[key]
 
-    def _hope(self, who: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
-        """The value of what can still be solved, if it were known from here on what is the case."""
-        own = self._hypotheses[who]
+    def _optimistic(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
+        """Upper bound of the chance to solve: its value if the truth were known from here on."""
+        own = self._hypotheses[alive]
         solvable = achievable(own, pushed, left, self._found.tolist()).any(axis=1)
         return self._objective.beta * float(weight[solvable].sum())
 
-    def _open(self, who: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
+    def _open(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """The value of pushing the unlocked door."""
         own = self._hypotheses
-        live = np.bitwise_count(own.causes[who, self._door] & np.uint16(pushed))
-        chance = self._strengths.chance[own.strength[who], live, own.threshold[who, self._door]]
-        many = np.full(len(who), pushed, dtype=np.uint16)
-        found = np.broadcast_to(self._found, (len(who), len(self._found)))
+        live = np.bitwise_count(own.causes[alive, self._door] & np.uint16(pushed))
+        chance = self._strengths.chance[own.strength[alive], live, own.threshold[alive, self._door]]
+        many = np.full(len(alive), pushed, dtype=np.uint16)
+        found = np.broadcast_to(self._found, (len(alive), len(self._found)))
         opens = weight * chance
-        new = float((opens * completes(own, who, many, found)).sum())
+        new = float((opens * completes(own, alive, many, found)).sum())
         total, opening = weight.sum(), float(opens.sum())
         outcomes = np.array([total - opening, opening - new, new])
-        gain = _bits(total) - _bits(outcomes).sum() - self._luck(weight, chance[:, None])[0]
+        gain = _bits(total) - _bits(outcomes).sum() - self._noise(weight, chance[:, None])[0]
         value = self._objective.information * gain + self._objective.beta * new
         if left > 1 and outcomes[0] > TIE * total:
-            value += self._child(who, weight - opens, pushed, True, left - 1)
+            value += self._child(alive, weight - opens, pushed, True, left - 1)
         return float(value)
 
-    def _luck(self, weight: FloatArray, chance: FloatArray) -> FloatArray:
-        """``[A]`` bits of the outcomes that are chance under every hypothesis."""
+    def _noise(self, weight: FloatArray, chance: FloatArray) -> FloatArray:
+        """``[A]`` conditional entropy of the outcomes given the hypothesis, in bits."""
         if not self._uncertain:
             return np.zeros(chance.shape[1])
         return -(weight @ (_bits(chance) + _bits(1.0 - chance)))
@@ -225,10 +247,10 @@ def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[i
     """``[h, k]`` which solutions are new and can still be completed in the attempt.
 
     Args:
-        hypotheses: ``[h]`` what is held possible.
-        pushed: What stands pushed.
+        hypotheses: ``[h]`` the possible hypotheses.
+        pushed: The pushed levers.
         left: Actions left, the push of the door included.
-        found: What stood pushed when solutions were found.
+        found: What was pushed when solutions were found.
     """
     relevant = ~hypotheses.inert[:, None]
     solutions, mask = hypotheses.solutions, np.uint16(pushed)
@@ -240,14 +262,14 @@ def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[i
 
 
 def thinned(weight: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
-    """The part of a belief that is planned with.
+    """The part of a posterior that is planned with.
 
-    Probabilities are rounded to 1/1023 of the greatest, so that beliefs that hardly differ have the
-    same plan, and what is less than half of that is left out. If more than ``most`` hypotheses are
-    left, as many points are spaced evenly over them, which is a sample without luck.
+    Probabilities are rounded to 1/1023 of the greatest, so that almost equal posteriors have the
+    same plan; what is rounded to zero is left out. If more than ``most`` hypotheses are left, a
+    systematic sample is taken: as many points, evenly spaced over their cumulative weights.
 
     Args:
-        weight: ``[E]`` a belief; not all zero.
+        weight: ``[E]`` a posterior; not all zero.
         most: The most hypotheses to plan with.
 
     Returns:

@@ -1,4 +1,4 @@
-"""What a subject believes before it sees a room: settings of all learners that hold beliefs."""
+"""Parameters of the prior, shared by all learners that hold beliefs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EFFORT = 8_000
 
 @dataclass(frozen=True)
 class Prior:
-    """Settings of a belief; learners add their own to them."""
+    """Parameters of the prior and of memory; learners add their own."""
 
     concentration: Annotated[
         Positive, "how many rooms the prior over schema classes is worth (Dirichlet)"

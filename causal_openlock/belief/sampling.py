@@ -1,16 +1,20 @@
-"""Structures of the free form, drawn from their posterior where there are too many to list.
+"""Structures of the free form, sampled from their posterior where there are too many to list.
 
 Five levers have seventeen million gate-DAGs, seven more than 10^12. But given an order of the
-levers, each lever's gate is independent of the others', in the prior (it chooses its causes among
-the levers before it) and in the posterior: an action tells about the gate of the lever that was
-pushed, and the lock about the door's. So the evidence of an order is a product over the levers,
-sums over all orders are a recursion over sets of levers, and exact, independent draws need no
-Markov chain: first an order, last lever first, then each lever's gate (dynamic programming over
-orders, as for Bayesian networks by Friedman and Koller, 2003, and Koivisto and Sood, 2004).
+levers, the gates are independent, in the prior (each lever chooses its causes among the levers
+before it) and in the posterior: a push is evidence about the gate of that lever, and the lock about
+the gate of the door. With W(i, S) the summed weight of the gates of lever i whose causes lie in S,
+the weight of all orders in which exactly the levers of S come first is
 
-What does not factorise, the number of solutions that the console promises and which combinations it
-counted, is for rejection: draws that do not fit it are thrown away, and how many were is the
-probability of fitting.
+    ways(S) = sum over i in S of ways(S - {i}) W(i, S - {i})
+
+so exact, independent draws need no Markov chain: first an order, last lever first, then each
+lever's gate (dynamic programming over orders, as for Bayesian networks by Friedman and Koller,
+2003, and Koivisto and Sood, 2004).
+
+The number of solutions that the console shows does not factorise. It is handled by rejection:
+draws with another number are thrown away, and the share that is kept estimates the probability of
+that number. Where hardly any draw fits, :mod:`~causal_openlock.belief.metropolis` takes over.
 """
 
 from __future__ import annotations
@@ -22,24 +26,22 @@ from functools import cache
 import numpy as np
 
 from causal_openlock.belief.catalogue import Catalogue, distance, gate_weight
-from causal_openlock.belief.evidence import DOOR
+from causal_openlock.belief.evidence import DOOR, Event
 from causal_openlock.belief.grammar import schema_classes
+from causal_openlock.belief.hypotheses import Block, Hypotheses, RoomSight, Space, placed
+from causal_openlock.belief.metropolis import metropolis
 from causal_openlock.belief.prior import EFFORT
-from causal_openlock.belief.space import Block, Hypotheses, RoomSight, Space, placed
-from causal_openlock.belief.steering import steered
 from causal_openlock.belief.strength import at_least
 from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.world.fsm import FloatArray, IntArray
 
-Happened = tuple[int, int, bool, bool]
-"""What matters of an event to single gates: slot, pushed before, took effect, unlocked after."""
 ROUNDS = 12
 DRAWS = 4000
 BATCH = 1000
 CHAINS = 80
-"""Draws that are changed step by step where too few keep the console's promise."""
+"""Markov chains, where too few draws have the right number of solutions."""
 LISTED_CAUSES = 6
-"""From more levers than these, a lever's causes are guessed at first, and listed if that fails."""
+"""With more levers before it than these, a lever's causes are drawn by rejection first."""
 GUESSES = 8
 AT_ONCE = 4000
 """Draws for which every set of causes is listed at a time."""
@@ -52,7 +54,7 @@ class Gates:
     Attributes:
         causes: ``[O]`` as bit masks.
         threshold: ``[O]`` how many must be pushed.
-        weight: ``[O]`` what the prior and the evidence say of it.
+        weight: ``[O]`` their prior weights.
     """
 
     causes: IntArray
@@ -75,18 +77,22 @@ class Gates:
         return cls(causes, threshold, weight)
 
     def holding(self, pushed: int, chance: FloatArray) -> FloatArray:
-        """``[O]`` probability that as many causes transmit as the gate asks for."""
+        """``[O]`` probability that enough causes transmit."""
         return chance[np.bitwise_count(self.causes & pushed), self.threshold]
 
 
 class Sampler:
-    """Draws structures of the free form, given what happened.
+    """Draws structures of the free form from their posterior.
 
     Args:
         levers: Active levers, n.
         simplicity: As for :func:`~causal_openlock.belief.catalogue.gate_weight`.
-        strength: How surely a pushed cause transmits.
-        happened: The events of the trial, and how often each.
+        strength: Probability that a pushed cause transmits.
+        events: What was observed in the trial, and how often; only what concerns single gates
+            counts here, which leaves out solutions.
+
+    Attributes:
+        evidence: Marginal probability of the events in the free form.
     """
 
     def __init__(
@@ -94,15 +100,15 @@ class Sampler:
         levers: int,
         simplicity: float,
         strength: float,
-        happened: Iterable[tuple[Happened, int]] = (),
+        events: Iterable[tuple[Event, int]] = (),
     ) -> None:
         self.levers = levers
         chance, surely = at_least(strength), at_least(1.0)
         self._gates = [Gates.of(levers, node, simplicity) for node in range(levers + 1)]
         prior = _prior_of_all(levers, simplicity)
-        happened = tuple(happened)
+        self._events = tuple(events)
         weights = [gates.weight.copy() for gates in self._gates]
-        for (slot, pushed, took_effect, unlocked), times in happened:
+        for (slot, pushed, took_effect, unlocked, *_), times in self._events:
             after = pushed ^ (took_effect << slot) if slot != DOOR else pushed
             node = self._node(slot)
             if node is None:  # white levers have no gate, and never move
@@ -111,7 +117,6 @@ class Sampler:
                 works = self._gates[node].holding(pushed, chance)
                 weights[node] *= (works if took_effect else 1.0 - works) ** times
             weights[levers] *= (self._gates[levers].holding(after, surely) > 0) == unlocked
-        self._happened = happened
         self._chance = chance
         self._ladders = [weight.cumsum() for weight in weights]
         self._weights = np.zeros((levers, 1 << levers, levers + 1))
@@ -121,22 +126,15 @@ class Sampler:
         self._sums = _subset_sums(self._by_causes)
         self._ways = _ways(self._sums)
         self.evidence = float(self._ways[-1] * weights[levers].sum()) / prior
-        """Probability of what happened to single gates, in the free form."""
 
     def _node(self, slot: int) -> int | None:
-        """Whose gate a push of a slot is up to; grey levers come first."""
+        """The node whose gate decides a push of a slot; grey levers come first."""
         if slot == DOOR:
             return self.levers
         return slot if slot < self.levers else None
 
-    def draw(self, number: int, generator: np.random.Generator) -> Structures:
-        """So many structures, independent of one another; none if nothing is possible."""
-        return self.draw_in_order(number, generator)[0]
-
-    def draw_in_order(
-        self, number: int, generator: np.random.Generator
-    ) -> tuple[Structures, IntArray]:
-        """The same, and ``[D, n]`` the levers of each in an order, causes before effects."""
+    def draw(self, number: int, generator: np.random.Generator) -> tuple[Structures, IntArray]:
+        """Independent structures, none if nothing is possible, and their orders ``[D, n]``."""
         n = self.levers
         order = np.zeros((number, n), dtype=np.int64)
         causes = np.zeros((number, n + 1), dtype=np.uint16)
@@ -160,7 +158,7 @@ class Sampler:
         return Structures(causes, threshold), order
 
     def guess(self, node: IntArray, generator: np.random.Generator) -> tuple[IntArray, IntArray]:
-        """``[D]`` causes and threshold of a gate of each node, whatever levers come before it."""
+        """``[D]`` causes and threshold of a gate of each node, without regard to the order."""
         draws = generator.random(len(node))
         causes = np.zeros(len(node), dtype=np.int64)
         threshold = np.zeros(len(node), dtype=np.int64)
@@ -174,19 +172,12 @@ class Sampler:
     def _gates_of(
         self, lever: IntArray, before: IntArray, size: int, generator: np.random.Generator
     ) -> tuple[IntArray, IntArray]:
-        """Causes and threshold of a lever in each of D draws, its causes among those before it.
-
-        Args:
-            lever: ``[D]`` whose gate it is, in ascending order.
-            before: ``[D]`` the levers before it.
-            size: How many these are.
-            generator: Draws.
-        """
+        """``[D]`` causes and threshold of each lever, its causes among the ``size`` before it."""
         causes = np.zeros(len(lever), dtype=np.int64)
         threshold = np.zeros(len(lever), dtype=np.int64)
         left = np.arange(len(lever))
         for _ in range(GUESSES if size > LISTED_CAUSES else 0):
-            # Most gates have few causes, and these mostly come before: any gate may well do.
+            # Most gates have few causes, and these mostly come before: most draws are accepted.
             causes[left], threshold[left] = self.guess(lever[left], generator)
             left = left[causes[left] & ~before[left] != 0]
         for first in range(0, len(left), AT_ONCE):
@@ -198,7 +189,7 @@ class Sampler:
     def _listed(
         self, lever: IntArray, before: IntArray, size: int, draws: FloatArray
     ) -> tuple[IntArray, IntArray]:
-        """The same by listing every set of causes; ``draws`` are numbers in [0, 1), that decide."""
+        """The same by listing every set of causes; ``draws`` are uniform numbers."""
         rows, subsets = np.arange(len(lever)), _subsets(before, size, self.levers)
         ladder = self._by_causes[lever[:, None], subsets].cumsum(axis=1)
         at = _pick(ladder, draws)
@@ -209,9 +200,9 @@ class Sampler:
         return causes, (gates <= rest[:, None]).sum(axis=1)
 
     def likelihood(self, structures: Structures) -> FloatArray:
-        """``[M]`` probability of what happened to single gates, but for the lock: it is certain."""
+        """``[M]`` likelihood of the levers' movements; that of the lock is 1 for all draws."""
         result = np.ones(len(structures))
-        for (slot, pushed, took_effect, _), times in self._happened:
+        for (slot, pushed, took_effect, *_), times in self._events:
             node = self._node(slot)
             if node is not None:
                 live = np.bitwise_count(structures.causes[:, node] & np.uint16(pushed))
@@ -222,7 +213,7 @@ class Sampler:
 
 @cache
 def _prior_of_all(levers: int, simplicity: float) -> float:
-    """The weight of all structures, in all orders of their levers, before anything is tried."""
+    """The prior weight of all structures, in all orders of their levers."""
     gates = [Gates.of(levers, node, simplicity) for node in range(levers + 1)]
     weights = [own.weight for own in gates]
     ways = _ways(_subset_sums(_by_causes(gates, weights)))
@@ -273,7 +264,7 @@ def _subsets(sets: IntArray, size: int, levers: int) -> IntArray:
 
 
 def _pick(ladder: FloatArray, draws: FloatArray) -> IntArray:
-    """One index for each draw, as probable as its step on the ladder is high."""
+    """One index for each draw, by cumulative weights, ``[1, N]`` or ``[D, N]``."""
     if len(ladder) == 1:
         at = np.searchsorted(ladder[0], draws * ladder[0, -1], side="right")
         return np.minimum(at, ladder.shape[1] - 1)
@@ -288,41 +279,39 @@ def sampled(
     generator: np.random.Generator,
     effort: int = EFFORT,
 ) -> Catalogue:
-    """A catalogue of structures of the free form that fit what the console promises.
+    """A catalogue of sampled structures that have the solutions that the console shows.
 
-    Structures are drawn from the posterior, and their chances are those of the prior: weighted by
-    the likelihood of what happened, they estimate the posterior, and their sum its evidence.
+    Structures are drawn from the posterior and carry estimated prior probabilities (importance
+    weights), so that later evidence updates them like any other hypothesis.
 
     Args:
         sampler: Draws structures.
         sight: What the room looks like.
         wanted: How many draws to accept.
-        generator: Draws.
+        generator: Source of randomness.
         effort: Structures that are looked at, at most, where there are eight levers and more: a
-            quarter of them are draws, the rest steps towards the promise from those that come near.
+            quarter of them are draws, the rest steps of Markov chains from those that come near.
     """
     large = sampler.levers > LISTED_CAUSES + 1
     most = max(1, effort // 4) if large else ROUNDS * DRAWS
-    promise = sight.solutions, sight.action_limit
+    required = sight.solutions, sight.action_limit
     kept: list[Structures] = []
     near: list[tuple[Structures, IntArray, IntArray]] = []
     accepted = tried = 0
     while accepted < wanted and tried < most:
         draws = min(BATCH, most - tried) if large else DRAWS
-        drawn, order = sampler.draw_in_order(draws, generator)
+        drawn, order = sampler.draw(draws, generator)
         if not len(drawn):
             break
-        away = distance(drawn, *promise)
+        away = distance(drawn, *required)
         if large:
             nearest = np.argsort(away, kind="stable")[:CHAINS]
             near.append((drawn[nearest], order[nearest], away[nearest]))
         drawn = drawn[away == 0]
         kept.append(drawn[: wanted - accepted])
-        tried += (
-            draws
-            if accepted + len(drawn) <= wanted
-            else round(draws * (wanted - accepted) / len(drawn))
-        )
+        # Of the last draws, only as many count as were needed.
+        all_needed = accepted + len(drawn) <= wanted
+        tried += draws if all_needed else round(draws * (wanted - accepted) / len(drawn))
         accepted += len(kept[-1])
     worth: float = max(tried, 1)
     if near and accepted < wanted:
@@ -331,11 +320,10 @@ def sampled(
         begin = Structures.joined([each[0] for each in near])[nearest]
         orders = np.concatenate([each[1] for each in near])[nearest]
         steps = max(1, 3 * effort // 4 // len(begin) - 1)
-        kept.append(steered(sampler.guess, begin, orders, promise, steps, generator))
+        kept.append(metropolis(sampler.guess, begin, orders, required, steps, generator))
         worth = sum(map(len, kept)) * tried / max(accepted, 0.5)
-    empty = np.zeros((0, sampler.levers + 1), dtype=np.uint16)
-    every = Structures.joined([Structures(empty, empty.astype(np.uint8)), *kept])
-    first, member = merge(np.concatenate([every.causes.view(np.uint8), every.threshold], axis=1))
+    every = Structures.joined([Structures.none(sampler.levers), *kept])
+    first, member = merge(every.labels())
     times = np.bincount(member, minlength=len(first))
     members = every[first]
     chance = times * sampler.evidence / worth / sampler.likelihood(members)
@@ -343,21 +331,16 @@ def sampled(
 
 
 def listed(members: Structures, chance: FloatArray) -> Catalogue:
-    """A catalogue of structures of the free form, each a behaviour of its own.
-
-    Args:
-        members: ``[M]`` the structures.
-        chance: ``[M]`` what their probabilities in the free form are estimated to be.
-    """
+    """A catalogue of structures with estimated prior probabilities, each a behaviour of its own."""
     index = np.arange(len(members))
     kind = np.full(len(members), len(schema_classes()))
-    return Catalogue(members, index, index, kind, chance, free_form=True)
+    return Catalogue(members, index, index, kind, chance)
 
 
 def with_sampled(space: Space, own: Catalogue) -> Space:
     """The space with sampled structures of the grey levers as one more block, the last."""
     block = Block((1 << space.sight.grey) - 1, own)
-    size = space.sight.positions, space.sight.solutions
-    more = placed(block, *size) if len(own) else Hypotheses.none(*size)
+    positions = space.sight.positions
+    more = placed(block, positions) if len(own) else space.hypotheses[:0]
     joined = Hypotheses.joined([space.hypotheses, more.repeated(len(space.strengths))])
     return Space(space.sight, space.strengths, (*space.blocks, block), joined)

@@ -1,10 +1,14 @@
-"""How surely an enabled lever moves: certainly, or with a strength that is Beta-distributed.
+"""The strength of causes: certain, or Beta-distributed.
 
-Each pushed cause transmits on its own with the strength s, and a push takes effect if as many
-transmit as the gate asks for: a noisy-OR, a noisy-AND, or something in between. The chance is a
-polynomial in s, so integrals over a Beta prior are sums over a few Gauss-Jacobi nodes: with G
-nodes they are exact up to degree 2G - 1, for about 2G pushes. Beyond that the posterior over the
-nodes stands for the conjugate Beta posterior as finely as the nodes lie.
+Each of m pushed causes transmits independently with probability s, and a push takes effect if at
+least k of them transmit, k being the threshold of the gate (a noisy-OR for k = 1, a noisy-AND for
+all):
+
+    P(takes effect) = sum over j >= k of C(m, j) s^j (1 - s)^(m - j)
+
+This is a polynomial in s, so integrals over a Beta prior are sums over G Gauss-Jacobi nodes, exact
+up to degree 2G - 1, that is for about 2G pushes; beyond that the nodes approximate the conjugate
+Beta posterior.
 """
 
 from __future__ import annotations
@@ -24,7 +28,7 @@ CERTAIN = 0
 
 @dataclass(frozen=True, eq=False)
 class Strengths:
-    """Strengths that are held possible; the first is certainty.
+    """The possible strengths; the first is certainty.
 
     Attributes:
         value: ``[G]`` the strengths.
@@ -39,7 +43,7 @@ class Strengths:
 
     @property
     def typical(self) -> float:
-        """The strength to expect if levers may fail to move; 1 if they may not."""
+        """The mean strength if levers may fail to move; 1 if they may not."""
         if len(self) == 1:
             return 1.0
         return float(np.average(self.value[1:], weights=self.prior[1:]))
@@ -57,6 +61,10 @@ def strengths(noise: float, alpha: float, beta: float, nodes: int) -> Strengths:
         alpha: First parameter of the Beta prior of the strength.
         beta: Second parameter.
         nodes: Gauss-Jacobi nodes.
+
+    Example:
+        >>> strengths(0.5, 4.0, 1.0, 2).value.round(2).tolist()
+        [1.0, 0.53, 0.9]
     """
     value, prior = np.ones(1), np.ones(1)
     if noise > 0:
@@ -69,7 +77,11 @@ def strengths(noise: float, alpha: float, beta: float, nodes: int) -> Strengths:
 
 
 def at_least(strength: float) -> FloatArray:
-    """``[P + 1, 16]`` probability that at least ``k`` of ``m`` pushed causes transmit."""
+    """``[P + 1, 16]`` probability that at least ``k`` of ``m`` pushed causes transmit.
+
+    >>> at_least(0.5)[2, :3].tolist()  # of two causes none, one, both
+    [1.0, 0.75, 0.25]
+    """
     exactly = np.zeros((MAX_LEVERS + 1, int(NEVER) + 1))
     exactly[0, 0] = 1.0
     for pushed in range(MAX_LEVERS):

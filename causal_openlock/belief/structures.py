@@ -1,14 +1,13 @@
 """Causal structures as arrays: many gate-DAGs at once, and what they do.
 
-A *structure* on n levers says, for each lever and for the door, which levers enable it and how
-many of these must be pushed: the causes as a bit mask, and a threshold (1 is ``any``, all of them
-is ``all``, 0 is a free lever). It is a :class:`~causal_openlock.world.schema.Schema` without names,
-in a form in which ten thousand of them are compared at once: M structures are two small arrays.
+A *structure* on n levers gives, for each lever and for the door, its causes as a bit mask and the
+threshold of how many of them must be pushed (1 is ``any``, all of them is ``all``, 0 is a free
+lever). It is a :class:`~causal_openlock.world.schema.Schema` without names and strengths; M
+structures are two small arrays, so that thousands are compared at once.
 
-What a structure *does* is derived here for all of them together: which sets of levers unlock the
-door, which of these sets are minimal (the solutions), and which levers are inert. Two structures
-that do the same in every attempt of so many actions are alike in *behaviour*, and no learner can
-tell them apart.
+Derived here for all of them together: which sets of levers unlock the door, which of these are
+minimal (the solutions), and which levers are inert. Structures that do the same in every attempt
+have the same *behaviour*, and no learner can distinguish them.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,45 +32,68 @@ NEVER = np.uint8(15)
 """Threshold of a lever that never moves: more causes than any lever has."""
 
 
+class Rows:
+    """Base of dataclasses whose fields are arrays with a row for each element."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __len__(self) -> int:
+        return len(getattr(self, next(iter(self.__dataclass_fields__))))
+
+    def __getitem__(self, chosen: IntArray | BoolArray | slice) -> Self:
+        """Some of the elements, in any order and also repeatedly."""
+        return type(self)(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The elements of several."""
+
+        def column(name: str) -> Any:
+            values = [getattr(part, name) for part in parts]
+            rows = isinstance(values[0], Rows)
+            return values[0].joined(values) if rows else np.concatenate(values)
+
+        return cls(*map(column, cls.__dataclass_fields__))
+
+
 @dataclass(frozen=True, eq=False)
-class Structures:
+class Structures(Rows):
     """M gate-DAGs on n levers; the last node is the door.
 
     Attributes:
         causes: ``[M, n + 1]`` for each node the set of levers that enable it, as a bit mask.
         threshold: ``[M, n + 1]`` how many of them must be pushed; 0 for a free lever.
+
+    Example:
+        A chain: the first lever enables the second, and that one unlocks the door.
+
+        >>> chain = Structures(np.array([[0b00, 0b01, 0b10]], np.uint16),
+        ...                    np.array([[0, 1, 1]], np.uint8))
+        >>> np.flatnonzero(chain.solutions()[0])  # the set of both levers, as a bit mask
+        array([3])
     """
 
     causes: Masks
     threshold: Counts
-
-    def __len__(self) -> int:
-        return len(self.causes)
 
     @property
     def levers(self) -> int:
         """Number of levers, n."""
         return self.causes.shape[1] - 1
 
-    def __getitem__(self, chosen: IntArray | BoolArray | slice) -> Structures:
-        """Some of the structures."""
-        return Structures(self.causes[chosen], self.threshold[chosen])
-
     @classmethod
-    def joined(cls, parts: Sequence[Structures]) -> Structures:
-        """All structures of several."""
-        return cls(
-            np.concatenate([part.causes for part in parts]),
-            np.concatenate([part.threshold for part in parts]),
-        )
+    def none(cls, levers: int) -> Structures:
+        """No structure on so many levers."""
+        causes = np.zeros((0, levers + 1), dtype=np.uint16)
+        return cls(causes, causes.astype(np.uint8))
+
+    def labels(self) -> NDArray[np.uint8]:
+        """``[M, W]`` bytes that are equal exactly for equal structures."""
+        return np.concatenate([self.causes.view(np.uint8), self.threshold], axis=1)
 
     def holds(self, pushed: int) -> BoolArray:
         """``[M, n + 1]`` whether the gate of each node holds while ``pushed`` are pushed."""
         return np.bitwise_count(self.causes & np.uint16(pushed)) >= self.threshold
-
-    def works(self) -> BoolArray:
-        """``[M, 2^n]`` whether pushing exactly this set, in some order, unlocks the door."""
-        return members(self._working(), self.levers)
 
     def solutions(self) -> BoolArray:
         """``[M, 2^n]`` whether this set of levers is a solution: it works, and no subset does."""
@@ -79,9 +101,9 @@ class Structures:
 
     def solving(self) -> Families:
         """``[M, W]`` the solutions of each structure, a bit for each set of levers."""
-        return minimal(self._working(), self.levers)
+        return minimal(self.working(), self.levers)
 
-    def _working(self) -> Families:
+    def working(self) -> Families:
         """``[M, W]`` the sets that unlock the door.
 
         A set works if every gate in it, and the door's, is met by the set itself; as causes come
@@ -124,7 +146,7 @@ class Structures:
                 how many causes are pushed, so that this number matters too.
         """
         n = self.levers
-        # As many levers can stand pushed as there were actions, and no more.
+        # No more levers can be pushed than there were actions.
         sets = [pushed for pushed in range(1 << n) if pushed.bit_count() <= action_limit]
         inert, solutions = self.inert(), self.solutions()
         reached = np.zeros((1 << n, len(self)), dtype=bool)
@@ -142,7 +164,7 @@ class Structures:
                 acting = before  # states in which there is an action left
         for pushed in sets:
             holds = self.holds(pushed)
-            # Above 0 for a free lever too, which no count of causes would tell from a stuck one.
+            # Above 0 also for a free lever, to distinguish it from one that cannot move.
             how = 1 + np.bitwise_count(self.causes & np.uint16(pushed)) + 16 * self.threshold
             moves = np.where(holds, how if uncertain else 1, 0).astype(np.uint8)
             moves[:, n] = np.where(acting[pushed] | ~holds[:, n], moves[:, n], 1)
@@ -155,18 +177,13 @@ class Structures:
 
 
 def behaviour_bytes(levers: int, action_limit: int) -> int:
-    """Bytes that tell what a structure does: some for each node and each set that can be pushed."""
+    """Bytes that describe a behaviour, for each node and each set that can be pushed."""
     sets = sum(math.comb(levers, pushed) for pushed in range(min(levers, action_limit) + 1))
     return sets * (levers + 3)
 
 
 def renamed(sets: Masks, names: IntArray) -> Masks:
-    """What sets of n levers are called if lever i is called ``names[i]``.
-
-    Args:
-        sets: ``[...]`` sets of levers.
-        names: ``[n]``, or ``[..., n]`` names for each of the sets.
-    """
+    """``[...]`` sets of levers after lever i is renamed to ``names[..., i]``."""
     result = np.zeros(np.broadcast_shapes(sets.shape, names.shape[:-1]), dtype=np.uint16)
     for lever in range(names.shape[-1]):
         holds = sets >> np.uint16(lever) & np.uint16(1)
@@ -175,14 +192,7 @@ def renamed(sets: Masks, names: IntArray) -> Masks:
 
 
 def merge(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
-    """Which rows are equal.
-
-    Args:
-        rows: ``[M, W]`` bytes.
-
-    Returns:
-        ``[U]`` the first of each group of equal rows, and ``[M]`` the group of each row.
-    """
+    """``[U]`` the first of each group of equal rows of bytes, and ``[M]`` the group of each row."""
     whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1]))).ravel()
     _, first, group = np.unique(whole, return_index=True, return_inverse=True)
     return first, group.reshape(-1)
@@ -192,7 +202,8 @@ def merge(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
 def gate_dags(levers: int) -> Structures:
     """Every labelled gate-DAG on so many levers, with every threshold gate.
 
-    One to four levers have 1, 12, 408 and 43,168 of them; five have millions.
+    >>> [len(gate_dags(levers)) for levers in (1, 2, 3)]  # 43,168 for four, millions for five
+    [1, 12, 408]
     """
     options = [
         [
@@ -203,10 +214,9 @@ def gate_dags(levers: int) -> Structures:
         ]
         for lever in range(levers)
     ]
-    chosen = np.array(
-        [gates for gates in product(*options) if _acyclic([mask for mask, _ in gates])],
-        dtype=np.int64,
-    ).reshape(-1, levers, 2)
+    chosen = np.array(list(product(*options)), dtype=np.int64).reshape(-1, levers, 2)
+    causes = np.pad(chosen[..., 0].astype(np.uint16), ((0, 0), (0, 1)))
+    chosen = chosen[linear_extensions(causes) > 0]  # a graph with a cycle has none
     door = np.array(
         [(mask, k) for mask in range(1, 1 << levers) for k in range(1, mask.bit_count() + 1)]
     )
@@ -217,18 +227,8 @@ def gate_dags(levers: int) -> Structures:
     return Structures(nodes[..., 0].astype(np.uint16), nodes[..., 1].astype(np.uint8))
 
 
-def _acyclic(causes: list[int]) -> bool:
-    left = set(range(len(causes)))
-    while left:
-        free = {lever for lever in left if not any(causes[lever] >> other & 1 for other in left)}
-        if not free:
-            return False
-        left -= free
-    return True
-
-
 def linear_extensions(causes: Masks) -> FloatArray:
-    """``[M]`` in how many orders the levers can be listed, causes before effects."""
+    """``[M]`` number of orders of the levers with causes before effects."""
     n = causes.shape[1] - 1
     ways = np.zeros((len(causes), 1 << n))
     ways[:, 0] = 1.0

@@ -1,7 +1,7 @@
-"""Which levers a belief cannot tell apart, and beliefs that are the same but for levers' names.
+"""Symmetries of a belief: which levers it cannot distinguish, and a canonical naming of levers.
 
-Sets of hypotheses are integers here, a bit each: a search that meets thousands of them compares and
-splits them at once.
+Sets of hypotheses are integers here, a bit each, so that a search can compare and split thousands
+of them quickly.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from causal_openlock.belief.placements import on_slots
-from causal_openlock.belief.space import Hypotheses
+from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.world.fsm import BoolArray, FloatArray
 
 
@@ -20,7 +19,7 @@ class Symmetry:
 
     Args:
         own: ``[H]`` every hypothesis, each once.
-        share: ``[H]`` how probable they are.
+        share: ``[H]`` their probabilities.
     """
 
     def __init__(self, own: Hypotheses, share: FloatArray) -> None:
@@ -30,19 +29,19 @@ class Symmetry:
         for first, second in combinations(range(self._slots), 2):
             order = np.arange(self._slots)
             order[[first, second]] = second, first
-            image = on_slots(own, tuple(order.tolist()), self._slots)
+            image = own.on_slots(order.tolist(), self._slots)
             for index in range(self._many):
                 to = rows.get(self._row(image, index), self._many)
                 if to < self._many and share[to] == share[index]:
                     self._swap[first, second, index] = self._swap[second, first, index] = to
         whole: BoolArray = np.logical_and.reduce(self._swap < self._many, axis=2)
-        # Slots that may be renamed: all hypotheses together do not tell them apart.
+        # Classes of slots that can be renamed, as the hypotheses together do not distinguish them.
         self._class = [min([s, *np.flatnonzero(whole[s]).tolist()]) for s in range(self._slots)]
         solves = (own.solutions[:, None] >> np.arange(self._slots)[:, None] & 1).sum(axis=2)
         levers, door = own.causes[:, : self._slots], own.causes[:, self._slots, None]
         opens = door >> np.arange(self._slots) & 1
         threshold = own.threshold[:, : self._slots]
-        # What tells levers apart, [features, H, slots].
+        # What distinguishes levers, [features, H, slots].
         self._features = np.stack([threshold, np.bitwise_count(levers), opens, solves])
         self._known: dict[int, BoolArray] = {}
         self._canonical: dict[tuple[int, tuple[int, ...]], tuple[int, tuple[int, ...]]] = {}
@@ -55,7 +54,7 @@ class Symmetry:
         )
 
     def swappable(self, possible: int, first: int, second: int) -> bool:
-        """Whether these levers can be swapped in all that is possible."""
+        """Whether swapping these levers maps the possible hypotheses onto themselves."""
         if possible not in self._known:
             held = np.append(_flags(possible, self._many), False)
             alike = np.equal(held[self._swap], held[: self._many])
@@ -64,7 +63,7 @@ class Symmetry:
         return bool(known[first, second])
 
     def canonical(self, possible: int, found: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
-        """The same state with levers called by what is believed of them, as far as it tells."""
+        """The same state with levers renamed in the order of what is believed about them."""
         key = (possible, found)
         if key not in self._canonical:
             held = _flags(possible, self._many)
@@ -77,16 +76,16 @@ class Symmetry:
                     *marks[:, slot].tolist(),
                 ),
             )
-            # The levers of a class trade names among themselves, one swap after another.
-            who, at = np.flatnonzero(held), list(range(self._slots))
+            # Levers exchange names within their class, one swap after another.
+            image_of, at = np.flatnonzero(held), list(range(self._slots))
             names = sorted(range(self._slots), key=lambda slot: (self._class[slot], slot))
             for slot, lever in zip(names, order, strict=True):
                 if (now := at.index(lever)) != slot:
-                    who = self._swap[slot, now, who]
+                    image_of = self._swap[slot, now, image_of]
                     found = tuple(sorted(swapped(mask, slot, now) for mask in found))
                     at[slot], at[now] = at[now], at[slot]
             image = np.zeros(self._many, dtype=bool)
-            image[who] = True
+            image[image_of] = True
             self._canonical[key] = (bits(image), found)
         return self._canonical[key]
 

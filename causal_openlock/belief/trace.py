@@ -1,12 +1,11 @@
-"""One trial of belief, action by action: what a subject did, saw, expected to learn and learned.
+"""The beliefs of one subject in one trial, action by action.
 
-A :class:`Trace` is the inside of one trial as data. Each action comes with the belief before and
-after it, the information that was expected of it and the information that it gave. The two agree on
-average, not action by action: a question that is worth one bit tells two bits when the unlikely
-answer comes and less than one when the likely one does, and an answer that rules out what seemed
-most probable can leave a subject less certain than it was.
+A :class:`Trace` holds the belief before and after each action, the expected information gain of the
+action, and the gain that was obtained: the difference of the entropies. The two agree on average,
+not action by action: an unlikely outcome is worth more bits than expected, a likely one fewer, and
+ruling out the most probable hypothesis can leave a subject less certain than it was.
 
-:mod:`causal_openlock.belief.story` tells a trace in words,
+:mod:`causal_openlock.belief.trace_text` writes a trace as text,
 :mod:`causal_openlock.analysis.plots.belief` draws it.
 """
 
@@ -18,13 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from causal_openlock.belief.beliefs import Belief
-from causal_openlock.belief.believer import Believer, situation_of
-from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
-from causal_openlock.belief.evidence import Event, likelihood
-from causal_openlock.belief.likeness import by_position
-from causal_openlock.belief.words import told
-from causal_openlock.contract.learner import InformedLearner, Learner, Step, View
+from causal_openlock.belief.belief_learner import BeliefLearner
+from causal_openlock.belief.evidence import informative, likelihood, observed
+from causal_openlock.belief.posterior import Belief
+from causal_openlock.belief.structure_schemas import by_position, in_words
+from causal_openlock.contract.learner import InformedLearner, Learner, Step
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
 from causal_openlock.experiment.session import Session
@@ -37,7 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 OUTCOMES = ("nothing", "moved", "unlocked", "locked", "opened", "new solution")
-"""What can come of an action, as one word each; the door is ``locked`` by pulling a lever back."""
+"""The results of an action; the door is ``locked`` by pulling a lever back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +42,11 @@ class Snapshot:
     """A belief at one moment; P positions.
 
     Attributes:
-        entropy: Bits that are missing to certainty.
-        hypotheses: How many hypotheses are held possible.
-        structure: The most probable structure, its levers called by their positions.
+        entropy: Its entropy in bits.
+        hypotheses: How many hypotheses are possible.
+        structure: The most probable structure, its levers named by position.
         probability: Its probability.
-        edges: ``[P, P + 1]`` probability of each arrow from a position to another or the door.
+        edges: ``[P, P + 1]`` probability of each edge from a position to another or the door.
     """
 
     entropy: float
@@ -61,19 +58,19 @@ class Snapshot:
 
 @dataclass(frozen=True, eq=False)
 class TracedAction:
-    """One action and what it did to the belief.
+    """One action and its effect on the belief.
 
     Attributes:
         attempt: Number of the attempt in the trial, from 1.
         number: Number of the action in the attempt, from 1.
-        name: What was done, such as ``push_UPPER``.
-        outcome: What came of it, one of :data:`OUTCOMES`.
-        chance: Probability that the subject had given to what it then saw.
-        predicted: Bits that the action, by itself, was expected to tell.
-        renewed: Why its hypotheses are others after it: ``sampled`` if too few of those that it had
-            drawn were left and it drew others, ``noise`` if it came to believe that levers may
+        name: The action, such as ``push_UPPER``.
+        outcome: Its result, one of :data:`OUTCOMES`.
+        chance: The subject's predictive probability of what it then observed.
+        predicted: Expected information gain of the action alone, in bits.
+        renewed: Why the subject has other hypotheses afterwards: ``sampled`` if too few of the
+            sampled ones were left and it sampled again, ``noise`` if it concluded that levers may
             fail to move; empty if they are the same. Entropies before and after a renewal are of
-            different sets of hypotheses, and their difference is no information.
+            different hypotheses, and their difference is not information.
         before: The belief before it.
         after: The belief after it.
     """
@@ -90,7 +87,7 @@ class TracedAction:
 
     @property
     def obtained(self) -> float:
-        """Bits that the action told: how much less is missing to certainty after it."""
+        """Information gain in bits: the entropy before the action less that after it."""
         return self.before.entropy - self.after.entropy
 
 
@@ -101,15 +98,15 @@ class Trace:
     Attributes:
         learner: Label of the learner.
         condition: Name of the condition.
-        protocol: What it was played under.
+        protocol: The protocol that was played.
         subject: Number of the subject.
         trial: Number of the trial in the condition, from 1.
         trials: How many trials the condition has.
-        truth: What governs the room, its levers called by their positions.
+        truth: The schema of the room, its levers named by position.
         action_limit: Actions in an attempt.
-        forgetting: Share of the trial's evidence that the subject loses with every attempt. The
+        forgetting: Share of the trial's evidence that the subject loses with every attempt; the
             loss counts against the last action of the attempt.
-        actions: What was done.
+        actions: The actions.
     """
 
     learner: str
@@ -145,22 +142,22 @@ class Trace:
 
     @property
     def entropies(self) -> FloatArray:
-        """``[N + 1]`` bits missing to certainty, before the first action and after each."""
+        """``[N + 1]`` entropy in bits, before the first action and after each."""
         return np.array([snapshot.entropy for snapshot in self.snapshots])
 
     @property
     def predicted(self) -> FloatArray:
-        """``[N]`` bits that each action was expected to tell."""
+        """``[N]`` expected information gain of each action, in bits."""
         return np.array([action.predicted for action in self.actions])
 
     @property
     def obtained(self) -> FloatArray:
-        """``[N]`` bits that each action told."""
+        """``[N]`` information gain of each action, in bits."""
         return np.array([action.obtained for action in self.actions])
 
     @property
     def edges(self) -> FloatArray:
-        """``[N + 1, P, P + 1]`` probability of each arrow, at first and after each action."""
+        """``[N + 1, P, P + 1]`` probability of each edge, at first and after each action."""
         return np.array([snapshot.edges for snapshot in self.snapshots])
 
     def table(self) -> pd.DataFrame:
@@ -170,7 +167,7 @@ class Trace:
             ``trial``, ``attempt``, ``number``, ``action``, ``outcome``, ``chance``,
             ``entropy_before``, ``entropy_after``, ``gain_predicted``, ``gain_obtained`` (all in
             bits), ``renewed``, ``hypotheses``, ``structure`` (in words) and its ``probability``,
-            and for each arrow that was ever possible a column such as ``UPPER -> door`` with its
+            and for each edge that was ever possible a column such as ``UPPER -> door`` with its
             probability after the action.
         """
         import pandas as pd
@@ -196,7 +193,7 @@ class Trace:
                 "gain_obtained": action.obtained,
                 "renewed": action.renewed,
                 "hypotheses": action.after.hypotheses,
-                "structure": told(action.after.structure),
+                "structure": in_words(action.after.structure),
                 "probability": action.after.probability,
             }
             for action in self.actions
@@ -205,7 +202,7 @@ class Trace:
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """``[P + 1]`` what rows and columns of :attr:`edges` stand for; the door is last."""
+        """``[P + 1]`` names of the rows and columns of :attr:`edges`; the door is last."""
         return (*position_names(len(self.actions[0].before.edges)), DOOR)
 
 
@@ -220,13 +217,13 @@ def trace_trial(
     reward: RewardFunction | str = PAPER_REWARD,
     label: str = "learner",
 ) -> Trace:
-    """Let one subject play up to the end of a trial, and watch what it believes in this trial.
+    """Play one subject up to the end of a trial, and record its beliefs in this trial.
 
-    The subject does what it does in any :class:`~causal_openlock.experiment.session.Session` with
-    the same condition, protocol, number, seed and label.
+    The subject acts as in any :class:`~causal_openlock.experiment.session.Session` with the same
+    condition, protocol, number, seed and label.
 
     Args:
-        learner: What plays; it must not have begun.
+        learner: The learner; it must not have begun.
         condition: Which rooms are visited.
         protocol: With what budgets.
         trial: Number of the trial to trace in the whole condition, from 1.
@@ -238,16 +235,22 @@ def trace_trial(
     Raises:
         LearnerError: If the learner holds no beliefs.
         ProtocolError: If there is no such trial, or a schema does not fit the protocol.
+
+    Example:
+        >>> from causal_openlock import PROTOCOLS, create, find_schema
+        >>> condition = Condition.named("CC3", find_schema)
+        >>> trace = trace_trial(create("bayes"), condition, PROTOCOLS["human"], seed=2018)
+        >>> trace.found, trace.actions[0].name, round(trace.actions[0].predicted, 2)
+        (2, 'push_UPPERRIGHT', 1.5)
     """
-    if not isinstance(learner, Believer):
+    if not isinstance(learner, BeliefLearner):
         raise LearnerError(
-            f"{label} holds no beliefs that could be traced; trace one that does, such as bayes"
+            f"{label} has no beliefs to trace; choose a learner that has, such as bayes"
         )
     session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
     trials = session.brief.trials
     check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
     session.begin(learner)
-    informed = learner if isinstance(learner, InformedLearner) else None
     actions: list[TracedAction] = []
     while True:
         view = session.view
@@ -261,7 +264,7 @@ def trace_trial(
         step = session.step(chosen)
         over = bool(step.trial_over[0])
         if watched and over:
-            # With the trial the room would be forgotten, and nothing is played after it.
+            # The end of the trial would make the learner forget the room.
             learner.learn(replace(step, trial_over=np.zeros_like(step.trial_over)))
         else:
             learner.learn(step)
@@ -274,7 +277,7 @@ def trace_trial(
                     else 1,
                     name=session.brief.action_names[chosen[0]],
                     outcome=_outcome(step),
-                    chance=_chance(belief, view, step),
+                    chance=_chance(belief, step),
                     predicted=predicted,
                     renewed=_renewed(belief, learner.belief(0)),
                     before=before,
@@ -283,8 +286,8 @@ def trace_trial(
             )
             if over:
                 break
-        elif informed and over:
-            informed.inform(session.truth)
+        elif over and isinstance(learner, InformedLearner):
+            learner.inform(session.truth)
     room = truth.rooms[int(truth.room[0])]
     return Trace(
         learner=label,
@@ -300,7 +303,7 @@ def trace_trial(
     )
 
 
-def _snapshot(learner: Believer) -> Snapshot:
+def _snapshot(learner: BeliefLearner) -> Snapshot:
     belief = learner.belief(0)
     structure, probability = learner.most_probable(0)
     return Snapshot(
@@ -329,23 +332,11 @@ def _outcome(step: Step) -> str:
     return "nothing" if (after == before).all() else "moved"
 
 
-def _chance(belief: Belief, view: View, step: Step) -> float:
-    """The probability of what was seen under a belief; certain where nothing else could be."""
-    before, after = view.observation[0], step.outcome[0]
-    positions = len(belief.slots)
-    lever, action = int(step.action[0]) % positions, int(step.action[0])
-    door = action == 2 * positions
-    could = before[-2] == 0 if door else before[lever] == (action >= positions)
-    if not could:
+def _chance(belief: Belief, step: Step) -> float:
+    """The predictive probability of what was observed; 1 if the action could not do anything."""
+    subjects = informative(step)
+    if not len(subjects):
         return 1.0
-    many = len(belief.which)
-    event = Event(
-        slot=np.full(many, DOOR_SLOT if door else belief.slots[lever]),
-        pushed=np.full(many, situation_of(belief, view, 0).pushed, dtype=np.uint16),
-        took_effect=np.full(many, after[-1] == 1 if door else after[lever] != before[lever]),
-        unlocked=np.full(many, after[-2] == 0),
-        new=np.full(many, step.new_solution[0]),
-        found=np.tile(np.array(belief.found, dtype=np.uint16), (many, 1)),
-    )
+    event = observed(step, subjects, belief.slots[None], [belief.found]).single(0, belief.found)
     space = belief.space
     return float(belief.weight @ likelihood(space.hypotheses, belief.which, space.strengths, event))

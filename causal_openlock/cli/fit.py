@@ -90,7 +90,7 @@ def fit(
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
     from causal_openlock.errors import StoreError
-    from causal_openlock.files.whole import PARTIAL
+    from causal_openlock.files.atomic import PARTIAL
     from causal_openlock.fitting.study import FILE
 
     for place in (folder, *folder.parents):

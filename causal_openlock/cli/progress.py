@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from causal_openlock.files.plain_text import printable
+from causal_openlock.files.escaping import printable
 
 if TYPE_CHECKING:
     from causal_openlock.cli.terminal import Console

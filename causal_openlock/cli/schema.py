@@ -56,7 +56,7 @@ def show(
     ] = None,
 ) -> None:
     """Show a schema: its graph, its solutions, and the states that an attempt can reach."""
-    from causal_openlock.files.plain_text import printable
+    from causal_openlock.files.escaping import printable
     from causal_openlock.render.graph import schema_text
     from causal_openlock.world.fsm import compile_schema
 
@@ -182,7 +182,7 @@ def new(
 ) -> None:
     """Begin a schema of one's own: a commented file to change."""
     from causal_openlock.errors import OpenLockError
-    from causal_openlock.files.whole import write_text
+    from causal_openlock.files.atomic import write_text
     from causal_openlock.formats.schema_file import dump_schema, schema_from_dict
 
     path = out or Path(f"{name}.yaml")

@@ -14,7 +14,7 @@ from rich.console import Console as RichConsole
 from rich.table import Table
 from rich.text import Text
 
-from causal_openlock.files.plain_text import printable
+from causal_openlock.files.escaping import printable
 
 MOST_COLUMNS = 1000
 """How wide a table may become that is wider than the terminal."""

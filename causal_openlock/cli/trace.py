@@ -42,16 +42,16 @@ def trace(
 ) -> None:
     """Describe a trial: what a subject did, saw and learned, and what it believes."""
     from causal_openlock.analysis.plots.belief import check_suffix, save_trace_figure
-    from causal_openlock.belief.story import story
     from causal_openlock.belief.trace import trace_trial
+    from causal_openlock.belief.trace_text import trace_text
     from causal_openlock.cli.terminal import say
-    from causal_openlock.files.plain_text import csv_of
-    from causal_openlock.files.whole import write_text
+    from causal_openlock.files.atomic import write_text
+    from causal_openlock.files.escaping import csv_of
 
     who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
     path = check_suffix(out or Path(f"trace_{who[1].name}.svg"))
     traced = trace_trial(*who, **how)
-    for line in story(traced, attempts):
+    for line in trace_text(traced, attempts):
         say(line)
     save_trace_figure(traced, path, actions)
     say(f"\n{path} written")

@@ -35,8 +35,8 @@ from causal_openlock.contract.learner import Learner
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import ATTEMPTS, CHECKPOINT
+from causal_openlock.files.atomic import replacing
 from causal_openlock.files.state import StateError, read_state, write_state
-from causal_openlock.files.whole import replacing
 
 MOST_TIME = 0.02
 """Share of the time that checkpoints may take: where they take long, they are taken seldom."""

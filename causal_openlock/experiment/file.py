@@ -55,8 +55,8 @@ from causal_openlock.experiment.protocol import (
     find_protocol,
     plan,
 )
-from causal_openlock.files.model_faults import StrictModel
 from causal_openlock.files.module_source import look_beside
+from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import Document, Where, read_document
 from causal_openlock.formats.schema_file import JSON_SCHEMA_ID, bundled, find_schema
 from causal_openlock.wording import nearest

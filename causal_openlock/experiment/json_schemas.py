@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.experiment import file as experiment_file
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
 from causal_openlock.formats import schema_file
 from causal_openlock.formats.schema_file import bundled
 

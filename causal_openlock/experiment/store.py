@@ -35,6 +35,7 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.inside import check_inside
 from causal_openlock.experiment.protocol import Condition
+from causal_openlock.files.atomic import PARTIAL, sweep, write_bytes
 from causal_openlock.files.checksums import (
     ChecksumError,
     json_bytes,
@@ -42,7 +43,6 @@ from causal_openlock.files.checksums import (
     read_table,
     table_bytes,
 )
-from causal_openlock.files.whole import PARTIAL, sweep, write_bytes
 from causal_openlock.version import __version__
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from pydantic_core import CoreSchema, core_schema
 from causal_openlock.errors import OpenLockError, RewardError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec, Origin
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
-from causal_openlock.files.model_faults import StrictModel, sentence
+from causal_openlock.files.validation import StrictModel, sentence
 from causal_openlock.formats.schema_file import SchemaFile
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.reward_code import OwnReward

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.experiment.record import record_schema
-from causal_openlock.files.plain_text import cell
-from causal_openlock.files.whole import replacing
+from causal_openlock.files.atomic import replacing
+from causal_openlock.files.escaping import cell
 
 if TYPE_CHECKING:
     import pyarrow as pa

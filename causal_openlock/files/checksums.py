@@ -1,12 +1,15 @@
-"""Files that carry a checksum of themselves.
+"""Files that contain their own checksum.
 
-A checksum beside a file can be lost, or be of the file before: a process killed between the two
-leaves a pair that does not fit. So ours stands inside. The file is made with 64 zeros where the
-checksum belongs, the SHA-256 of all of that is taken, and its digits take the place of the zeros.
-Reading does the same the other way round, so no bit of the file, those of the checksum among them,
-can change without being noticed. Against somebody who means to deceive it does nothing.
+A checksum in a second file can be lost, or belong to an earlier version if a process is killed
+between the two writes. So it stands inside: the file is made with 64 zeros in its place, the
+SHA-256 of that is taken, and its digits replace the zeros. Reading reverses this, so any changed
+bit is detected. It is no protection against deliberate forgery.
 
-A Parquet file has it in its metadata, JSON under its last key; other programs read both as ever.
+In a Parquet file it is metadata, in JSON the last key; other programs read both as usual.
+
+>>> content = json_bytes({"answer": 42})
+>>> read_json(content)
+{'answer': 42}
 """
 
 from __future__ import annotations
@@ -27,20 +30,20 @@ if TYPE_CHECKING:
 KEY = b"causal_openlock.sha256"
 BLANK = b"0" * 64
 IN_PARQUET = KEY + b"\x18\x40"
-"""What stands before the digits: the key, and (in Thrift's words) that 64 bytes of text follow."""
+"""The bytes before the digits: the key, and Thrift's header of a text of 64 bytes."""
 IN_JSON = b'"sha256": "'
 
 
 class ChecksumError(OpenLockError):
-    """A file that is not what was written; says what is wrong with it in a few words."""
+    """A file is not what was written; the message gives the reason."""
 
 
 def fill_in(content: bytes, before: bytes) -> bytes:
-    """Fill a checksum in.
+    """Fill in the checksum.
 
     Args:
-        content: A file with :data:`BLANK` where it belongs.
-        before: What stands before it: :data:`IN_PARQUET` or :data:`IN_JSON`.
+        content: A file with :data:`BLANK` in its place.
+        before: The bytes before it: :data:`IN_PARQUET` or :data:`IN_JSON`.
     """
     place = content.rindex(before + BLANK) + len(before)
     digits = hashlib.sha256(content).hexdigest().encode()
@@ -48,21 +51,21 @@ def fill_in(content: bytes, before: bytes) -> bytes:
 
 
 def check(content: bytes, before: bytes) -> None:
-    """Make sure that a file is what was written.
+    """Verify that a file is what was written.
 
     Raises:
         ChecksumError: If it is not, or has no checksum.
     """
     place = content.rfind(before)
     if place < 0:
-        raise ChecksumError("it has no checksum, as files of earlier versions have none")
+        raise ChecksumError("it has no checksum, as files of earlier versions")
     place += len(before)
     end = place + len(BLANK)
     whole = hashlib.sha256(memoryview(content)[:place])
     whole.update(BLANK)
     whole.update(memoryview(content)[end:])
     if whole.hexdigest().encode() != content[place:end]:
-        raise ChecksumError("its checksum says that it is not what was written")
+        raise ChecksumError("its checksum does not match, so it is not what was written")
 
 
 def table_bytes(table: pa.Table, metadata: Mapping[bytes, bytes] | None = None) -> bytes:
@@ -97,9 +100,12 @@ def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table
         file = pq.ParquetFile(pa.BufferReader(content))
         kept = {k: v for k, v in (file.schema_arrow.metadata or {}).items() if k != KEY}
         return file.read(columns).replace_schema_metadata(kept)
-    # It is whole, but who made it is not known: reading it can fail in any way.
+    # It is complete, but from an unknown source: reading it can raise anything.
     except Exception as error:
-        raise ChecksumError(_said(error)) from None
+        line = " ".join(str(error).split())
+        line = re.sub(r"^Could not open Parquet input source '[^']*': ", "", line)
+        line = textwrap.shorten(line, 200, placeholder=" …").rstrip(".")
+        raise ChecksumError(line or type(error).__name__) from None
 
 
 def json_bytes(data: Mapping[str, Any]) -> bytes:
@@ -121,11 +127,3 @@ def read_json(content: bytes) -> dict[str, Any]:
     except (ValueError, TypeError, KeyError, RecursionError):
         raise ChecksumError("it is no JSON, or holds something else") from None
     return data
-
-
-def _said(error: Exception) -> str:
-    """What is wrong with a file, in a line, without what was called and with whole words."""
-    line = re.sub(
-        r"^Could not open Parquet input source '[^']*': ", "", " ".join(str(error).split())
-    )
-    return textwrap.shorten(line, 200, placeholder=" …").rstrip(".") or type(error).__name__

@@ -1,8 +1,8 @@
-"""Where the source of a module is, found without importing anything.
+"""The source file of a module, found without importing anything.
 
-Importing a module runs it, and what is only read, bundled or announced is not to run. Python itself
-finds ``a.b`` by importing ``a``; here ``a`` is asked for by name alone, which runs nothing, and
-``b`` is looked for in its folder.
+Importing a module runs it, which must not happen to code that is only read or bundled. Python finds
+``a.b`` by importing ``a``; here only ``a`` is located, which runs nothing, and ``b`` is searched
+for in its folder.
 """
 
 from __future__ import annotations
@@ -24,16 +24,19 @@ def module_source(name: str, beside: Iterable[Path] = ()) -> Path | None:
 
     Args:
         name: Its name, with dots.
-        beside: Folders that are searched after all others, as
-            :func:`look_beside` has it.
+        beside: Folders to search last, as with :func:`look_beside`.
 
     Returns:
         The file, or ``None`` if there is none or it is no Python source.
+
+    Example:
+        >>> module_source("causal_openlock.errors").name
+        'errors.py'
     """
     top, *parts = name.split(".")
     try:
         spec = find_spec(top)
-    except (ImportError, ValueError):  # a module that says nothing of itself
+    except (ImportError, ValueError):  # a module without a spec
         spec = None
     spec = spec or PathFinder.find_spec(top, [str(folder) for folder in beside])
     if spec is None:
@@ -49,10 +52,7 @@ def module_source(name: str, beside: Iterable[Path] = ()) -> Path | None:
 
 
 def look_beside(*folders: Path) -> None:
-    """Let modules be found in the working directory, then in folders: no package is needed there.
-
-    Worker processes of this machine are started with the same places.
-    """
+    """Make modules in the working directory and in these folders importable, also in workers."""
     for folder in (Path.cwd(), *folders):
         if (place := str(folder.resolve())) not in sys.path:
             sys.path.append(place)

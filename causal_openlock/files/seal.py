@@ -1,15 +1,13 @@
-"""Seals: what this user's own processes have written, told from what anybody else has.
+"""Seals: message authentication codes for what this user's own processes have written.
 
-Some learners can only be kept as a pickle, and reading a pickle can run any program. So it gets a
-seal, a keyed hash (HMAC-SHA256) that nobody can make without a secret of this user, and is read
-only if the seal is right. The secret is 32 random bytes in a file that nobody else can read, made
-when it is first needed::
+Some learners can only be saved as a pickle, and reading a pickle can run any program. So it gets a
+seal, an HMAC-SHA256 with a secret key of this user, and is read only if the seal is right. The key
+is 32 random bytes in a file that nobody else can read, made when it is first needed::
 
     $XDG_STATE_HOME/causal_openlock/seal.key     (by default under ~/.local/state)
 
 ``CAUSAL_OPENLOCK_STATE`` names another folder for it: on a cluster, one that all machines share.
-Where the secret cannot be kept, a process makes one for itself: its seals mean nothing to others,
-and no file can hold them.
+If the key cannot be stored, a process uses one of its own, and its seals cannot be saved.
 """
 
 from __future__ import annotations
@@ -23,33 +21,33 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-from causal_openlock.files.state import Passing
+from causal_openlock.files.state import Transient
 
 STATE = "CAUSAL_OPENLOCK_STATE"
-"""The environment variable that names the folder of the secret."""
+"""The environment variable that names the folder of the key."""
 SIZE = 32
 
 
 def seal(content: bytes, kind: str) -> bytes:
-    """The seal of something.
+    """The seal of some content.
 
     Args:
-        content: What is sealed.
-        kind: What it is; the seal is right for nothing of another kind.
+        content: The content.
+        kind: What it is; content of another kind has another seal.
 
     Returns:
-        The seal; a :class:`~causal_openlock.files.state.Passing` one where no secret can be kept.
+        The seal; :class:`~causal_openlock.files.state.Transient` if the key cannot be stored.
     """
     key, fault = _key(os.environ.get(STATE, ""), os.environ.get("XDG_STATE_HOME", ""))
     made = hmac.digest(key, f"causal_openlock\0{kind}\0".encode() + content, hashlib.sha256)
     if fault:
-        made = Passing(made)
-        made.why = fault
+        made = Transient(made)
+        made.reason = fault
     return made
 
 
 def is_sealed(content: object, made: object, kind: str) -> bool:
-    """Whether something has the right seal, from this user's secret."""
+    """Whether this user has sealed the content."""
     if not isinstance(content, bytes) or not isinstance(made, bytes):
         return False
     return hmac.compare_digest(seal(content, kind), made)
@@ -57,21 +55,21 @@ def is_sealed(content: object, made: object, kind: str) -> bool:
 
 @cache
 def _key(own: str, state: str) -> tuple[bytes, str]:
-    """The secret; and, if it is this process's alone, why."""
+    """The key; and, if it is of this process alone, the reason."""
     path = Path("seal.key")
     try:
         path = _place(own, state)
         if not path.exists():
             _make(path)
         return _read(path), ""
-    except (OSError, RuntimeError, ValueError) as error:  # no home, no right to write, no secret
-        said = getattr(error, "strerror", None) or error
-        fault = f"the key that seals it cannot be kept in {path}: {said}; {STATE} names a folder"
+    except (OSError, RuntimeError, ValueError) as error:  # no home, no permission, no key
+        reason = getattr(error, "strerror", None) or error
+        fault = f"the key of its seal cannot be stored in {path}: {reason}; {STATE} names a folder"
         return secrets.token_bytes(SIZE), fault
 
 
 def _place(own: str, state: str) -> Path:
-    """The file of the secret."""
+    """The file of the key."""
     if own:
         return Path(own) / "seal.key"
     home = Path(state) if Path(state).is_absolute() else Path("~/.local/state").expanduser()
@@ -86,7 +84,7 @@ def _make(path: Path) -> None:
             file.write(secrets.token_bytes(SIZE))
             file.flush()
             os.fsync(file.fileno())
-        # Of several processes that come at once, one makes the secret of all.
+        # If several processes start at once, the first makes the key for all.
         try:
             os.link(temporary, path)
         except FileExistsError:

@@ -1,14 +1,15 @@
 """State dicts as files of data, not of code.
 
-A pickle can run any program when it is read, and a results folder is something people pass on. So
-a state is written as arrays in an uncompressed ``.npz`` archive, together with a text in JSON that
-says how they hang together; reading one makes nothing but plain values, NumPy arrays and tensors.
-The archive's checksums tell a file that does not read back as what was written
-(:mod:`causal_openlock.files.archive`).
+A pickle can run any program when it is read, and results folders are shared. So a state is written
+as arrays in an uncompressed ``.npz`` archive, with an outline in JSON that refers to them. Reading
+makes only plain values, NumPy arrays and tensors, and verifies the archive's checksums
+(:mod:`causal_openlock.files.npz`).
 
->>> with open("learner.state", "wb") as file:
+>>> from tempfile import NamedTemporaryFile
+>>> with NamedTemporaryFile() as file:
 ...     write_state(file, {"weights": np.ones(2), "steps": (3, None)})
->>> read_state("learner.state")
+...     file.flush()
+...     read_state(file.name)
 {'weights': array([1., 1.]), 'steps': (3, None)}
 """
 
@@ -24,31 +25,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.archive import Archive, ArchiveError, open_archive, reading
+from causal_openlock.files.npz import Archive, ArchiveError, open_archive, reading
 
 PLAIN = (type(None), bool, int, float, str)
 OUTLINE = "outline"
 
 
 class StateError(OpenLockError):
-    """A state that cannot be kept as plain data, or a file that holds none."""
+    """A state cannot be saved as plain data, or a file holds none."""
 
 
-class Passing(bytes):
-    """Bytes that mean something to this process alone, so that no file is to hold them.
+class Transient(bytes):
+    """Bytes that only this process can use, so that they must not be saved.
 
     Attributes:
-        why: Why that is so.
+        reason: Why not.
     """
 
-    why = ""
+    reason = ""
 
 
 def write_state(file: BinaryIO, state: Any) -> None:
     """Write nested dicts, lists and tuples of plain values, arrays and tensors.
 
     Raises:
-        StateError: If there is anything else in it; nothing is written then.
+        StateError: If it contains anything else; then nothing is written.
     """
     arrays: dict[str, NDArray[Any]] = {}
     outline = json.dumps(_outlined(state, arrays, "state"))
@@ -56,7 +57,7 @@ def write_state(file: BinaryIO, state: Any) -> None:
 
 
 def read_state(path: Path | str) -> Any:
-    """What :func:`write_state` wrote; tensors are on the CPU, wherever they were.
+    """Read what :func:`write_state` wrote; tensors are on the CPU.
 
     Raises:
         StateError: If the file is damaged, or no such file.
@@ -70,14 +71,14 @@ def read_state(path: Path | str) -> Any:
 
 
 def _outlined(value: Any, arrays: dict[str, NDArray[Any]], at: str) -> Any:
-    """A value in JSON; its arrays are put aside. A list stands for what JSON cannot say."""
+    """A value as JSON, its arrays collected; other types become lists that begin with a tag."""
 
     def kept(kind: str, array: NDArray[Any]) -> list[str]:
         name = f"a{len(arrays)}"
         arrays[name] = array
         return [kind, name]
 
-    # Exact types: what is a subclass would come back as something else.
+    # Exact types, as a subclass would be read back as its base.
     if type(value) in PLAIN:
         return value
     if type(value) in (dict, OrderedDict):
@@ -89,20 +90,20 @@ def _outlined(value: Any, arrays: dict[str, NDArray[Any]], at: str) -> Any:
     if type(value) in (list, tuple):
         parts = [_outlined(part, arrays, f"{at}.{index}") for index, part in enumerate(value)]
         return [type(value).__name__, parts]
-    if isinstance(value, Passing):
-        raise StateError(value.why)
+    if isinstance(value, Transient):
+        raise StateError(value.reason)
     if type(value) is bytes:
         return kept("bytes", np.frombuffer(value, np.uint8))
     if type(value) is np.ndarray and not value.dtype.hasobject:
         return kept("array", value)
     if isinstance(value, np.generic) and not value.dtype.hasobject:
         return kept("number", np.asarray(value))
-    # Where no tensor can be, torch need not be loaded.
+    # Without torch there are no tensors, so it need not be imported.
     torch = sys.modules.get("torch")
     if torch is not None and isinstance(value, torch.Tensor):
         try:
             return kept("tensor", value.detach().cpu().numpy())
-        except (TypeError, RuntimeError):  # a kind of tensor that NumPy does not know
+        except (TypeError, RuntimeError):  # a dtype that NumPy does not have
             _refuse(value.dtype, at)
     _refuse(type(value).__name__, at)
 

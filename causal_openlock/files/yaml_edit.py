@@ -1,9 +1,8 @@
-"""Changes in a YAML file that leave everything else in it as it stands.
+"""Edits of a YAML file that leave everything else in it unchanged.
 
-A parsed file can be dumped again, but not without loss: comments move or vanish with the values
-they were attached to. So a change is made in the text instead: the parser tells where each value
-begins and ends, and only those characters are replaced. What is added is written in the style of
-:func:`styled`: keys on lines of their own, what is inside them on one line.
+Dumping a parsed file moves or loses comments. So a change is made in the text: the parser gives the
+start and end of each value, and only those characters are replaced. Additions are written in the
+style of :func:`styled`: keys on lines of their own, their values on one line.
 """
 
 from __future__ import annotations
@@ -14,11 +13,11 @@ from typing import Any
 from causal_openlock.files.yaml_file import dump_yaml, yaml_parser
 
 Edit = tuple[int, int, str]
-"""First character, the one after the last, and what takes their place."""
+"""First character, the one after the last, and the new text."""
 
 
 def styled(data: Any, depth: int = 0, block: int = 2) -> Any:
-    """Data to be dumped with mappings on lines of their own down to a depth, and else in line."""
+    """Data to be dumped in block style down to a depth, and in flow style below."""
     from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
     if isinstance(data, Mapping):
@@ -35,13 +34,17 @@ def styled(data: Any, depth: int = 0, block: int = 2) -> Any:
 
 
 def rewritten(text: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
-    """YAML text with what differs between two states of its content rewritten.
+    r"""YAML text with the differences between two states of its content applied.
 
     Args:
-        text: A YAML mapping. It may say more than ``before``, defaults for example; that stays.
-        before: What the text means, as nested mappings, lists and scalars.
-        after: What it is to mean. The caller has to check that it does: a default that was
-            written out can contradict it.
+        text: A YAML mapping. It may contain more than ``before``, such as defaults; that stays.
+        before: The present content, as nested mappings, lists and scalars.
+        after: The new content. The caller has to verify it, as defaults written out can contradict.
+
+    Example:
+        >>> print(rewritten("a: 1  # one\nb: 2\n", {"a": 1, "b": 2}, {"a": 3, "b": 2}), end="")
+        a: 3  # one
+        b: 2
     """
     root = yaml_parser().compose(text)
     newline = "\r\n" if "\r\n" in text else "\n"
@@ -53,7 +56,7 @@ def rewritten(text: str, before: Mapping[str, Any], after: Mapping[str, Any]) ->
 
 
 def _edits(text: str, node: Any, before: Any, after: Any, depth: int) -> Iterator[Edit]:
-    """The edits that turn what one node says into ``after``."""
+    """The edits that turn the value of one node into ``after``."""
     from ruamel.yaml.nodes import MappingNode, SequenceNode
 
     block = not getattr(node, "flow_style", True)
@@ -86,12 +89,12 @@ def _edits(text: str, node: Any, before: Any, after: Any, depth: int) -> Iterato
 
 
 def _in_line(data: Mapping[str, Any], depth: int = 0, block: int = 2) -> str:
-    """Data as YAML text without a line break inside, however long that is."""
+    """Data as YAML text without line breaks inside."""
     return dump_yaml(styled(data, depth, block), width=1_000_000)
 
 
 def _end(text: str, node: Any) -> int:
-    """Where a node ends: the character after its last, comments not included."""
+    """The end of a node: the character after its last, comments excluded."""
     block = not getattr(node, "flow_style", True)
     if block:
         last = node.value[-1]
@@ -101,13 +104,13 @@ def _end(text: str, node: Any) -> int:
 
 
 def _line_after(text: str, node: Any, line: str) -> Edit:
-    """An edit that adds lines below the one in which a node ends."""
+    """An edit that adds a line below the last one of a node."""
     at = text.find("\n", _end(text, node)) + 1
     return (at, at, line) if at else (len(text), len(text), "\n" + line)
 
 
 def _without(text: str, first: Any, last: Any) -> Edit:
-    """An edit that takes out the lines of an entry, its comment at the end of the line too."""
+    """An edit that removes the lines of an entry, with its comment at the end of the line."""
     start = text.rfind("\n", 0, first.start_mark.index) + 1
     end = text.find("\n", _end(text, last)) + 1
     return start, end or len(text), ""

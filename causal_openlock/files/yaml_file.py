@@ -1,12 +1,14 @@
-"""YAML files whose every fault has a line and a column.
+"""YAML files written by hand, with line and column for every fault.
 
-Schemas and experiments are both written by hand, so both are read here: YAML 1.2 by
-ruamel.yaml, which remembers where each key stood, then a pydantic model. A fault of either, or
-one that only the meaning of the file shows, becomes a :class:`~causal_openlock.errors.FileError`.
-What no one would write by hand is refused before anything is built from it: files larger than
-128 kB or with more than 5,000 lines or values, nesting deeper than 16 levels, and those parts of
-YAML that say one thing in two ways or make a small file large (anchors, aliases, merge keys, tags,
-keys that are no names, several documents in one file).
+Schemas and experiments are read by ruamel.yaml (YAML 1.2), which remembers the place of each key,
+and then by a pydantic model. Faults of syntax, form or meaning become a
+:class:`~causal_openlock.errors.FileError`. What nobody writes by hand is refused before anything is
+built from it: more than 128 kB, 5,000 lines or values, nesting deeper than 16 levels, and the parts
+of YAML that are ambiguous or make a small file large (anchors, aliases, merge keys, tags, keys that
+are no names, several documents in one file).
+
+>>> parse_document("name: CC3").data["name"]
+'CC3'
 """
 
 from __future__ import annotations
@@ -20,8 +22,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from causal_openlock.errors import Fault, FileError, OpenLockError
-from causal_openlock.files.model_faults import Where as Where
-from causal_openlock.files.model_faults import described, sentence
+from causal_openlock.files.validation import Where as Where
+from causal_openlock.files.validation import described, sentence
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -50,7 +52,7 @@ def yaml_parser() -> YAML:
 
 @cache
 def _constructor() -> Any:
-    """ruamel.yaml's constructor, which then also says where a value stands that it cannot make."""
+    """ruamel.yaml's constructor, with the place of values that it cannot construct."""
     from ruamel.yaml.constructor import ConstructorError, RoundTripConstructor
 
     class Constructor(RoundTripConstructor):
@@ -68,11 +70,10 @@ def _constructor() -> Any:
 
 @cache
 def _emitter() -> Any:
-    """ruamel.yaml's emitter, which then never breaks a text into lines.
+    """ruamel.yaml's emitter, without its losses.
 
-    A text that is broken does not always come back: where two spaces stand at the break, one of
-    them is lost. Nor does, unless it is quoted, one with a line break that only Unicode knows, or
-    one that begins with a question mark in the middle of a line.
+    It does not break texts into lines, where one of two spaces would be lost, and quotes texts with
+    Unicode's line breaks or a question mark at the beginning, which would not be read back.
     """
     from ruamel.yaml.emitter import Emitter as Plain
 
@@ -92,12 +93,12 @@ def _emitter() -> Any:
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed file that remembers where everything stood.
+    """A parsed file that remembers the place of everything.
 
     Attributes:
         path: The file.
         text: Its text.
-        data: Its content: ruamel.yaml's dicts and lists.
+        data: Its content as ruamel.yaml's dicts and lists.
     """
 
     path: Path
@@ -111,7 +112,7 @@ class Document:
         for key in where:
             marks = getattr(node, "lc", None)
             if isinstance(node, Mapping):
-                # A key that is no text is told by pydantic as text.
+                # Pydantic gives keys that are no text as text.
                 known = next((own for own in node if own == key or str(own) == key), node)
                 if known is node:
                     break
@@ -147,7 +148,7 @@ class Document:
         except ValidationError as error:
             faults = error.errors(include_url=False)
             for fault in faults:
-                # <name>, <list>, <mapping>: which arm of a union was tried, no key of the file.
+                # <name>, <list>, <mapping>: the arm of a union, no key of the file.
                 *above, last = fault["loc"] or ("",)
                 arm = str(last)[:1] == "<" and fault["type"] != "extra_forbidden"
                 kept = [part for part in above if str(part)[:1] != "<"]
@@ -162,7 +163,7 @@ def read_document(path: Path | str) -> Document:
     """Parse a YAML file written by hand.
 
     Raises:
-        FileError: If it is no YAML 1.2, or nothing that a person would write.
+        FileError: If it is no YAML 1.2, or uses what is refused here.
         OpenLockError: If it cannot be read.
     """
     path = Path(path)
@@ -188,7 +189,7 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
     """Parse YAML text; ``path`` is what faults are reported against.
 
     Raises:
-        FileError: If it is no YAML 1.2, or nothing that a person would write.
+        FileError: If it is no YAML 1.2, or uses what is refused here.
     """
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
     from ruamel.yaml.reader import ReaderError
@@ -226,9 +227,9 @@ def _fault_after(before: str, message: str) -> Fault:
 
 
 def _refusals(text: str) -> Iterator[tuple[Any, str]]:
-    """Where the text holds what no one would write by hand, and what to do about it.
+    """The places of what is refused, and what to do about it.
 
-    This walks the parser's events, which costs no more than the text is long.
+    This walks the parser's events, in time proportional to the length of the text.
     """
     from ruamel.yaml.events import (
         AliasEvent,
@@ -288,12 +289,12 @@ def _refusals(text: str) -> Iterator[tuple[Any, str]]:
 
 
 def _is_text(value: str) -> bool:
-    """Whether no half of a surrogate pair is in it, which no file could hold."""
+    """Whether it is free of unpaired surrogates, which no file can hold."""
     return value.isascii() or not any("\ud800" <= character <= "\udfff" for character in value)
 
 
 def dump_yaml(data: Any, width: int = 100) -> str:
-    """Data as YAML text; lists and mappings that are longer than a line are broken."""
+    """Data as YAML text; long lists and mappings are broken into lines."""
     stream = io.StringIO()
     yaml = yaml_parser()
     yaml.width = width

@@ -16,8 +16,8 @@ from causal_openlock.analysis.results.people.human_likeness import (
     points_of_model,
 )
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
-from causal_openlock.files.plain_text import csv_of
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
+from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.fitting.objective import Score, held_out, score
 from causal_openlock.fitting.study import Fit

@@ -23,7 +23,7 @@ from pydantic import Field
 
 from causal_openlock.contract.registry import parameter_table, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError
-from causal_openlock.files.model_faults import StrictModel
+from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import parse_document, read_document
 from causal_openlock.wording import nearest
 

@@ -32,7 +32,7 @@ from causal_openlock.analysis.results.people.human_likeness import points_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.workers import worker_pool
-from causal_openlock.files.whole import sweep, write_text
+from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.fitting.objective import Job, conditions_to_fit, jobs, joined, play, score
 from causal_openlock.fitting.search import SearchSpace
 from causal_openlock.version import __version__

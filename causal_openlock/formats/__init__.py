@@ -1,1 +1,6 @@
-"""Schemas as text: the YAML that declares them, and the formats of other graph software."""
+"""Schemas as text.
+
+:mod:`~causal_openlock.formats.schema_file` (the project's YAML),
+:mod:`~causal_openlock.formats.graphs` (JSON, GML, DOT, DAGitty, BIF, and pgmpy networks) and
+:mod:`~causal_openlock.formats.dot` (the parser of DOT and DAGitty).
+"""

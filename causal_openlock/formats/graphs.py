@@ -1,22 +1,21 @@
 """Schemas in the file formats of other programs, and as a Bayesian network.
 
-A :class:`~causal_openlock.world.schema.Schema` is first turned into a networkx ``DiGraph`` that
-holds all of it in plain attributes, and every graph format is a way to write that graph:
+A :class:`~causal_openlock.world.schema.Schema` is turned into a networkx ``DiGraph`` with plain
+attributes, and each graph format writes that graph:
 
 * of the graph: ``name``, ``title``, ``levers`` (their order) and ``inert``;
 * of a node: ``kind`` (lever or door), and ``gate`` (``any``, ``all``, ``at_least 2``) if it has
   causes; of an edge: ``strength``.
 
-YAML, node-link JSON, GML and DOT carry everything there and back. A file from elsewhere may lack
-any of these attributes: its levers then come in the order of its nodes, gates are ``any``,
-strengths 1, and no lever is inert. The node ``door`` is the door.
+YAML, node-link JSON, GML and DOT lose nothing. A file from other software may lack any of these
+attributes: levers then have the order of its nodes, gates are ``any``, strengths 1, and no lever is
+inert. The node ``door`` is the door.
 
-DAGitty's grammar knows no attributes of the graph, so the door bears them; ``beta`` is the
-strength, the door is the ``outcome``, free levers are ``exposure``. Read back here nothing is
-lost; DAGitty itself keeps names, arrows, ``beta``, exposure and outcome when it saves a diagram
-again, and drops title, lever order, gates and inert levers. In a text from DAGitty the outcome is
-the door whatever it is called, positions and the roles latent, adjusted and selected are passed
-over, and edges other than ``->`` and ``<-`` are refused.
+DAGitty has no attributes of the graph, so they are on the door; ``beta`` is the strength, the door
+is the ``outcome``, free levers are ``exposure``. Nothing is lost here, but DAGitty drops title,
+lever order, gates and inert levers when it saves a diagram again. In a text from DAGitty the
+outcome is the door, whatever its name; positions and the roles latent, adjusted and selected are
+ignored, and edges other than ``->`` and ``<-`` are refused.
 
 BIF can only be written: it holds the tables of :func:`to_bayesian_network`, not their gates.
 """
@@ -24,7 +23,7 @@ BIF can only be written: it holds the tables of :func:`to_bayesian_network`, not
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import compress, product
@@ -35,15 +34,16 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, SchemaError
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
 from causal_openlock.files.yaml_file import MAX_BYTES
-from causal_openlock.formats.graph_text import dagitty_text, dot_text, parse_graph
+from causal_openlock.formats.dot import dagitty_text, dot_text, parse_graph
 from causal_openlock.formats.schema_file import dump_schema, parse_schema, schema_from_dict
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import gate_chance
+from causal_openlock.world.fsm import FloatArray, gate_chance
 from causal_openlock.world.schema import DOOR, NAME, Schema
 
 if TYPE_CHECKING:
+    from pgmpy.factors.discrete import TabularCPD
     from pgmpy.models import DiscreteBayesianNetwork
 
 
@@ -52,11 +52,11 @@ class Format:
     """A file format that a schema can be written in.
 
     Attributes:
-        name: What it is called here.
-        suffixes: How its files end; the first is the one to use.
-        description: What it is and who reads it.
+        name: Its name here.
+        suffixes: Suffixes of its files; the first is the default.
+        description: What it is and what reads it.
         write: From a schema to text.
-        read: From text and the name of a nameless schema to a schema; None if it cannot be read.
+        read: From text and a default name to a schema; None if it cannot be read.
     """
 
     name: str
@@ -67,12 +67,12 @@ class Format:
 
     @property
     def suffix(self) -> str:
-        """How a file in this format ends, such as ``.gml``."""
+        """Default suffix of files, such as ``.gml``."""
         return self.suffixes[0]
 
     @property
     def readable(self) -> bool:
-        """Whether a schema can be read from it, not only written to it."""
+        """Whether a schema can be read from it."""
         return self.read is not None
 
 
@@ -81,6 +81,11 @@ def export_schema(schema: Schema, format: str) -> str:
 
     Raises:
         OpenLockError: If there is no such format.
+
+    Example:
+        >>> chain = Schema("chain", ["A", "B"], {"A": ["B"], "B": ["door"]})
+        >>> import_schema(export_schema(chain, "gml"), "gml") == chain
+        True
     """
     return _format(format).write(schema)
 
@@ -91,7 +96,7 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
     Args:
         text: The content of a file.
         format: Name of its format.
-        name: What to call the schema if the text does not say.
+        name: Name of the schema if the text has none.
 
     Raises:
         SchemaError: If the text is not in that format, or the graph in it is no schema.
@@ -118,7 +123,7 @@ def write_schema_as(schema: Schema, path: Path | str, format: str | None = None)
     Args:
         schema: What to write.
         path: Where; a file that is there is replaced in one step.
-        format: Name of the format; by default the one that the path's suffix stands for.
+        format: Name of the format; by default that of the path's suffix.
 
     Raises:
         OpenLockError: If the format is unknown or the file cannot be written.
@@ -127,11 +132,11 @@ def write_schema_as(schema: Schema, path: Path | str, format: str | None = None)
 
 
 def read_schema_as(path: Path | str, format: str | None = None) -> Schema:
-    """Read a schema from a file, whose name it gets if the file gives none.
+    """Read a schema from a file; the name of the file is its default name.
 
     Args:
         path: The file.
-        format: Name of its format; by default the one that the path's suffix stands for.
+        format: Name of its format; by default that of the path's suffix.
 
     Raises:
         OpenLockError: If the file cannot be read or holds no schema; the text begins with its path.
@@ -154,7 +159,7 @@ def read_schema_as(path: Path | str, format: str | None = None) -> Schema:
 
 
 def _format(name: str) -> Format:
-    """A format by its name, or by the ending of its files."""
+    """A format by its name or suffix."""
     for format in FORMATS.values():
         if name == format.name or f".{name}" in format.suffixes:
             return format
@@ -239,23 +244,26 @@ def _schema_of(graph: nx.DiGraph, format: str, name: str) -> Schema:
 
 
 def _names(value: Any) -> Any:
-    """Names in a list, which most formats can only hold as one text."""
+    """A list of names, which most formats hold as one text."""
     return value.split() if isinstance(value, str) else value
 
 
 def _number(value: Any, kind: type[int] | type[float]) -> Any:
-    """A number that a format may hold as text; what is none is left to the check that follows."""
+    """A number that a format may hold as text; anything else is left to validation."""
     with suppress(ValueError):
         return kind(value) if isinstance(value, str) else value
     return value
 
 
 def _no_graph(format: str, why: object, remedy: str) -> SchemaError:
-    """One sentence from what a reader of networkx said."""
+    """An error from an exception of networkx."""
     return SchemaError(f"this is no {format} graph ({' '.join(str(why).split())[:160]}); {remedy}")
 
 
 # -- the formats ----------------------------------------------------------------------------------
+
+_UNREADABLE = (LookupError, ValueError, TypeError, AttributeError, RecursionError, nx.NetworkXError)
+"""What networkx raises for a text that is no graph."""
 
 
 def _write_node_link(schema: Schema) -> str:
@@ -270,13 +278,14 @@ def _read_node_link(text: str, name: str) -> Schema:
         graph = nx.node_link_graph(data, edges="edges" if "edges" in data else "links")
     except KeyError as error:
         raise _no_graph("node-link", f"the key {error} is missing", remedy) from None
-    except (ValueError, TypeError, AttributeError, RecursionError, nx.NetworkXError) as error:
+    except _UNREADABLE as error:
         raise _no_graph("node-link", error, remedy) from None
     return _schema_of(graph, "node-link", name)
 
 
-def _joined(graph: nx.DiGraph) -> nx.DiGraph:
-    """The graph with its lists of names as texts, which are left out where empty."""
+def _text_graph(schema: Schema) -> nx.DiGraph:
+    """The schema as a graph whose lists of names are texts, left out if empty."""
+    graph = _plain_graph(schema)
     for key in ("levers", "inert"):
         graph.graph[key] = " ".join(graph.graph[key])
         if not graph.graph[key]:
@@ -284,38 +293,15 @@ def _joined(graph: nx.DiGraph) -> nx.DiGraph:
     return graph
 
 
-def _write_gml(schema: Schema) -> str:
-    return "\n".join(nx.generate_gml(_joined(_plain_graph(schema)))) + "\n"
-
-
 def _read_gml(text: str, name: str) -> Schema:
     try:
         graph = nx.parse_gml(text)
-    except (
-        LookupError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        RecursionError,
-        nx.NetworkXError,
-    ) as error:
+    except _UNREADABLE as error:
         raise _no_graph("gml", error, "write one with networkx.write_gml") from None
     if "title" in graph.graph:
         # networkx takes the texts "()" and "[]" for empty lists.
         graph.graph["title"] = str(graph.graph["title"])
     return _schema_of(graph, "gml", name)
-
-
-def _write_dot(schema: Schema) -> str:
-    return dot_text(_joined(_plain_graph(schema)))
-
-
-def _write_dagitty(schema: Schema) -> str:
-    return dagitty_text(_joined(_plain_graph(schema)))
-
-
-def _read_dot(text: str, name: str) -> Schema:
-    return _schema_of(parse_graph(text, "dot"), "dot", name)
 
 
 def _read_dagitty(text: str, name: str) -> Schema:
@@ -334,14 +320,14 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
     """The causal model of one push per lever, causes before effects, then of the door.
 
     A lever's state is 1 if it moved: it was pushed and as many of its causes transmitted as its
-    gate asks for. The door's state is 1 if it opens when it is pushed then. To ask what follows
-    from an intervention, cut the model and condition on the state that was set, as
-    ``VariableElimination(model.do(["L0"])).query(["door"], evidence={"L0": 1})`` does in pgmpy;
+    gate needs. The door's state is 1 if it opens when it is pushed then. For an intervention, cut
+    the model and condition on the state that was set, in pgmpy
+    ``VariableElimination(model.do(["L0"])).query(["door"], evidence={"L0": 1})``;
     its ``CausalInference.query`` is wrong where levers that cause one another are set together.
 
     Args:
         schema: The levers and the door.
-        push_probability: Probability that a lever is pushed, each on its own.
+        push_probability: Probability that a lever is pushed, independent of the others.
 
     Returns:
         A checked model whose nodes are the schema's and have the states 0 and 1.
@@ -349,7 +335,6 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
     Raises:
         OpenLockError: If ``push_probability`` is no probability.
     """
-    from pgmpy.factors.discrete import TabularCPD
     from pgmpy.models import DiscreteBayesianNetwork
 
     if not 0.0 <= push_probability <= 1.0:
@@ -366,18 +351,29 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
         chance = gate_chance(schema, node, np.array(moved, dtype=np.int64))
         # Rounding may leave a sum of probabilities just above 1.
         chance = chance * (1.0 if node == DOOR else push_probability)
-        network.add_cpds(
-            TabularCPD(
-                node,
-                2,
-                [1.0 - chance, chance],
-                evidence=list(causes),
-                evidence_card=[2] * len(causes),
-                state_names={each: [0, 1] for each in (node, *causes)},
-            )
-        )
+        network.add_cpds(binary_cpd(node, chance, causes))
     network.check_model()
     return network
+
+
+def binary_cpd(node: str, chance: FloatArray, causes: Sequence[str] = ()) -> TabularCPD:
+    """A conditional probability table of pgmpy for a node with the states 0 and 1.
+
+    Args:
+        node: The node.
+        chance: ``[2^K]`` probability of 1, by the states of K causes, the first one slowest.
+        causes: The causes.
+    """
+    from pgmpy.factors.discrete import TabularCPD
+
+    return TabularCPD(
+        node,
+        2,
+        [1.0 - chance, chance],
+        evidence=list(causes),
+        evidence_card=[2] * len(causes),
+        state_names={each: [0, 1] for each in (node, *causes)},
+    )
 
 
 def _write_bif(schema: Schema) -> str:
@@ -394,10 +390,11 @@ FORMATS: dict[str, Format] = {
         Format("node-link", (".json",), "networkx node-link JSON, also for D3",
                _write_node_link, _read_node_link),
         Format("gml", (".gml",), "Graph Modelling Language: networkx, Gephi, igraph, yEd",
-               _write_gml, _read_gml),
-        Format("dot", (".dot", ".gv"), "Graphviz", _write_dot, _read_dot),
+               lambda schema: "\n".join(nx.generate_gml(_text_graph(schema))) + "\n", _read_gml),
+        Format("dot", (".dot", ".gv"), "Graphviz", lambda schema: dot_text(_text_graph(schema)),
+               lambda text, name: _schema_of(parse_graph(text, "dot"), "dot", name)),
         Format("dagitty", (".dagitty",), "DAGitty in the browser and in R",
-               _write_dagitty, _read_dagitty),
+               lambda schema: dagitty_text(_text_graph(schema)), _read_dagitty),
         Format("bif", (".bif",), "Bayesian network: pgmpy, bnlearn", _write_bif),
     )
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Schema files: a schema as YAML, checked with line numbers, written back without loss.
+"""Schema files: schemas as YAML, validated with line numbers and written back without loss.
 
 A schema file looks like this; ``title``, ``gates`` and ``inert`` may be left out::
 
@@ -11,7 +11,7 @@ A schema file looks like this; ``title``, ``gates`` and ``inert`` may be left ou
       L2: {door: {strength: 0.8}}
     gates: {door: any}          # any, all, or {at_least: 2}
 
-Its form is the pydantic model :class:`SchemaFile`, from which the JSON Schema for editors is made
+Its form is the pydantic model :class:`SchemaFile`, also the source of the JSON Schema for editors
 (``schemas/schema.json``); its meaning is checked by :class:`~causal_openlock.world.schema.Schema`.
 """
 
@@ -26,8 +26,8 @@ from pydantic import Field, ValidationError, WrapValidator
 from pydantic_core import PydanticCustomError
 
 from causal_openlock.errors import FileError, OpenLockError, SchemaError
-from causal_openlock.files.model_faults import StrictModel, described, sentence
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
+from causal_openlock.files.validation import StrictModel, described, sentence
 from causal_openlock.files.yaml_edit import rewritten, styled
 from causal_openlock.files.yaml_file import (
     Document,
@@ -43,7 +43,7 @@ JSON_SCHEMA_ID = "https://json-schema.org/draft/2020-12/schema"
 
 
 class Edge(StrictModel):
-    """What can be said of one edge."""
+    """Attributes of one edge."""
 
     strength: Annotated[
         float,
@@ -64,7 +64,7 @@ def _one_of(what: str) -> WrapValidator:
         try:
             return handler(value)
         except ValidationError as error:
-            # Inside the arm that was meant, a list or a mapping, its own faults say more.
+            # If the value has the form of one arm, a list or a mapping, report that arm's faults.
             deep = [fault for fault in error.errors(include_url=False) if len(fault["loc"]) > 1]
             if not deep:
                 message = f"{what}, and this is {described(value)}"
@@ -157,7 +157,11 @@ def read_schema(path: Path | str) -> Schema:
 
 
 def parse_schema(text: str, path: Path | str = "<text>") -> Schema:
-    """As :func:`read_schema`, from text."""
+    """Read a schema from the text of a schema file.
+
+    >>> parse_schema("{name: one, levers: [A], edges: {A: [door]}}").solutions
+    (('A',),)
+    """
     return _schema_of(parse_document(text, path))
 
 
@@ -165,7 +169,7 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
     """A schema from plain data in the form of a schema file.
 
     Raises:
-        SchemaError: If the data declare none.
+        SchemaError: If the data are no schema.
     """
     try:
         return SchemaFile.model_validate(dict(data)).schema_()
@@ -185,11 +189,11 @@ def _schema_of(document: Document) -> Schema:
 def write_schema(schema: Schema, path: Path | str) -> None:
     """Write a schema file.
 
-    Where the file already holds a schema, only what changed is rewritten: comments, order and
-    spelling of the rest stay as they are.
+    If the file already holds a schema, only what changed is rewritten; comments, order and spelling
+    of the rest stay.
 
     Raises:
-        FileError: If there is a file with faults already; it stays as it is.
+        FileError: If there is already a file, with faults; it stays unchanged.
         OpenLockError: If the file cannot be written.
     """
     path = Path(path)
@@ -217,9 +221,9 @@ def dump_schema(schema: Schema) -> str:
 
 
 def bundled(kind: str) -> Path:
-    """The folder of files that travel with the package: ``schemas`` or ``experiments``.
+    """A folder of files that come with the package: ``schemas`` or ``experiments``.
 
-    In a checkout that is the folder beside the package, in an installed wheel the copy inside it.
+    In a checkout it is beside the package, in an installed wheel inside it.
     """
     inside = PACKAGE / "bundled" / kind
     return inside if inside.is_dir() else PACKAGE.parent / kind
@@ -231,13 +235,16 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
     Args:
         name: A path that ends in ``.yaml`` or ``.yml``, the name of a file ``NAME.yaml`` in one of
             the folders searched, or a schema, which is returned as it is.
-        beside: Folders to search first, for example the one of the experiment that names it.
-            After them comes the working directory. In each of them, a folder ``schemas`` is
-            searched too. Last come the bundled schemas.
+        beside: Folders to search first, such as that of the experiment, then the working
+            directory; then a folder ``schemas`` in each of them, and last the bundled schemas.
 
     Raises:
         FileError: If the file has faults.
         OpenLockError: If there is no such schema; the message names the nearest.
+
+    Example:
+        >>> find_schema("CC4").title
+        'Common cause, four levers'
     """
     if isinstance(name, Schema):
         return name
@@ -261,12 +268,12 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # no name that a file can have
+    except (OSError, ValueError):  # an invalid name
         return False
 
 
 def bundled_schemas() -> dict[str, Schema]:
-    """The schemas that come with the package, by name: the paper's four first."""
+    """The schemas that come with the package by name, the paper's four first."""
     names = sorted(path.stem for path in bundled("schemas").glob("*.yaml"))
     paper = ["CC3", "CE3", "CC4", "CE4"]
     return {

@@ -26,7 +26,7 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
 from causal_openlock.experiment.store import Store
-from causal_openlock.files.whole import sweep
+from causal_openlock.files.atomic import sweep
 from causal_openlock.play.game import EXPERIMENT, Game, Told
 from causal_openlock.play.log import Entry as LogEntry
 from causal_openlock.play.log import Log, is_join, is_turn

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import StoreError
+from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
-from causal_openlock.files.whole import write_bytes
 from causal_openlock.play.game import Done
 
 if TYPE_CHECKING:

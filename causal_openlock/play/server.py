@@ -35,7 +35,7 @@ from typing import Any, cast
 from urllib.parse import urlsplit
 
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.files.plain_text import printable
+from causal_openlock.files.escaping import printable
 from causal_openlock.play.pages import geometry, static_files
 from causal_openlock.play.people import FullHouse, OutOfTurn, People, UnknownPerson
 from causal_openlock.world.room import positions_for

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.whole import replacing, write_bytes, write_text
+from causal_openlock.files.atomic import replacing, write_bytes, write_text
 from causal_openlock.physics import PhysicalRoom, Pose
 from causal_openlock.physics.world import STEP
 from causal_openlock.render.gif import GifWriter

@@ -15,7 +15,7 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.whole import write_bytes
+from causal_openlock.files.atomic import write_bytes
 from causal_openlock.render.arrange import RADIUS, Drawing, arrange
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.schema import DOOR, Schema

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from causal_openlock.errors import ExperimentError, LayoutError
-from causal_openlock.files.model_faults import StrictModel
+from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.wording import nearest

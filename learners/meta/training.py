@@ -29,8 +29,8 @@ from torch import Tensor
 
 from causal_openlock.contract.learner import View
 from causal_openlock.errors import ExperimentError, Interrupted, OpenLockError
+from causal_openlock.files.atomic import replacing
 from causal_openlock.files.state import StateError, read_state, write_state
-from causal_openlock.files.whole import replacing
 from causal_openlock.formats.schema_file import bundled
 from causal_openlock.world.fsm import BoolArray
 from learners.meta.file import TrainingFile, read_training

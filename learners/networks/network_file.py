@@ -19,9 +19,9 @@ import torch
 from pydantic import Field
 
 from causal_openlock.errors import LearnerError
-from causal_openlock.files.archive import HEADER, Archive, ArchiveError, open_archive, reading
-from causal_openlock.files.model_faults import StrictModel
-from causal_openlock.files.whole import replacing
+from causal_openlock.files.atomic import replacing
+from causal_openlock.files.npz import HEADER, Archive, ArchiveError, open_archive, reading
+from causal_openlock.files.validation import StrictModel
 from causal_openlock.world.room import PAPER_POSITIONS
 from causal_openlock.world.schema import MAX_LEVERS
 from learners.networks.recurrent_policy import RecurrentPolicy, Sizes, make_policy

@@ -22,7 +22,7 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from causal_openlock.files.model_faults import StrictModel
+from causal_openlock.files.validation import StrictModel
 from learners.networks.recurrent_cells import StackedGRU, StackedLinear
 
 OWN, SHARED = 4, 9

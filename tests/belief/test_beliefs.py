@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from causal_openlock.belief.grammar import class_prior, schema_classes
+from causal_openlock.belief.hypotheses import Space
 from causal_openlock.belief.prior import Prior
-from causal_openlock.belief.space import Space
 from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import Condition, Trials

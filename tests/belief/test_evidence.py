@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betaln
 
-from causal_openlock.belief.evidence import DOOR, Event, likelihood
-from causal_openlock.belief.space import Hypotheses
+from causal_openlock.belief.evidence import DOOR, Event, Events, likelihood
+from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.belief.strength import CERTAIN, Strengths, at_least, strengths
 from causal_openlock.world.schema import Schema
 from support.belief_by_hand import (
@@ -47,12 +47,12 @@ def chance_of(
     found: list[int],
 ) -> float:
     event = Event(
-        slot=np.array([DOOR if slot == DOOR_SLOT else slot]),
-        pushed=np.array([pushed], dtype=np.uint16),
-        took_effect=np.array([outcome.took_effect]),
-        unlocked=np.array([outcome.unlocked]),
-        new=np.array([outcome.new]),
-        found=np.array([found], dtype=np.uint16).reshape(1, -1),
+        slot=DOOR if slot == DOOR_SLOT else slot,
+        pushed=pushed,
+        took_effect=outcome.took_effect,
+        unlocked=outcome.unlocked,
+        new=outcome.new,
+        found=tuple(found),
     )
     return float(likelihood(hypothesis, np.array([0]), how, event)[0])
 
@@ -117,7 +117,7 @@ def test_events_are_taken_one_hypothesis_each():
     elsewhere = hypothesis_of(_one_lever(), [1], POSITIONS, CERTAIN)
     whole = Hypotheses.joined([free, elsewhere])
     which = np.array([0, 1, 1, 0])
-    event = Event(
+    events = Events(
         slot=np.array([0, 0, 1, 1]),
         pushed=np.zeros(4, dtype=np.uint16),
         took_effect=np.array([True, True, True, True]),
@@ -125,7 +125,7 @@ def test_events_are_taken_one_hypothesis_each():
         new=np.zeros(4, dtype=bool),
         found=np.zeros((4, 0), dtype=np.uint16),
     )
-    told = likelihood(whole, which, strengths(0.0, 1.0, 1.0, 1), event)
+    told = likelihood(whole, which, strengths(0.0, 1.0, 1.0, 1), events)
     assert told.tolist() == [1.0, 0.0, 1.0, 0.0]
 
 
@@ -173,14 +173,7 @@ def test_ten_nodes_follow_the_conjugate_posterior_through_likelihoods():
     weight, which = how.prior.copy(), np.arange(len(how))
     moves = [True, True, False, True, False, True]
     for moved in moves:
-        event = Event(
-            slot=np.full(len(how), 1),
-            pushed=np.full(len(how), 0b01, dtype=np.uint16),
-            took_effect=np.full(len(how), moved),
-            unlocked=np.full(len(how), moved),
-            new=np.zeros(len(how), dtype=bool),
-            found=np.zeros((len(how), 0), dtype=np.uint16),
-        )
+        event = Event(slot=1, pushed=0b01, took_effect=moved, unlocked=moved, new=False)
         weight *= likelihood(hypotheses, which, how, event)
     assert weight[CERTAIN] == 0.0  # it failed once
     assert weight.sum() == pytest.approx(0.5 * math.exp(betaln(8, 3) - betaln(4, 1)))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from causal_openlock import Condition, Session
-from causal_openlock.belief import sampling, steering
+from causal_openlock.belief import metropolis, sampling
 from causal_openlock.belief.catalogue import TABLE_BYTES, catalogue, distance, fits
+from causal_openlock.belief.hypotheses import RoomSight
 from causal_openlock.belief.sampling import Sampler, sampled
-from causal_openlock.belief.space import RoomSight
 from causal_openlock.belief.structures import Structures, behaviour_bytes
 from causal_openlock.cli import main
 from causal_openlock.experiment.expected_cost import Cost, cost_cautions, expected_cost
@@ -50,7 +50,7 @@ def looked_at(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         return distance(structures, *promise)
 
     monkeypatch.setattr(sampling, "distance", counted)
-    monkeypatch.setattr(steering, "distance", counted)
+    monkeypatch.setattr(metropolis, "distance", counted)
     return counts
 
 
@@ -70,7 +70,7 @@ def by_definition(structures: Structures) -> list[set[int]]:
 @pytest.mark.parametrize("levers", [1, 3, 5, 6, 7, 9, 12])
 def test_solutions_of_many_levers_are_what_trying_every_set_finds(levers: int) -> None:
     generator = np.random.default_rng(levers)
-    structures = Sampler(levers, SIMPLICITY, 1.0).draw(25, generator)
+    structures = Sampler(levers, SIMPLICITY, 1.0).draw(25, generator)[0]
     plain = by_definition(structures)
     found = structures.solutions()
     assert [set(np.flatnonzero(row).tolist()) for row in found] == plain
@@ -95,7 +95,7 @@ def test_steps_find_more_than_as_many_draws() -> None:
     drawn = stepped = 0
     for seed in range(3):
         generator = np.random.default_rng(seed)
-        drawn += int(fits(sampler.draw(effort, generator), 8, 3).sum())
+        drawn += int(fits(sampler.draw(effort, generator)[0], 8, 3).sum())
         stepped += len(sampled(sampler, SIGHT, 500, generator, effort))
     assert stepped > 2 * drawn
 
@@ -110,10 +110,12 @@ def test_what_steps_reach_is_as_probable_as_what_is_drawn() -> None:
     """From draws far from the promise, long runs come to what rejection would have kept."""
     n, promise, generator = 5, (2, 3), np.random.default_rng(3)
     sampler = Sampler(n, SIMPLICITY, 1.0, [((0, 0, True, False), 1)])
-    drawn, order = sampler.draw_in_order(60_000, generator)
+    drawn, order = sampler.draw(60_000, generator)
     kept = distance(drawn, *promise) == 0
     away = np.flatnonzero(~kept)[:1500]
-    reached = steering.steered(sampler.guess, drawn[away], order[away], promise, 300, generator)
+    reached = metropolis.metropolis(
+        sampler.guess, drawn[away], order[away], promise, 300, generator
+    )
     assert len(reached) > 1000
     assert (distance(reached, *promise) == 0).all()
     assert np.abs(shares(reached, n) - shares(drawn[kept], n)).max() < 0.05

@@ -35,14 +35,8 @@ def expected_attempts(hypotheses, prior, limit, objective):
         for took_effect in (False, True):
             for lock_open in (False, True):
                 for new in (False, True):
-                    event = Event(
-                        np.full(len(who), DOOR if slot == door else slot),
-                        np.full(len(who), pushed, dtype=np.uint16),
-                        np.full(len(who), took_effect),
-                        np.full(len(who), lock_open),
-                        np.full(len(who), new),
-                        np.tile(np.array(found, dtype=np.uint16), (len(who), 1)),
-                    )
+                    where = DOOR if slot == door else slot
+                    event = Event(where, pushed, took_effect, lock_open, new, found)
                     if new and not (slot == door and took_effect):
                         continue
                     fits = likelihood(hypotheses, who, CERTAIN, event) > 0

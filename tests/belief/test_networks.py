@@ -21,11 +21,11 @@ from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
 from causal_openlock.belief.evidence import Event, likelihood
 from causal_openlock.belief.grammar import schema_classes
-from causal_openlock.belief.insight import edge_probabilities
+from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space
+from causal_openlock.belief.marginals import edge_probabilities
 from causal_openlock.belief.networks import lock_network, model_of, probability_unlocked
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.belief.prior import Prior
-from causal_openlock.belief.space import RoomSight, Space, enumerate_space
 from causal_openlock.belief.strength import Strengths, at_least, strengths
 from causal_openlock.belief.structures import gate_dags
 from causal_openlock.errors import OpenLockError
@@ -152,14 +152,10 @@ def play_at_random(
 
 
 def our_likelihood(space: Space, moment: Moment, outcome: Outcome) -> np.ndarray:
-    many = len(space)
     event = Event(
-        np.full(many, moment.slot),
-        np.full(many, mask_of(moment.pushed), dtype=np.uint16),
-        *(np.full(many, told) for told in outcome),
-        np.tile(np.array([mask_of(s) for s in moment.found], dtype=np.uint16), (many, 1)),
+        moment.slot, mask_of(moment.pushed), *outcome, tuple(mask_of(s) for s in moment.found)
     )
-    return likelihood(space.hypotheses, np.arange(many), space.strengths, event)
+    return likelihood(space.hypotheses, np.arange(len(space)), space.strengths, event)
 
 
 def network_of(prior: np.ndarray, tables: list[np.ndarray]):
@@ -542,9 +538,9 @@ def test_a_learner_tells_its_belief_as_a_network() -> None:
         assert model.schema == schema
         assert {*model.network.nodes} == {*schema.levers, DOOR} <= {*names, DOOR}
         assert set(model.network.edges) == set(schema.graph.edges)
-        of_structures = np.concatenate([held.probability.sum(axis=1) for held in model.held])
+        of_structures = np.concatenate([part.probability.sum(axis=1) for part in model.parts])
         # Structures that act alike are one hypothesis, and its probability is theirs together.
-        of_hypotheses = [np.bincount(h.behaviour, h.probability.sum(1)).max() for h in model.held]
+        of_hypotheses = [np.bincount(h.behaviour, h.probability.sum(1)).max() for h in model.parts]
         assert model.probability == probability == pytest.approx(max(of_hypotheses), abs=1e-12)
         assert of_structures.max() <= probability < 1
         assert of_structures.sum() == pytest.approx(1, abs=1e-12)

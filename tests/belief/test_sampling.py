@@ -13,14 +13,14 @@ from scipy.stats import chisquare
 
 from causal_openlock.belief import beliefs as beliefs_module
 from causal_openlock.belief import catalogue as catalogue_module
-from causal_openlock.belief import space as space_module
+from causal_openlock.belief import hypotheses as space_module
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.catalogue import fits, free_form_weight
-from causal_openlock.belief.evidence import DOOR
-from causal_openlock.belief.insight import edge_probabilities
+from causal_openlock.belief.evidence import DOOR, Event
+from causal_openlock.belief.hypotheses import RoomSight, enumerate_space
+from causal_openlock.belief.marginals import edge_probabilities
 from causal_openlock.belief.prior import Prior
-from causal_openlock.belief.sampling import Happened, Sampler, sampled, with_sampled
-from causal_openlock.belief.space import RoomSight, enumerate_space
+from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
 from causal_openlock.belief.strength import at_least, strengths
 from causal_openlock.belief.structures import Structures, gate_dags
 from causal_openlock.experiment.protocol import Condition, Trials
@@ -45,7 +45,7 @@ from support.session_play import HUMAN, SCHEMAS
 SIMPLICITY = math.log(2.0)
 DRAWS = 40_000
 
-Events = list[tuple[Happened, int]]
+Events = list[tuple[Event, int]]
 
 
 def happened_in(plain: Plain, strength: float, moments: int, seed: int) -> Events:
@@ -53,7 +53,7 @@ def happened_in(plain: Plain, strength: float, moments: int, seed: int) -> Event
     rng = np.random.default_rng(seed)
     n = len(plain.causes) - 1
     world = World(machine(plain, strength), range(n))
-    counts: Counter[Happened] = Counter()
+    counts: Counter[Event] = Counter()
     pushed = 0
     for _ in range(moments):
         unlocked = bool(world.fsm.unlocked[world.state(pushed)])
@@ -61,7 +61,7 @@ def happened_in(plain: Plain, strength: float, moments: int, seed: int) -> Event
         outcomes = world.outcomes(pushed, slot, ())
         many, chances = list(outcomes), list(outcomes.values())
         outcome = many[rng.choice(len(many), p=chances)]
-        counts[slot, pushed, outcome.took_effect, outcome.unlocked] += 1
+        counts[Event(slot, pushed, outcome.took_effect, outcome.unlocked, False)] += 1
         # Opened doors close again, and now and then everything is put back.
         pushed = 0 if rng.random() < 0.2 else outcome.pushed
     return list(counts.items())
@@ -72,7 +72,7 @@ def by_hand(plain: Plain, strength: float, events: Events) -> float:
     n = len(plain.causes) - 1
     world = World(machine(plain, strength), range(n))
     total = 1.0
-    for (slot, pushed, took_effect, unlocked), times in events:
+    for (slot, pushed, took_effect, unlocked, *_), times in events:
         if slot == DOOR_SLOT and not world.fsm.unlocked[world.state(pushed)]:
             return 0.0  # the door had not been unlocked
         total *= (
@@ -90,7 +90,7 @@ def likelihoods(structures: Structures, strength: float, events: Events) -> Floa
     """The same for many structures, in their terms: how many causes are pushed, and the gate."""
     n, chance = structures.levers, at_least(strength)
     total = np.ones(len(structures))
-    for (slot, pushed, took_effect, unlocked), times in events:
+    for (slot, pushed, took_effect, unlocked, *_), times in events:
         node = n if slot == DOOR else slot
         after = pushed ^ (1 << slot) if took_effect and slot != DOOR else pushed
         if node < n or slot == DOOR:
@@ -147,7 +147,7 @@ def test_three_levers_are_drawn_as_probable_as_they_are(plain, strength, moments
     events, weight = posterior(plain, strength, moments, 4)
     sampler = Sampler(3, SIMPLICITY, strength, events)
     assert sampler.evidence == pytest.approx(weight.sum(), rel=1e-9)
-    drawn = Counter(labels(sampler.draw(DRAWS, np.random.default_rng(1))))
+    drawn = Counter(labels(sampler.draw(DRAWS, np.random.default_rng(1))[0]))
     names = labels(arrays_of(list(free_form(3, SIMPLICITY))))
     assert not set(drawn) - {name for name, w in zip(names, weight, strict=True) if w > 0}
     expected = DRAWS * weight / weight.sum()
@@ -168,7 +168,7 @@ def test_four_levers_are_drawn_as_probable_as_they_are(strength, moments):
     weight = free_form_weight(4, SIMPLICITY) * likelihoods(everything, strength, events)
     sampler = Sampler(4, SIMPLICITY, strength, events)
     assert sampler.evidence == pytest.approx(weight.sum(), rel=1e-9)
-    drawn = sampler.draw(DRAWS, np.random.default_rng(2))
+    drawn = sampler.draw(DRAWS, np.random.default_rng(2))[0]
     assert (likelihoods(drawn, strength, events) > 0).all()
     agree(
         features(drawn).mean(axis=0),
@@ -180,13 +180,13 @@ def test_four_levers_are_drawn_as_probable_as_they_are(strength, moments):
 def test_the_likelihood_of_draws_is_that_by_hand():
     events = happened_in(BOTH, 0.7, 25, 4)
     sampler = Sampler(3, SIMPLICITY, 0.7, events)
-    drawn = sampler.draw(50, np.random.default_rng(0))
+    drawn = sampler.draw(50, np.random.default_rng(0))[0]
     exact = [by_hand(plain, 0.7, events) for plain in plains_of(drawn)]
     assert sampler.likelihood(drawn) == pytest.approx(exact, rel=1e-9)
 
 
 def test_a_white_lever_that_does_not_move_tells_nothing():
-    told: Events = [((0, 0b00, True, False), 1), ((1, 0b01, True, True), 1)]
+    told: Events = [(Event(0, 0b00, True, False, False), 1), (Event(1, 0b01, True, True, False), 1)]
     plain = Sampler(3, SIMPLICITY, 1.0, told)
     for white in (3, 4):  # also while the door is unlocked
         more = [*told, ((white, 0b11, False, True), 2)]
@@ -195,23 +195,23 @@ def test_a_white_lever_that_does_not_move_tells_nothing():
 
 def test_a_white_lever_that_moves_is_beyond_the_grey_ones():
     for white in (3, 5):
-        sampler = Sampler(3, SIMPLICITY, 1.0, [((white, 0, True, False), 1)])
+        sampler = Sampler(3, SIMPLICITY, 1.0, [(Event(white, 0, True, False, False), 1)])
         assert sampler.evidence == 0
-        assert len(sampler.draw(10, np.random.default_rng(0))) == 0
+        assert len(sampler.draw(10, np.random.default_rng(0))[0]) == 0
 
 
 def test_of_what_cannot_be_nothing_is_drawn():
-    both: Events = [((0, 0, True, False), 1), ((0, 0, False, False), 1)]
+    both: Events = [(Event(0, 0, True, False, False), 1), (Event(0, 0, False, False, False), 1)]
     sampler = Sampler(5, SIMPLICITY, 1.0, both)
     assert sampler.evidence == 0
-    assert len(sampler.draw(100, np.random.default_rng(0))) == 0
+    assert len(sampler.draw(100, np.random.default_rng(0))[0]) == 0
     sight = RoomSight(7, 5, 4, 3)
     own = sampled(sampler, sight, 100, np.random.default_rng(0))
     assert len(own) == 0
     known = enumerate_space(sight, strengths(0.0, 1.0, 1.0, 1), SIMPLICITY, 1000)
     assert len(with_sampled(known, own)) == len(known)
     # With noise, an enabled lever can both move and fail to.
-    both = [((1, 1, True, False), 1), ((1, 1, False, False), 1)]
+    both = [(Event(1, 1, True, False, False), 1), (Event(1, 1, False, False, False), 1)]
     assert Sampler(5, SIMPLICITY, 0.8, both).evidence > 0
 
 
@@ -382,8 +382,8 @@ def test_white_levers_pushed_while_the_door_is_unlocked_rule_nothing_out():
             if action == white:
                 assert view.observation[0, -2] == 0
                 belief = played.belief()
-                events = [((*one[:4],), times) for one, times in belief.events.items()]
-                redrawn = Sampler(5, SIMPLICITY, 1.0, events).draw(200, generator)
+                events = list(belief.events.items())
+                redrawn = Sampler(5, SIMPLICITY, 1.0, events).draw(200, generator)[0]
                 assert likelihoods(redrawn, 1.0, events).all()
                 assert len(redrawn) == 200
 

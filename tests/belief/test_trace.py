@@ -20,10 +20,15 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from causal_openlock.analysis.plots.belief import draw_trace, save_trace_figure
-from causal_openlock.belief.believer import Believer
-from causal_openlock.belief.likeness import act_alike, by_position, same_arrows
-from causal_openlock.belief.story import percent, shown_name, story, told
+from causal_openlock.belief.belief_learner import BeliefLearner
+from causal_openlock.belief.structure_schemas import (
+    behave_alike,
+    by_position,
+    in_words,
+    same_structure,
+)
 from causal_openlock.belief.trace import Trace, trace_trial
+from causal_openlock.belief.trace_text import percent, shown_name, trace_text
 from causal_openlock.cli import main
 from causal_openlock.contract.learner import View
 from causal_openlock.contract.registry import create
@@ -100,7 +105,7 @@ def test_beliefs_follow_one_another(name: str) -> None:
 def test_the_first_belief_is_the_prior(cc4: Trace) -> None:
     session = Session(Condition.named("CC4", find_schema), HUMAN, [0], seed=SEED, learner="bayes")
     learner = create("learners.bayes:Bayes")
-    assert isinstance(learner, Believer)
+    assert isinstance(learner, BeliefLearner)
     learner.begin(session.brief)
     learner.act(session.view)
     prior = learner.belief(0)
@@ -112,7 +117,7 @@ def test_the_first_belief_is_the_prior(cc4: Trace) -> None:
 def test_the_chance_of_what_was_seen_is_what_the_surviving_hypotheses_held(cc4: Trace) -> None:
     session = Session(Condition.named("CC4", find_schema), HUMAN, [0], seed=SEED, learner="bayes")
     learner = create("learners.bayes:Bayes")
-    assert isinstance(learner, Believer)
+    assert isinstance(learner, BeliefLearner)
     learner.begin(session.brief)
     for action in cc4.actions[:-1]:
         chosen = learner.act(session.view)
@@ -154,7 +159,7 @@ def test_a_solved_room_is_understood(name: str, subject: int) -> None:
     trace = traced(name, subject=subject)
     assert trace.solved
     final = trace.snapshots[-1]
-    assert act_alike(final.structure, trace.truth, trace.action_limit)
+    assert behave_alike(final.structure, trace.truth, trace.action_limit)
     assert trace.entropies[-1] < trace.entropies[0] / 3
     for cause, effect in trace.truth.graph.edges:
         at = trace.nodes.index(cause), trace.nodes.index(effect)
@@ -171,7 +176,7 @@ def test_a_lever_pulled_back_locks_the_door_again() -> None:
     trace = traced("CC4", learner=Undoing())
     assert {"unlocked", "locked"} <= {action.outcome for action in trace.actions}
     assert not trace.solved
-    assert "Not solved: 0 of 3 solutions in 30 attempts" in " ".join(story(trace))
+    assert "Not solved: 0 of 3 solutions in 30 attempts" in " ".join(trace_text(trace))
     figure = draw_trace(trace).figure
     assert "locked again" in [text.get_text() for text in figure.legends[0].get_texts()]
     check_texts(figure)
@@ -187,7 +192,7 @@ def test_the_table_has_a_column_for_each_arrow_that_was_ever_possible(cc4: Trace
 
 
 def test_what_cannot_be_traced() -> None:
-    with pytest.raises(LearnerError, match="holds no beliefs"):
+    with pytest.raises(LearnerError, match="has no beliefs to trace"):
         traced("CC4", learner=create("random"))
     for trial in (0, 6):
         with pytest.raises(ProtocolError, match=f"no trial {trial}; choose one from 1 to 5"):
@@ -206,8 +211,8 @@ def test_levers_renamed_by_position_act_as_before(schema: Schema) -> None:
     assert {frozenset(levers) for levers in moved.solutions} == {
         frozenset(where[lever] for lever in levers) for levers in schema.solutions
     }
-    assert act_alike(moved, moved, schema.least_action_limit)
-    assert same_arrows(moved, moved)
+    assert behave_alike(moved, moved, schema.least_action_limit)
+    assert same_structure(moved, moved)
 
 
 def test_structures_are_alike_as_long_as_no_attempt_tells_them_apart() -> None:
@@ -215,21 +220,21 @@ def test_structures_are_alike_as_long_as_no_attempt_tells_them_apart() -> None:
     both = Schema(
         "b", ["A", "B", "C"], {"A": ["B", "C"], "B": ["C"], "C": [DOOR]}, gates={"C": Gate("all")}
     )
-    assert not same_arrows(chain, both)
-    assert act_alike(chain, both, 3)
-    assert not act_alike(chain, both, 4)  # push A, push B, pull A, push C
+    assert not same_structure(chain, both)
+    assert behave_alike(chain, both, 3)
+    assert not behave_alike(chain, both, 4)  # push A, push B, pull A, push C
     fork = Schema("c", ["A", "B", "C"], {"A": ["B", "C"], "B": [DOOR], "C": [DOOR]})
-    assert not act_alike(chain, fork, 2)
+    assert not behave_alike(chain, fork, 2)
     idle = Schema("d", ["A", "B"], {"A": [DOOR]}, inert=["B"])
     alone = Schema("e", ["A"], {"A": [DOOR]})
-    assert not act_alike(idle, alone, 2)  # B moves in one, and not in the other
+    assert not behave_alike(idle, alone, 2)  # B moves in one, and not in the other
 
 
 # -- the words ------------------------------------------------------------------------------------
 
 
 def test_the_story_tells_every_action_and_every_solution_once(cc4: Trace) -> None:
-    lines = list(story(cc4))
+    lines = list(trace_text(cc4))
     actions = [line for line in lines if line.startswith(("  push", "  pull"))]
     assert len(actions) == len(cc4.actions)
     for line, action in zip(actions, cc4.actions, strict=True):
@@ -239,13 +244,13 @@ def test_the_story_tells_every_action_and_every_solution_once(cc4: Trace) -> Non
         assert sum(f"({number} of 3)" in line for line in lines) == 1
     assert sum(line.startswith("Attempt ") for line in lines) == len(cc4.attempts)
     whole = " ".join(line.strip() for line in lines)
-    verdict = "What it holds most probable is the same structure."
-    assert f"In truth, {told(cc4.truth)}. {verdict}" in whole
+    verdict = "What it believes most probable is the same structure."
+    assert f"In truth, {in_words(cc4.truth)}. {verdict}" in whole
     assert max(map(len, lines)) <= 100
 
 
 def test_a_long_story_is_cut_and_says_so(cc4: Trace) -> None:
-    lines = list(story(cc4, most=1))
+    lines = list(trace_text(cc4, most=1))
     assert "Attempt 2" not in lines
     rest = cc4.attempts[1:]
     found = sum(action.outcome == "new solution" for attempt in rest for action in attempt)
@@ -255,9 +260,9 @@ def test_a_long_story_is_cut_and_says_so(cc4: Trace) -> None:
 
 
 def test_the_story_says_when_nothing_was_possible_any_more(uncertain: Trace) -> None:
-    whole = " ".join(line.strip() for line in story(uncertain))
+    whole = " ".join(line.strip() for line in trace_text(uncertain))
     assert whole.count("From here on levers may fail to move") == 1
-    assert "the difference of entropies is no information" in whole
+    assert "the difference of entropies is not information" in whole
 
 
 @pytest.mark.parametrize(
@@ -270,13 +275,13 @@ def test_the_story_says_when_nothing_was_possible_any_more(uncertain: Trace) -> 
     ],
 )
 def test_structures_in_words(schema: str, words: str) -> None:
-    assert told(find_schema(schema)) == words
+    assert in_words(find_schema(schema)) == words
 
 
 def test_gates_idle_levers_and_strengths_in_words() -> None:
     edges = {"A": {"C": 0.5}, "B": {"C": 0.5}, "C": {DOOR: 0.5}}
     schema = Schema("s", ["C", "B", "A", "D"], edges, gates={"C": Gate("all")}, inert=["D"])
-    assert told(schema) == (
+    assert in_words(schema) == (
         "B and A together enable C; C unlocks the door; D does nothing for the door; strength 0.50"
     )
 
@@ -454,7 +459,7 @@ def test_seed_and_subject_change_the_trial(tmp_path: Path) -> None:
     ("words", "sentence"),
     [
         (["CC4", "--learner", "bayse"], "did you mean bayes?"),
-        (["CC4", "--learner", "random"], "random holds no beliefs that could be traced"),
+        (["CC4", "--learner", "random"], "random has no beliefs to trace"),
         (["CC44"], "did you mean CC4?"),
         (["CC3-CC4-CC3"], "is no condition"),
         (["nowhere.yaml"], "cannot be read"),

@@ -36,9 +36,9 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.worker import Watching, play_cell
 from causal_openlock.files import seal as seal_module
+from causal_openlock.files.atomic import sweep
 from causal_openlock.files.seal import STATE, seal
 from causal_openlock.files.state import StateError, read_state, write_state
-from causal_openlock.files.whole import sweep
 from causal_openlock.world.fsm import IntArray
 from learners.random import RandomLearner
 from support.checkpoints import same
@@ -530,7 +530,7 @@ def test_without_a_key_players_go_on_in_their_process_and_are_not_kept(
 ) -> None:
     spoil(tmp_path / "state")
     (warning,) = play_cell(noting, str(tmp_path / "out"), AFTER_EVERY_STEP).warnings
-    assert "so a killed cell begins again (the key that seals it cannot be kept in" in warning
+    assert "so a killed cell begins again (the key of its seal cannot be stored in" in warning
     assert files_beside(tmp_path / "out") == [".parquet"]
     one, other = create("test_checkpoint:Noting"), create("test_checkpoint:Noting")
     session = Session(noting.condition, noting.spec.protocol, 2)
@@ -740,7 +740,7 @@ def test_a_state_takes_no_more_memory_than_its_file(tmp_path: Path, packed: bool
         path.write_bytes(with_checksums(content))
     tracemalloc.start()
     try:
-        with pytest.raises(StateError, match=r"another size than it says|larger than"):
+        with pytest.raises(StateError, match=r"another size than its header states|larger than"):
             read_state(path)
         assert tracemalloc.get_traced_memory()[1] < 1_000_000
     finally:

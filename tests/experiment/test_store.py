@@ -23,7 +23,7 @@ from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import compact
 from causal_openlock.experiment.store import Store
-from causal_openlock.files import whole
+from causal_openlock.files import atomic
 from causal_openlock.files.checksums import json_bytes, read_json, table_bytes
 from causal_openlock.version import __version__
 from support.places import ROOT
@@ -373,7 +373,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_part_of_a_file(
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(whole.os, "fsync", full)
+    monkeypatch.setattr(atomic.os, "fsync", full)
     with pytest.raises(StoreError, match="No space left on device") as caught:
         play(experiment, tmp_path / "out")
     assert "\n" not in str(caught.value)

@@ -262,11 +262,11 @@ def test_what_is_equally_good_is_drawn_by_chance():
 @pytest.mark.parametrize("name", ["noisy_CC3", "seven"])
 def test_where_the_optimum_is_out_of_reach_it_plans_ahead(name, monkeypatch):
     monkeypatch.setattr("causal_openlock.belief.optimal.HYPOTHESIS_LIMIT", 100)
-    from learners.ideal import _mind
+    from learners.ideal import _solver
 
-    _mind.cache_clear()
+    _solver.cache_clear()
     trials = trials_of(play(create("ideal"), name, subjects=5 if name == "seven" else 40))
-    _mind.cache_clear()
+    _solver.cache_clear()
     assert (trials["found"] == trials["solutions"]).all()
     assert trials["attempts"].mean() < {"noisy_CC3": 4.3, "seven": 8}[name]
 

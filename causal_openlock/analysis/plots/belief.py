@@ -30,7 +30,7 @@ from causal_openlock.analysis.plots.belief_panels import (
 from causal_openlock.analysis.plots.style import Plot
 from causal_openlock.belief.trace import Trace
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.whole import write_bytes
+from causal_openlock.files.atomic import write_bytes
 from causal_openlock.render.graph import SUFFIXES
 from causal_openlock.wording import nearest
 

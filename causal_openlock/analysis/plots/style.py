@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from causal_openlock.experiment.record import CATEGORIES
-from causal_openlock.files.whole import write_bytes
+from causal_openlock.files.atomic import write_bytes
 
 COMMON_CAUSE, COMMON_EFFECT = "#E69F00", "#00427A"
 OTHER = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")

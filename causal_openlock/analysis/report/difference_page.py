@@ -28,7 +28,7 @@ from causal_openlock.analysis.results.differences import difference
 from causal_openlock.analysis.results.summary import judged, measured
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -14,7 +14,7 @@ import pandas as pd
 
 from causal_openlock.analysis.report.section import SectionTable
 from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
 
 _LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},

@@ -36,7 +36,7 @@ from causal_openlock.analysis.results.people.published import model, people
 from causal_openlock.analysis.results.summary import headline, summarise, write_table
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa

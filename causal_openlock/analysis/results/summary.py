@@ -26,8 +26,8 @@ from causal_openlock.analysis.results.people.comparable import Pairs, comparable
 from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS, beside_published
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.files.plain_text import cell
-from causal_openlock.files.whole import write_text
+from causal_openlock.files.atomic import write_text
+from causal_openlock.files.escaping import cell
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -80,7 +80,7 @@ def _believers(material: Material) -> Iterator[LearnerSpec]:
 
     Results are only read: code that they name, and that no package brings along, does not run.
     """
-    from causal_openlock.belief.believer import Believer
+    from causal_openlock.belief.belief_learner import BeliefLearner
     from causal_openlock.contract.registry import learner_class
 
     for spec in material.experiment.learners:
@@ -90,7 +90,7 @@ def _believers(material: Material) -> Iterator[LearnerSpec]:
             kind = learner_class(spec.learner)
         except OpenLockError:
             continue
-        if issubclass(kind, Believer):
+        if issubclass(kind, BeliefLearner):
             yield spec
 
 

@@ -1,8 +1,12 @@
-"""Looking inside a belief: what a subject thinks of each lever, each arrow, the whole.
+"""Marginals of a posterior: the probability of each edge, and the most probable structure.
 
-A belief is about behaviours, and many structures can stand behind one behaviour; here it is spread
-over the structures again, as probable as the subject's knowledge of schemas makes them. Everything
-is by position and not by slot, as people see the room.
+A posterior is over behaviours, and many structures can have the same behaviour. Here it is spread
+over structures again,
+
+    P(structure) = P(behaviour) P(structure | behaviour)
+
+the last factor from the subject's knowledge of schema classes. Levers are named by position and not
+by slot, as people see the room.
 """
 
 from __future__ import annotations
@@ -12,8 +16,8 @@ from itertools import product
 
 import numpy as np
 
-from causal_openlock.belief.beliefs import Belief
 from causal_openlock.belief.catalogue import feasible
+from causal_openlock.belief.posterior import Belief
 from causal_openlock.belief.strength import Strengths
 from causal_openlock.belief.structures import Structures
 from causal_openlock.world.fsm import FloatArray, IntArray
@@ -26,11 +30,11 @@ def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
 
     Args:
         belief: A subject's belief.
-        classes: ``[C + 1]`` how probable the subject holds each schema class.
+        classes: ``[C + 1]`` the subject's probability of each schema class; so everywhere here.
     """
     positions = belief.space.sight.positions
     edges = np.zeros((positions, positions + 1))
-    for part in held(belief, classes):
+    for part in structure_posteriors(belief, classes):
         probability = part.probability.sum(axis=1)
         to = np.append(part.positions, positions)
         for lever, position in enumerate(part.positions):
@@ -40,39 +44,35 @@ def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
 
 
 def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
-    """What is most probable, as a schema, and its probability, whatever the strength.
+    """The most probable behaviour: a schema that has it, and its probability (MAP).
 
-    Structures that act alike in every attempt are one hypothesis. It is the most probable one that
-    counts; the schema is the most probable structure behind it, and the probability is that of all
-    of them. Its levers are called by their positions; those of no use for the door are inert.
-
-    Args:
-        belief: A subject's belief.
-        classes: ``[C + 1]`` how probable the subject holds each schema class.
+    The schema is the most probable structure with that behaviour, and the probability is that of
+    all structures with it, whatever their strength. Levers are named by position; those without
+    effect on the door are inert.
     """
     best, found = -1.0, None
-    for part in held(belief, classes):
+    for part in structure_posteriors(belief, classes):
         each = part.probability.sum(axis=1)
         alike = np.bincount(part.behaviour, each)
         index = int(np.where(part.behaviour == alike.argmax(), each, -1.0).argmax())
         if alike.max() > best:
             best, found = float(alike.max()), (part, index)
-    assert found is not None, "a belief holds something possible"
+    assert found is not None, "a belief has a possible hypothesis"
     part, index = found
     strength = float(part.strengths.value[part.probability[index].argmax()])
     return _schema(part.structures[np.array([index])], part.names, strength), best
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """Structures on the same levers, and how probable a subject holds them.
+class StructurePosterior:
+    """The part of a posterior about structures on the same set of levers.
 
     Attributes:
         positions: ``[n]`` where the levers stand.
-        names: What these positions are called.
+        names: The names of these positions.
         structures: M structures on them.
-        behaviour: ``[M]`` equal for those that act alike in every attempt.
-        strengths: How surely levers may move.
+        behaviour: ``[M]`` equal for those that behave alike in every attempt.
+        strengths: The possible strengths.
         probability: ``[M, G]`` of each structure together with each strength.
     """
 
@@ -84,10 +84,7 @@ class Held:
     probability: FloatArray
 
     def unlocked(self, pushed: set[str], pulled: set[str], push_probability: float) -> float:
-        """The part of P(unlocked | do) that is due to these structures.
-
-        Levers that are not among these do nothing here, wherever they are set.
-        """
+        """Their part of P(unlocked | do); levers that are not among theirs have no effect."""
         n = len(self.names)
         set_to = {**dict.fromkeys(pushed, (1,)), **dict.fromkeys(pulled, (0,))}
         unset = [lever for lever, name in enumerate(self.names) if name not in set_to]
@@ -106,13 +103,8 @@ class Held:
         return total
 
 
-def held(belief: Belief, classes: FloatArray) -> tuple[Held, ...]:
-    """Everything that is held possible, structure by structure, for each set of active levers.
-
-    Args:
-        belief: A subject's belief.
-        classes: ``[C + 1]`` how probable the subject holds each schema class.
-    """
+def structure_posteriors(belief: Belief, classes: FloatArray) -> tuple[StructurePosterior, ...]:
+    """The posterior over structures, one part for each possible set of active levers."""
     space = belief.space
     many = len(space.strengths)
     names = position_names(space.sight.positions)
@@ -129,7 +121,7 @@ def held(belief: Belief, classes: FloatArray) -> tuple[Held, ...]:
         possible = np.flatnonzero(joint.any(axis=1))
         at = belief.positions[block.slots]
         parts.append(
-            Held(
+            StructurePosterior(
                 at,
                 tuple(names[position] for position in at),
                 own.members[possible],

@@ -21,7 +21,7 @@ from causal_openlock.cli.report import print_headline
 from causal_openlock.cli.terminal import Console, complain, say
 from causal_openlock.errors import LearnerError
 from causal_openlock.export.as_csv import flat
-from causal_openlock.files.plain_text import cell, csv_of, printable
+from causal_openlock.files.escaping import cell, csv_of, printable
 from support.fabricated_records import table as as_record
 from support.fabricated_records import trial_rows
 

@@ -1,13 +1,13 @@
-"""What a pydantic model refuses, in sentences for people who write YAML.
+"""Pydantic's validation errors as sentences for people who write YAML.
 
-Pydantic speaks of inputs and dictionaries. Here each of its verdicts becomes one sentence that
-names the key, says what is there, and says what to write instead.
+Each error becomes one sentence that names the key, describes its value, and tells what to write
+instead.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel, ConfigDict
 
@@ -18,13 +18,17 @@ Where = tuple[str | int, ...]
 
 
 class StrictModel(BaseModel):
-    """A part of a file: no key but those that are declared, and no value of another type."""
+    """A part of a file: only the declared keys, and values of the declared types."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
 def described(value: Any) -> str:
-    """A value of a file in a few words, for a message."""
+    """A value of a file in a few words, for a message.
+
+    >>> described([]), described(True), described("x")
+    ('an empty list', 'true', "the text 'x'")
+    """
     if isinstance(value, Mapping):
         return "keys and values" if value else "{}"
     if isinstance(value, str):
@@ -48,11 +52,11 @@ _WANTED = {
 
 
 def sentence(fault: Any, model: type[BaseModel]) -> str:
-    """Pydantic's verdict as a sentence with a remedy.
+    """Pydantic's error as a sentence with a remedy.
 
     Args:
         fault: One of ``ValidationError.errors()``.
-        model: The model that refused.
+        model: The model that was validated against.
     """
     where, kind, value = fault["loc"], fault["type"], fault.get("input")
     name = ".".join(str(part) for part in where) or "the file"
@@ -61,9 +65,8 @@ def sentence(fault: Any, model: type[BaseModel]) -> str:
     if kind == "missing":
         return f"{where[-1]}: is missing; add it"
     if kind == "extra_forbidden":
-        return (
-            f"{where[-1]!r} is no key here; {nearest(str(where[-1]), _fields(model, where[:-1]))}"
-        )
+        known = _fields(model, where[:-1])
+        return f"{where[-1]!r} is no key here; {nearest(str(where[-1]), known)}"
     if kind.startswith("custom."):
         return f"{fault['msg']}"
     if where and where[-1] == "[key]":
@@ -77,13 +80,12 @@ def sentence(fault: Any, model: type[BaseModel]) -> str:
         field = _fields(model, where[:-1]).get(str(where[-1]))
         form = (field and field.description) or fault["ctx"]["pattern"]
         return f"{name} must have the form: {form}; this is {described(value)}"
-    said = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    return f"{name} {said}, and this is {described(value)}"
+    message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    return f"{name} {message}, and this is {described(value)}"
 
 
 def _fields(model: Any, where: Where) -> dict[str, Any]:
-    """The fields that a model has at a place, by key; found by walking its field annotations."""
-    from typing import get_args
+    """The fields of a model at a path of keys, found by walking its field annotations."""
 
     def models(annotation: Any) -> list[type[BaseModel]]:
         if isinstance(annotation, type) and issubclass(annotation, BaseModel):

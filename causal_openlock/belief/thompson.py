@@ -1,21 +1,22 @@
-"""Acting on a single hypothesis: believe it for an attempt, and carry out a solution of it.
+"""Thompson sampling: draw a hypothesis from the posterior and carry out a solution of it.
 
-Thompson's rule believes a hypothesis as often as it is probable, and so explores just as much as
-there is doubt. An *intention* is what it comes to: levers to push, one after another, and then the
-door.
+Each hypothesis is acted on with its posterior probability (probability matching), so a subject
+explores exactly as much as it is uncertain. The result is a plan for an attempt: levers to push,
+one after another, and then the door. The alternative without weights draws any solution that some
+hypothesis still allows.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.belief.planning import Situation, achievable
-from causal_openlock.belief.space import Hypotheses
 from causal_openlock.world.fsm import BoolArray, FloatArray
 from causal_openlock.world.randomness import pick
 
 
-def draw_intention(
+def sample_solution(
     hypotheses: Hypotheses,
     weight: FloatArray,
     situation: Situation,
@@ -25,21 +26,21 @@ def draw_intention(
     """Levers to push for a new solution that some hypothesis allows.
 
     Args:
-        hypotheses: ``[h]`` what is held possible.
+        hypotheses: ``[h]`` the possible hypotheses.
         weight: ``[h]`` their probabilities.
         situation: Where the attempt stands.
-        draws: Two numbers in [0, 1), which decide.
-        by_weight: Whether a hypothesis is drawn as probable as it is and then one of its solutions
-            (Thompson), or any solution that some hypothesis allows, all alike.
+        draws: Two uniform numbers in [0, 1).
+        by_weight: Whether to draw a hypothesis by its probability and then one of its solutions
+            (Thompson), or uniformly any solution that some hypothesis allows.
 
     Returns:
-        Slots in an order that works; None if no hypothesis has anything left to be found.
+        Slots in an order that works; None if no hypothesis has a solution left to find.
     """
     possible = (weight > 0)[:, None]
     found = situation.found
     fitting = achievable(hypotheses, situation.pushed, situation.left, found) & possible
     if not fitting.any():
-        # Nothing can be finished in this attempt any more; make a start all the same.
+        # No solution can be completed in this attempt any more; begin one all the same.
         fitting = achievable(hypotheses, 0, hypotheses.causes.shape[1] + 1, found) & possible
         if not fitting.any():
             return None
@@ -55,7 +56,7 @@ def draw_intention(
 
 
 def _any_of(table: BoolArray) -> BoolArray:
-    """``[h]`` whether anything in each row holds; over few columns faster than row by row."""
+    """``[h]`` ``table.any(axis=1)``, faster for few columns."""
     found: BoolArray = np.logical_or.reduce(np.ascontiguousarray(table.T))
     return found
 

@@ -1,8 +1,8 @@
-"""Learners that hold beliefs about causal structure, and let others look at them.
+"""The base class of learners that hold beliefs about causal structure.
 
-What :class:`Believer` offers is what a trace of a trial, a notebook or a test asks of a learner:
-the belief itself, how probable arrows are, the most probable network for pgmpy, and what each
-action would tell.
+It answers what a trace, a notebook or a test wants to know about a subject: its belief, the
+probability of each edge, the most probable structure, a model for pgmpy, and the expected
+information gain of each action.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from causal_openlock.belief.beliefs import Belief, Beliefs
-from causal_openlock.belief.insight import edge_probabilities, most_probable
+from causal_openlock.belief.beliefs import Beliefs
+from causal_openlock.belief.marginals import edge_probabilities, most_probable
 from causal_openlock.belief.planning import Objective, Planner, Situation
+from causal_openlock.belief.posterior import Belief
 from causal_openlock.contract.learner import Learner, View
 from causal_openlock.errors import LearnerError
 from causal_openlock.world.fsm import FloatArray
@@ -23,20 +24,29 @@ if TYPE_CHECKING:
     from causal_openlock.belief.networks import Model
 
 
-class Believer(Learner):
-    """A learner whose beliefs can be looked at.
+class BeliefLearner(Learner):
+    """A learner whose beliefs can be inspected.
 
     Attributes:
-        beliefs: What its subjects believe; there from :meth:`begin` on.
+        beliefs: What its subjects believe; set by :meth:`begin`.
+
+    Example:
+        >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
+        >>> session = Session(Condition.named("CC3", find_schema), PROTOCOLS["human"], 1)
+        >>> learner = create("bayes")
+        >>> session.begin(learner)
+        >>> _ = session.step(learner.act(session.view))
+        >>> learner.belief(0), learner.edges(0).shape
+        (Belief(4,278 hypotheses, 7.86 bits), (7, 8))
     """
 
     beliefs: Beliefs
 
     def belief(self, subject: int) -> Belief:
-        """What a subject believes of the room that it is in.
+        """What a subject believes about the room that it is in.
 
         Raises:
-            LearnerError: If it has not looked at the room yet (see :meth:`act`) or has finished.
+            LearnerError: If it has not seen the room yet (see :meth:`act`) or has finished.
         """
         known = getattr(self, "beliefs", None)
         subjects = len(known.of) if known else 0
@@ -45,13 +55,13 @@ class Believer(Learner):
         belief = self.beliefs.of[subject]
         if belief is None:
             raise LearnerError(
-                f"subject {subject} believes nothing of a room that it has not seen; ask after "
+                f"subject {subject} has no belief about a room that it has not seen; ask after "
                 "its first action there and before its last"
             )
         return belief
 
     def classes(self, subject: int) -> FloatArray:
-        """``[C + 1]`` how probable a subject holds each schema class; the last is none of them."""
+        """``[C + 1]`` a subject's probability of each schema class; the last is none of them."""
         classes: FloatArray = self.beliefs.knowledge.classes(np.array([subject]))[0]
         return classes
 
@@ -60,9 +70,9 @@ class Believer(Learner):
         return edge_probabilities(self.belief(subject), self.classes(subject))
 
     def most_probable(self, subject: int) -> tuple[Schema, float]:
-        """What is most probable, its levers called by their positions, and how probable.
+        """The most probable structure and its probability.
 
-        The probability is that of all structures that act alike in every attempt.
+        Levers are named by position. The probability is that of all structures that behave alike.
         """
         return most_probable(self.belief(subject), self.classes(subject))
 
@@ -73,15 +83,15 @@ class Believer(Learner):
         return model_of(self.belief(subject), self.classes(subject))
 
     def gains(self, subject: int, view: View) -> FloatArray:
-        """``[2P + 1]`` bits that each action is expected to tell, by itself; 0 for any pull.
+        """``[2P + 1]`` expected information gain of each action alone, in bits; 0 for any pull.
 
         Args:
             subject: Whose belief counts.
-            view: What the subjects see; they must have looked at it (see :meth:`act`).
+            view: What the subjects perceive; they must have seen the room (see :meth:`act`).
         """
         belief = self.belief(subject)
         positions = self.beliefs.positions
-        situation = situation_of(belief, view, subject)
+        situation = Situation.of(view, subject, belief.slots, belief.found)
         planner = Planner(
             belief.space.hypotheses[belief.which],
             belief.space.strengths,
@@ -93,18 +103,3 @@ class Believer(Learner):
         gains[:positions] = values[belief.slots]
         gains[-1] = values[-1]
         return np.maximum(gains, 0.0)
-
-
-def situation_of(belief: Belief, view: View, subject: int) -> Situation:
-    """Where a subject's attempt stands.
-
-    When there is nothing new to find, old solutions are as good as new ones.
-    """
-    seen = view.observation[subject]
-    levers = seen[: len(belief.slots)].astype(np.int64)
-    return Situation(
-        pushed=int((levers << belief.slots).sum()),
-        unlocked=bool(seen[-2] == 0),
-        left=int(view.console.actions_left[subject]),
-        found=belief.found if view.console.solutions_left[subject] else (),
-    )

@@ -1,9 +1,9 @@
-"""Directed graphs as text in DOT (Graphviz) and in DAGitty, whose grammar is a kind of DOT.
+"""Directed graphs in DOT (Graphviz) and in DAGitty's dialect of it.
 
-Both are lists of statements in braces: nodes and edges, each with attributes in brackets, and
-``key=value`` for the graph as a whole. Read beyond that are chains ``a -> b -> c``, groups
-``{a b} -> c``, defaults (``edge [strength=0.5]``), subgraphs, ports, comments, and ``<-``, which
-only DAGitty has. Refused are edges without direction, and labels in HTML.
+Both are lists of statements in braces: nodes and edges with attributes in brackets, and
+``key=value`` for the whole graph. Also read are chains ``a -> b -> c``, groups ``{a b} -> c``,
+defaults (``edge [strength=0.5]``), subgraphs, ports, comments, and ``<-`` in DAGitty. Edges without
+direction and labels in HTML are refused.
 """
 
 from __future__ import annotations
@@ -32,15 +32,18 @@ TOKEN = re.compile(
 
 @dataclass(frozen=True)
 class Token:
-    """A piece of the text: its kind, what it says, and the line it stands on."""
+    """A token: its kind, its text, and its line."""
 
     kind: str
     text: str
     line: int
 
+    def __str__(self) -> str:
+        return repr(self.text) if self.kind != "end" else "the end of the text"
+
 
 def parse_graph(text: str, format: str) -> nx.DiGraph:
-    """The graph that a text declares, with all attributes as strings.
+    """The graph of a text, with all attributes as strings.
 
     Args:
         text: The whole text.
@@ -48,6 +51,10 @@ def parse_graph(text: str, format: str) -> nx.DiGraph:
 
     Raises:
         SchemaError: If the text is no directed graph in that format.
+
+    Example:
+        >>> list(parse_graph("digraph { a -> b -> c }", "dot").edges)
+        [('a', 'b'), ('b', 'c')]
     """
     return _Reader(text, format).graph_()
 
@@ -70,19 +77,21 @@ def dot_text(graph: nx.DiGraph) -> str:
 
 
 def dagitty_text(graph: nx.DiGraph) -> str:
-    """A schema's graph in DAGitty's language; the door bears the attributes of the graph."""
+    """A schema's graph in DAGitty's language; the attributes of the graph are on the door."""
     about = dict(graph.graph)
     lines = [f"dag {_quoted(about.pop('name'))} {{"]
     inert = about.get("inert", "").split()
     for node, data in graph.nodes(data=True):
-        says: dict[str, object] = {}
+        values: dict[str, object] = {}
         if data["kind"] == "door":
-            says = {"outcome": True}
+            values = {"outcome": True}
         elif "gate" not in data and node not in inert:
-            says = {"exposure": True}
+            values = {"exposure": True}
         if data.get("gate", "any") != "any":
-            says["gate"] = data["gate"]
-        lines.append(_quoted(node) + _attributes(says | about if "outcome" in says else says))
+            values["gate"] = data["gate"]
+        if data["kind"] == "door":
+            values |= about
+        lines.append(_quoted(node) + _attributes(values))
     for cause, effect, strength in graph.edges(data="strength"):
         beta = {"beta": strength} if strength < 1.0 else {}
         lines.append(f"{_quoted(cause)} -> {_quoted(effect)}{_attributes(beta)}")
@@ -90,13 +99,13 @@ def dagitty_text(graph: nx.DiGraph) -> str:
 
 
 def _quoted(text: object) -> str:
-    """A quoted string of either format; what could end it early is written as an entity."""
+    """A quoted string of either format; characters that could end it become entities."""
     entities = {"&": "&amp;", '"': "&quot;", "\\": "&#92;", "\n": "&#10;", "\r": "&#13;"}
     return '"' + "".join(entities.get(letter, letter) for letter in str(text)) + '"'
 
 
 def _attributes(values: Mapping[str, object]) -> str:
-    """Attributes in brackets, those that are True without a value; nothing where there are none."""
+    """Attributes in brackets, True ones without a value; empty if there are none."""
     found = [key if value is True else f"{key}={_quoted(value)}" for key, value in values.items()]
     return f" [{', '.join(found)}]" if found else ""
 
@@ -126,7 +135,7 @@ class _Reader:
             start = match.end()
         yield Token("end", "", text.count("\n") + 1)
 
-    # -- looking and taking -----------------------------------------------------------------------
+    # -- tokens -----------------------------------------------------------------------------------
 
     def next_is(self, *texts: str) -> bool:
         token = self.tokens[self.at]
@@ -146,14 +155,12 @@ class _Reader:
     def expect(self, text: str, where: str) -> None:
         token = self.take()
         if token.kind in ("quoted", "end") or token.text != text:
-            found = f"{token.text!r}" if token.kind != "end" else "the end of the text"
-            raise self.fault(token.line, f"{text!r} is needed {where}, and here is {found}; add it")
+            raise self.fault(token.line, f"{text!r} is needed {where}, and here is {token}; add it")
 
     def identifier(self, where: str) -> str:
         token = self.take()
         if token.kind not in ("word", "quoted"):
-            found = f"{token.text!r}" if token.kind != "end" else "the end of the text"
-            raise self.fault(token.line, f"a name is needed {where}, and here is {found}; add one")
+            raise self.fault(token.line, f"a name is needed {where}, and here is {token}; add one")
         if token.kind == "quoted":
             return html.unescape(token.text.replace("\\\n", "").replace('\\"', '"'))
         return token.text

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.belief.intention import draw_intention
+from causal_openlock.belief.hypotheses import Hypotheses, RoomSight, enumerate_space
 from causal_openlock.belief.planning import Situation
-from causal_openlock.belief.space import Hypotheses, RoomSight, enumerate_space
 from causal_openlock.belief.strength import strengths
+from causal_openlock.belief.thompson import sample_solution
 from causal_openlock.world.fsm import FloatArray
 from support.belief_by_hand import World
 
@@ -98,7 +98,7 @@ def test_what_is_intended_works_if_a_hypothesis_is_right(given_, one, other, by_
     hypotheses, weight, situation = given_
     possible = [completed(hypotheses, index, situation) for index in range(len(weight))]
     assume(any(possible))
-    order = draw_intention(hypotheses, weight, situation, (one, other), by_weight)
+    order = sample_solution(hypotheses, weight, situation, (one, other), by_weight)
     assert order is not None
     assert any(
         carried_out(hypotheses, index, situation, order) and goal >= set(order)
@@ -115,7 +115,7 @@ def test_what_can_be_done_is_done_in_the_order_of_the_one_hypothesis_held(
     hypotheses, _, situation = given_
     alone = hypotheses[np.array([0])]
     goals = completed(alone, 0, situation)
-    order = draw_intention(alone, np.ones(1), situation, (one, other), by_weight)
+    order = sample_solution(alone, np.ones(1), situation, (one, other), by_weight)
     if goals:
         assert order is not None
         assert any(set(order) == goal - levers(situation.pushed) for goal in goals)
@@ -128,7 +128,7 @@ def test_three_levers_one_after_another_are_pushed_in_their_order():
     for index in np.flatnonzero(np.bitwise_count(hypotheses.solutions[:, 0]) == 3).tolist():
         alone = hypotheses[np.array([index])]
         situation = Situation(0, False, 5, ())
-        order = draw_intention(alone, np.ones(1), situation, (0.3, 0.3), True)
+        order = sample_solution(alone, np.ones(1), situation, (0.3, 0.3), True)
         assert order is not None
         assert carried_out(alone, 0, situation, order)
         orders.add(order)
@@ -153,7 +153,7 @@ def test_thompson_draws_hypotheses_as_probable_as_they_are(seed, found):
     for i in range(steps):
         for j in range(6):  # 1, 2 or 3 solutions are left, which 6 divides
             draws = ((i + 0.5) / steps, (j + 0.5) / 6)
-            order = draw_intention(hypotheses, weight, situation, draws, by_weight=True)
+            order = sample_solution(hypotheses, weight, situation, draws, by_weight=True)
             assert order is not None
             drawn[frozenset(order)] += 1
     assert set(drawn) <= set(exact)
@@ -172,7 +172,7 @@ def test_any_consistent_solution_is_as_probable_as_any_other(seed):
     steps = 50 * len(allowed)
     drawn = Counter(
         frozenset(
-            draw_intention(hypotheses, weight, situation, ((i + 0.5) / steps, 0.4), False) or ()
+            sample_solution(hypotheses, weight, situation, ((i + 0.5) / steps, 0.4), False) or ()
         )
         for i in range(steps)
     )
@@ -196,7 +196,7 @@ def test_in_which_order_is_up_to_the_hypotheses_that_allow_it():
     )
     weight = np.array([0.25, 0.75])
     for i in range(100):
-        order = draw_intention(both, weight, START, (0.5, (i + 0.5) / 100), by_weight=False)
+        order = sample_solution(both, weight, START, (0.5, (i + 0.5) / 100), by_weight=False)
         assert order == ((0, 1) if i < 25 else (1, 0))
 
 
@@ -211,9 +211,9 @@ def test_what_is_impossible_is_never_intended(by_weight):
     )
     for one in np.linspace(0, 1, 60, endpoint=False).tolist():
         for other in (0.0, 0.3, 0.99):
-            order = draw_intention(hypotheses, weight, START, (one, other), by_weight)
+            order = sample_solution(hypotheses, weight, START, (one, other), by_weight)
             assert frozenset(order or ()) in allowed
-            alone = draw_intention(hypotheses[kept], weight[kept], START, (one, other), by_weight)
+            alone = sample_solution(hypotheses[kept], weight[kept], START, (one, other), by_weight)
             assert order == alone
 
 
@@ -222,7 +222,7 @@ def test_what_does_not_fit_any_more_is_begun_all_the_same(by_weight):
     hypotheses, weight = some(5, 2)
     late = Situation(0, False, 1, ())
     assert not any(completed(hypotheses, index, late) for index in range(5))
-    order = draw_intention(hypotheses, weight, late, (0.5, 0.5), by_weight)
+    order = sample_solution(hypotheses, weight, late, (0.5, 0.5), by_weight)
     assert order
     assert frozenset(order) in set(map(levers, hypotheses.solutions.ravel().tolist()))
 
@@ -232,6 +232,6 @@ def test_where_nothing_is_left_nothing_is_intended(by_weight):
     hypotheses, weight = some(1, 2)
     found = tuple(hypotheses.solutions[0].tolist())
     done = Situation(0, False, 3, found)
-    assert draw_intention(hypotheses, weight, done, (0.5, 0.5), by_weight) is None
+    assert sample_solution(hypotheses, weight, done, (0.5, 0.5), by_weight) is None
     nothing = hypotheses[np.zeros(0, dtype=np.int64)]
-    assert draw_intention(nothing, np.zeros(0), START, (0.5, 0.5), by_weight) is None
+    assert sample_solution(nothing, np.zeros(0), START, (0.5, 0.5), by_weight) is None

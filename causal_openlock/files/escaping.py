@@ -1,8 +1,8 @@
-"""Text that somebody else has written, made harmless for where it is shown.
+"""Escaping of untrusted text for terminals and spreadsheets.
 
-A label, a title or what an exception says can come from a file or a learner of anybody. A terminal
+A label, a title or the text of an exception can come from anybody's file or learner. A terminal
 obeys escape sequences in it, and a spreadsheet takes a cell that begins with ``=`` for a formula.
-Here the characters stay readable and lose their power.
+Here these characters are made readable and harmless.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 _CONTROL = re.compile(
     "[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f"  # all but tabs and ends of lines
-    "\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069"  # what turns the direction of writing
-    "\\ud800-\\udfff]"  # halves of characters, which no encoding has
+    "\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069"  # changes of the direction of writing
+    "\\ud800-\\udfff]"  # unpaired surrogates, which no encoding has
 )
 _RETURN = re.compile("\r\n?")
 _FORMULA = re.compile(r"[=+\-@\t\n＝＋－＠]")
@@ -36,14 +36,12 @@ def _spelled(code: int) -> str:
 
 
 def cell(text: str) -> str:
-    """Text for a cell of a CSV file: what a spreadsheet would take for a formula is quoted.
-
-    An apostrophe in front says that it is text (as OWASP recommends); numbers stay numbers.
+    """Text for a cell of a CSV file: formulas get an apostrophe in front (as OWASP recommends).
 
     >>> cell("=1+1"), cell("-0.5"), cell("CC3-CC4")
     ("'=1+1", '-0.5', 'CC3-CC4')
     """
-    text = _RETURN.sub("\n", text)  # which Python's csv would leave unquoted: a row would end there
+    text = _RETURN.sub("\n", text)  # Python's csv leaves it unquoted, and it would end the row
     return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
 
 
@@ -56,6 +54,6 @@ def _is_number(text: str) -> bool:
 
 
 def csv_of(table: pd.DataFrame) -> str:
-    """A table as CSV, its texts as :func:`cell` has them."""
-    made = table.map(lambda value: cell(value) if isinstance(value, str) else value)
-    return made.rename(columns=lambda name: cell(str(name))).to_csv(index=False)
+    """A table as CSV, its texts escaped by :func:`cell`."""
+    escaped = table.map(lambda value: cell(value) if isinstance(value, str) else value)
+    return escaped.rename(columns=lambda name: cell(str(name))).to_csv(index=False)

@@ -1,9 +1,9 @@
-"""Arrays from a file that anybody may have written: read for what the file really holds.
+"""NumPy archives (``.npz``) from untrusted sources.
 
-NumPy's ``.npz`` is a ZIP archive of arrays, each with a header that says how large it is. A few
-bytes can claim to be gigabytes, in that header or by being packed. So every size is checked before
-memory is taken for it: what the archive says to hold against a limit, and what an array says of
-itself against the bytes that are there. Nothing in it is ever unpickled.
+An ``.npz`` file is a ZIP archive of arrays, each with a header that states its size. A few bytes
+can claim to be gigabytes, in that header or by compression. So sizes are checked before memory is
+allocated: those of the archive against a limit, and those of an array against the bytes that are
+there. Nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _HOW = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 class ArchiveError(OpenLockError):
-    """A file that is no archive of arrays, or a damaged one."""
+    """A file is no archive of arrays, or is damaged."""
 
 
 class Archive:
@@ -76,7 +76,7 @@ def open_archive(path: Path | str, most: int | None = None) -> Iterator[Archive]
         most: Most bytes that its arrays may have; by default as many as the file.
 
     Raises:
-        ArchiveError: If it is none, or one of more bytes.
+        ArchiveError: If it is no archive, or has more bytes.
         OSError: If there is no such file, or it cannot be opened.
     """
     path = Path(path)
@@ -91,15 +91,15 @@ def open_archive(path: Path | str, most: int | None = None) -> Iterator[Archive]
 
 @contextmanager
 def reading() -> Iterator[None]:
-    """Whatever reading a file trips up is an :class:`ArchiveError`, in a few words."""
+    """Turn any exception in reading a file into a short :class:`ArchiveError`."""
     try:
         yield
     except OpenLockError:
         raise
-    # A file that anything may have happened to can fail to be read in any way.
+    # Reading an arbitrary file can raise anything.
     except Exception as error:
-        said = " ".join(str(error).split())[:120]
-        raise ArchiveError(f"{type(error).__name__}: {said}" if said else "it is cut off") from None
+        text = " ".join(str(error).split())[:120]
+        raise ArchiveError(f"{type(error).__name__}: {text}" if text else "it is cut off") from None
 
 
 def _array(content: bytes) -> NDArray[Any]:
@@ -109,15 +109,15 @@ def _array(content: bytes) -> NDArray[Any]:
     read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     if version not in read:
         raise ArchiveError("it holds an array of another format")
-    with warnings.catch_warnings(action="ignore"):  # about headers that Python 2 has written
+    with warnings.catch_warnings(action="ignore"):  # about headers written by Python 2
         shape, by_columns, kind = read[version](file)
     if kind.hasobject or kind.subdtype or not kind.itemsize:
-        raise ArchiveError("it holds what are no numbers")
+        raise ArchiveError("it holds values that are not numbers")
     if any(type(size) is not int or size < 0 for size in shape):
-        raise ArchiveError("it holds an array of no shape")
+        raise ArchiveError("it holds an array without a valid shape")
     if file.tell() + math.prod(shape) * kind.itemsize != len(content):
-        raise ArchiveError("it holds an array of another size than it says")
-    held: NDArray[Any] = np.ndarray(
+        raise ArchiveError("it holds an array of another size than its header states")
+    array: NDArray[Any] = np.ndarray(
         shape, kind, content, file.tell(), order="F" if by_columns else "C"
     )
-    return held.copy(order="K")
+    return array.copy(order="K")

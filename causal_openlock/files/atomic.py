@@ -1,8 +1,8 @@
-"""Files that are complete or not there.
+"""Atomic writes: a file is complete or absent.
 
-Everything is written under another name in the same folder, flushed to the disk and then renamed,
-so that a reader sees the old file or the new one, never a part. A process killed in between leaves
-a file whose name begins with a dot and ends with ``.partial``: :func:`sweep` removes those.
+Content is written to a temporary file in the same folder, flushed to the disk and renamed, so that
+a reader sees the old file or the new one. A killed process can leave a file whose name begins with
+a dot and ends with ``.partial``; :func:`sweep` removes those.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PARTIAL = ".*.partial"
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[BinaryIO]:
-    """A file to write to, which takes the place of ``path`` when the block ends without an error.
+    """A file to write to, which replaces ``path`` when the block ends without an error.
 
     Raises:
         OpenLockError: If the folder cannot be written to or the disk is full; the old file stays.
@@ -51,18 +51,18 @@ def replacing(path: Path | str) -> Iterator[BinaryIO]:
 
 
 def write_bytes(path: Path | str, content: bytes) -> None:
-    """Write a whole file; see :func:`replacing`."""
+    """Write a file; see :func:`replacing`."""
     with replacing(path) as file:
         file.write(content)
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write a whole file as UTF-8; see :func:`replacing`."""
+    """Write a file as UTF-8; see :func:`replacing`."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def sweep(folder: Path) -> None:
-    """Remove what killed processes have left half written."""
+    """Remove the temporary files of killed processes."""
     for partial in folder.glob(PARTIAL):
         partial.unlink(missing_ok=True)
 

@@ -1,10 +1,13 @@
-"""The hypotheses about one room, and how probable they are before anything is tried.
+"""The hypotheses about one room, and their prior.
 
-A hypothesis says which levers are active, how they and the door hang together, and how surely an
-enabled lever moves. What marks the active levers is unknown too: a *rule* may go by colour (the
-grey ones, or the white ones) or by position (some places more often than others). Rules, classes
-of schemas and strengths are learned across rooms (:mod:`causal_openlock.belief.knowledge`); which
-lever does what starts afresh in each.
+A hypothesis states which levers are active, the gate-DAG on them and the door, and the strength:
+the probability that an enabled lever moves. What marks the active levers is unknown, too: a *rule*
+may go by colour (the grey ones, or the white ones) or by position. The prior is
+
+    P(h) = P(active levers | rule) P(rule) P(structure | class) P(class) P(strength)
+
+summed over rules and classes. Rules, classes and strengths are learned across rooms
+(:mod:`causal_openlock.belief.knowledge`); which lever does what is learned anew in each.
 
 Rooms that look alike share their hypotheses. To this end levers are numbered by *slot*: the grey
 ones first, then the white ones, each in the order of their positions.
@@ -13,6 +16,7 @@ ones first, then the white ones, each in the order of their positions.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -27,7 +31,7 @@ from causal_openlock.belief.catalogue import (
     feasible,
 )
 from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import NEVER, Counts, Masks, renamed
+from causal_openlock.belief.structures import NEVER, Counts, Masks, Rows, renamed
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 RULES = ("grey", "white", "position")
@@ -35,12 +39,12 @@ RULES = ("grey", "white", "position")
 
 
 class RoomSight(NamedTuple):
-    """What tells rooms apart before anything is tried.
+    """What distinguishes rooms before anything is tried.
 
     Attributes:
         positions: Levers of the room, P.
         grey: How many of them are grey.
-        solutions: Solutions that the console promises.
+        solutions: Solutions that the console shows.
         action_limit: Actions in an attempt.
     """
 
@@ -51,7 +55,7 @@ class RoomSight(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Hypotheses:
+class Hypotheses(Rows):
     """H hypotheses about P levers by slot and a door, as arrays; the door is the last node.
 
     Attributes:
@@ -68,13 +72,6 @@ class Hypotheses:
     solutions: Masks
     strength: Counts
 
-    def __len__(self) -> int:
-        return len(self.inert)
-
-    def __getitem__(self, chosen: IntArray) -> Hypotheses:
-        """Some of the hypotheses."""
-        return Hypotheses(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
-
     @classmethod
     def none(cls, positions: int, solutions: int) -> Hypotheses:
         """No hypothesis, in the shape of others."""
@@ -86,13 +83,21 @@ class Hypotheses:
             np.zeros(0, dtype=np.uint8),
         )
 
-    @classmethod
-    def joined(cls, parts: list[Hypotheses]) -> Hypotheses:
-        """All hypotheses of several."""
-        return cls(
-            *(np.concatenate([getattr(part, name) for part in parts])
-              for name in cls.__dataclass_fields__)
-        )  # fmt: skip
+    def on_slots(self, slots: Sequence[int], positions: int) -> Hypotheses:
+        """Hypotheses about n levers, as hypotheses about a room in which all others are inactive.
+
+        Args:
+            slots: The slot of each lever.
+            positions: Levers of the room.
+        """
+        names = np.array(slots)
+        causes = np.zeros((len(self), positions + 1), dtype=np.uint16)
+        threshold = np.full((len(self), positions + 1), NEVER, dtype=np.uint8)
+        nodes = [*slots, positions]
+        causes[:, nodes], threshold[:, nodes] = renamed(self.causes, names), self.threshold
+        inactive = (1 << positions) - 1 - sum(1 << slot for slot in slots)
+        inert = renamed(self.inert, names) | np.uint16(inactive)
+        return Hypotheses(causes, threshold, inert, renamed(self.solutions, names), self.strength)
 
     def repeated(self, strengths: int) -> Hypotheses:
         """Each hypothesis once with each strength, strengths fastest."""
@@ -107,7 +112,7 @@ class Block:
 
     Attributes:
         active: The active slots, as a bit mask.
-        catalogue: What these levers may do.
+        catalogue: The possible behaviours of these levers.
     """
 
     active: int
@@ -121,13 +126,13 @@ class Block:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Space:
-    """Every hypothesis about rooms of one sight, block by block.
+    """Every hypothesis about rooms of one appearance, block by block.
 
     Attributes:
         sight: What these rooms look like.
-        strengths: How surely levers may move.
-        blocks: Sets of active levers, and what these may do.
-        hypotheses: Them all, in the order of the blocks; each behaviour once with each strength.
+        strengths: The possible strengths.
+        blocks: Sets of active levers and their possible behaviours.
+        hypotheses: All of them, in the order of the blocks; each behaviour with each strength.
     """
 
     sight: RoomSight
@@ -157,7 +162,7 @@ class Space:
         """``[B, V, 3]`` probability of each set of active levers under each rule.
 
         Args:
-            places: ``[B, P]`` probability that the lever in each slot is active, going by position.
+            places: ``[B, P]`` probability that each slot is active, under the rule by position.
         """
         positions, grey = self.sight.positions, self.sight.grey
         bits = (self.active[:, None] >> np.arange(positions) & 1).astype(bool)
@@ -171,15 +176,15 @@ class Space:
     def prior(
         self, classes: FloatArray, rules: FloatArray, places: FloatArray, strengths: FloatArray
     ) -> FloatArray:
-        """``[B, H]`` probability of each hypothesis for B subjects; rows need not add up to one.
+        """``[B, H]`` prior probability of each hypothesis for B subjects.
 
-        What is missing to one is the probability that the console had shown something else, and
-        that of hypotheses beyond what is enumerated.
+        Rows add up to less than one: the rest is the probability that the console shows something
+        else, and that of hypotheses that are not enumerated.
 
         Args:
             classes: ``[B, C + 1]`` of each schema class.
             rules: ``[B, 3]`` of each rule.
-            places: ``[B, P]`` that the lever in each slot is active, going by position.
+            places: ``[B, P]`` that the lever in each slot is active, under the rule by position.
             strengths: ``[B, G]`` of each strength.
         """
         marked = (self.marked(places) * rules[:, None]).sum(axis=2)
@@ -197,14 +202,20 @@ class Space:
 
 
 def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, limit: int) -> Space:
-    """The space of a sight: grey levers, white levers, and then any few levers.
+    """The space of a room: grey levers, white levers, and then any few levers.
 
     Args:
         sight: What the rooms look like.
-        strengths: How surely levers may move.
+        strengths: The possible strengths.
         simplicity: As for :func:`~causal_openlock.belief.grammar.class_prior`.
         limit: About how many hypotheses, strengths aside, there may be. Sets of levers that no
-            colour marks are taken in, the smallest first, as long as they fit.
+            colour marks are added, the smallest first, as long as they fit.
+
+    Example:
+        >>> from causal_openlock.belief.strength import strengths
+        >>> certain = strengths(0.0, 1.0, 1.0, 1)
+        >>> enumerate_space(RoomSight(7, 3, 2, 3), certain, math.log(2), 20_000)
+        Space(RoomSight(positions=7, grey=3, solutions=2, action_limit=3), 4,278 hypotheses)
     """
     positions, grey = sight.positions, sight.grey
     uncertain = len(strengths) > 1
@@ -231,26 +242,17 @@ def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, l
         if taken + len(own) * math.comb(positions, levers) <= limit:
             for slots in combinations(range(positions), levers):
                 take(sum(1 << slot for slot in slots), always=True)
-    parts = [placed(block, positions, sight.solutions) for block in blocks]
+    parts = [placed(block, positions) for block in blocks]
     joined = Hypotheses.joined(parts or [Hypotheses.none(positions, sight.solutions)])
     return Space(sight, strengths, tuple(blocks), joined.repeated(len(strengths)))
 
 
-def placed(block: Block, positions: int, solutions: int) -> Hypotheses:
+def placed(block: Block, positions: int) -> Hypotheses:
     """The behaviours of a block, each as its first structure, on the room's slots."""
     own = block.catalogue
-    slots = block.slots
-    names = np.array(slots)
-    causes = np.zeros((len(own), positions + 1), dtype=np.uint16)
-    threshold = np.full((len(own), positions + 1), NEVER, dtype=np.uint8)
-    where = [*slots, positions]
     structures = own.members[own.first]
-    causes[:, where] = renamed(structures.causes, names)
-    threshold[:, where] = structures.threshold
-    return Hypotheses(
-        causes,
-        threshold,
-        renamed(own.inert, names) | np.uint16(((1 << positions) - 1) ^ block.active),
-        renamed(own.solutions, names).reshape(-1, solutions),
-        np.zeros(len(own), dtype=np.uint8),
+    strength = np.zeros(len(own), dtype=np.uint8)
+    hypotheses = Hypotheses(
+        structures.causes, structures.threshold, own.inert, own.solutions, strength
     )
+    return hypotheses.on_slots(block.slots, positions)
