@@ -23,9 +23,9 @@ from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.schema_file import find_schema
-from causal_openlock.play import read_reactions
 from causal_openlock.play.people import FullHouse, OutOfTurn, UnknownPerson
 from causal_openlock.play.person import LEARNER
+from causal_openlock.play.reactions import read_reactions
 from support.play_clients import people, solving, walk_through
 
 HUMAN = PROTOCOLS["human"]
