@@ -206,9 +206,9 @@ def check_suffix(path: Path | str) -> Path:
             f"{nearest(suffix, FILMS + STILLS)}"
         )
     if suffix == ".mp4":
-        from causal_openlock.render.mp4 import find_ffmpeg
+        from causal_openlock.render.mp4 import load_ffmpeg
 
-        find_ffmpeg()
+        load_ffmpeg()
     return path
 
 
