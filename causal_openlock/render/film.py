@@ -16,9 +16,9 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.files.whole import replacing, write_bytes, write_text
 from causal_openlock.physics import PhysicalRoom, Pose
 from causal_openlock.physics.world import STEP
-from causal_openlock.render.gif import GifWriter
 from causal_openlock.render.panel import Done, Panel, draw
 from causal_openlock.render.played import Attempt, PlayedTrial
+from causal_openlock.render.raster import Bytes
 from causal_openlock.render.scene import Look
 from causal_openlock.render.svg import room_svg
 from causal_openlock.wording import counted, nearest
@@ -246,21 +246,21 @@ def save_film(
         *_, last = sequence
         save_still(last.look, path, size, last.panel)
         return 1
-    frames = 0
     if suffix == ".mp4":
-        from causal_openlock.render.mp4 import Mp4Writer
+        from causal_openlock.render.mp4 import write_mp4 as write
+    else:
+        from causal_openlock.render.gif import write_gif as write
+    frames = 0
 
-        with replacing(path) as file, Mp4Writer(file, fps) as film:
-            for moment in sequence:
-                watch(moment.attempt, moment.action)
-                film.add(draw(moment.look, size, moment.panel), moment.frames)
-                frames += moment.frames
-        return frames
-    with replacing(path) as file, GifWriter(file) as gif:
+    def shots() -> Iterator[tuple[Bytes, int]]:
+        nonlocal frames
         for moment in sequence:
             watch(moment.attempt, moment.action)
-            gif.add(draw(moment.look, size, moment.panel), moment.frames / fps)
+            yield draw(moment.look, size, moment.panel), moment.frames
             frames += moment.frames
+
+    with replacing(path) as file:
+        write(file, shots(), fps)
     return frames
 
 

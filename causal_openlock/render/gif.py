@@ -7,9 +7,8 @@ each frame only the part is kept that differs from the frame before.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
-from types import TracebackType
 from typing import BinaryIO
 
 import numpy as np
@@ -26,53 +25,37 @@ up in a grid of steps of 4; what is farther apart keeps its exact value."""
 LONGEST = 0xFFFF
 
 
-class GifWriter:
-    """Writes a film that repeats for ever.
+def write_gif(file: BinaryIO, shots: Iterable[tuple[Bytes, int]], fps: int) -> None:
+    """Write a film that repeats for ever.
 
     Args:
         file: What to write to.
+        shots: Pictures, each with the number of frames for which it is shown.
+        fps: Frames per second.
     """
+    shown: Image.Image | None = None
+    part, corner = Image.new("P", (1, 1)), (0, 0)
+    frames = written = 0
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self._shown: Image.Image | None = None
-        self._waiting: tuple[Image.Image, tuple[int, int]] | None = None
-        self._seconds = 0.0
-        self._written = 0  # hundredths of a second
-
-    def __enter__(self) -> GifWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is None:
-            self._flush()
-            self._file.write(b";")
-
-    def add(self, picture: Bytes, seconds: float) -> None:
-        """Show a picture for a time."""
-        image = Image.fromarray(picture).quantize(palette=_palette(), dither=Image.Dither.NONE)
-        if self._shown is None:
-            self._file.writelines(getheader(image, info={"loop": 0})[0])
-            self._waiting = image, (0, 0)
-        elif changed := ImageChops.subtract_modulo(image, self._shown).getbbox():
-            self._flush()
-            self._waiting = image.crop(changed), changed[:2]
-        self._shown = image
-        self._seconds += seconds
-
-    def _flush(self) -> None:
-        """Write the frame that is waiting, now that it is known how long it is shown."""
-        if self._waiting is None:
-            return
+    def flush() -> int:
+        """Write the part that is waiting, now that it is known how long it is shown."""
         # Rounded from the beginning of the film, so that errors do not add up.
-        time = min(max(2, round(100 * self._seconds) - self._written), LONGEST)
-        self._written += time
-        self._file.writelines(getdata(*self._waiting, duration=10 * time, disposal=1))
+        time = min(max(2, round(100 * frames / fps) - written), LONGEST)
+        file.writelines(getdata(part, corner, duration=10 * time, disposal=1))
+        return written + time
+
+    for picture, many in shots:
+        image = Image.fromarray(picture).quantize(palette=_palette(), dither=Image.Dither.NONE)
+        if shown is None:
+            file.writelines(getheader(image, info={"loop": 0})[0])
+            part = image
+        elif changed := ImageChops.subtract_modulo(image, shown).getbbox():
+            written = flush()
+            part, corner = image.crop(changed), changed[:2]
+        shown = image
+        frames += many
+    flush()
+    file.write(b";")
 
 
 @cache

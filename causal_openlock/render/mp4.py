@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Generator
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
-from types import TracebackType
+from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -32,77 +31,59 @@ def load_ffmpeg() -> Any:
     return module
 
 
-class Mp4Writer:
-    """Writes a film.
+def write_mp4(file: BinaryIO, shots: Iterable[tuple[Bytes, int]], fps: int) -> None:
+    """Write a film.
 
     Args:
         file: What to write to, once the film is whole.
+        shots: Pictures, each with the number of frames for which it is shown.
         fps: Frames per second.
+
+    Raises:
+        OpenLockError: If ffmpeg does not make it.
     """
-
-    def __init__(self, file: BinaryIO, fps: int) -> None:
-        self._file, self._fps = file, fps
-        self._ffmpeg = load_ffmpeg()
-        self._frames = 0
-        self._film: Generator[None, bytes, None] | None = None
-
-    def __enter__(self) -> Mp4Writer:
-        self._folder = tempfile.TemporaryDirectory(prefix="causal_openlock_")
-        self._path = Path(self._folder.name) / "film.mp4"
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        with self._folder:
-            if self._film is not None:
-                self._film.close()
-            if kind is None:
-                self._check()
-                self._file.write(self._path.read_bytes())
-
-    def add(self, picture: Bytes, frames: int) -> None:
-        """Show a picture for some frames."""
-        # The usual coding of colours has half the resolution, and so wants even sizes.
-        height, width = picture.shape[:2]
-        even = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-        film = self._film or self._begin(even.shape[1], even.shape[0])
+    ffmpeg = load_ffmpeg()
+    frames = 0
+    with TemporaryDirectory(prefix="causal_openlock_") as folder:
+        path = Path(folder) / "film.mp4"
+        film: Any = None
         try:
-            for _ in range(frames):
-                film.send(even.tobytes())
-        except OSError:
-            raise self._failure() from None
-        self._frames += frames
+            for picture, many in shots:
+                # The usual coding of colours has half the resolution, and so wants even sizes.
+                height, width = picture.shape[:2]
+                even = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+                if film is None:
+                    film = _begin(ffmpeg, path, even, fps)
+                for _ in range(many):
+                    film.send(even.tobytes())
+                frames += many
+            film.close()
+            # imageio-ffmpeg does not tell whether ffmpeg has succeeded; the film does.
+            if ffmpeg.count_frames_and_secs(path)[0] != frames:
+                raise RuntimeError
+        except (OSError, RuntimeError) as error:
+            raise OpenLockError(
+                f"ffmpeg ({ffmpeg.get_ffmpeg_exe()}) cannot make the film, for the reason that it "
+                "has printed; choose a .gif, or install another ffmpeg"
+            ) from error
+        finally:
+            if film is not None:
+                film.close()
+        file.write(path.read_bytes())
 
-    def _begin(self, width: int, height: int) -> Generator[None, bytes, None]:
-        film: Generator[None, bytes, None] = self._ffmpeg.write_frames(
-            str(self._path),
-            (width, height),
-            fps=self._fps,
-            codec="libx264",
-            quality=None,
-            macro_block_size=1,
-            ffmpeg_log_level="error",
-            output_params=["-crf", "18", "-movflags", "+faststart"],
-        )
-        next(film)
-        self._film = film
-        return film
 
-    def _check(self) -> None:
-        """imageio-ffmpeg does not tell whether ffmpeg has succeeded; the film does."""
-        try:
-            frames, _ = self._ffmpeg.count_frames_and_secs(self._path)
-        except RuntimeError:
-            frames = 0
-        if frames != self._frames:
-            raise self._failure()
-
-    def _failure(self) -> OpenLockError:
-        return OpenLockError(
-            f"ffmpeg ({self._ffmpeg.get_ffmpeg_exe()}) cannot make the film, for the reason that "
-            "it has printed; choose a .gif, or install another ffmpeg"
-        )
+def _begin(ffmpeg: Any, path: Path, picture: Bytes, fps: int) -> Any:
+    """ffmpeg, waiting for pictures of the size of the first one."""
+    height, width = picture.shape[:2]
+    film = ffmpeg.write_frames(
+        str(path),
+        (width, height),
+        fps=fps,
+        codec="libx264",
+        quality=None,
+        macro_block_size=1,
+        ffmpeg_log_level="error",
+        output_params=["-crf", "18", "-movflags", "+faststart"],
+    )
+    next(film)
+    return film

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import stat
 import sys
+from collections.abc import Iterator
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from itertools import groupby
@@ -24,7 +25,7 @@ from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
 from causal_openlock.physics import PhysicalRoom
 from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, Moment, moments, save_film
-from causal_openlock.render.gif import GifWriter, _palette
+from causal_openlock.render.gif import _palette, write_gif
 from causal_openlock.render.panel import draw
 from causal_openlock.render.played import PlayedTrial, play_trial, recorded_trial
 from causal_openlock.render.scene import Look, frame
@@ -377,10 +378,14 @@ def test_every_colour_of_the_palette_stays_what_it_is() -> None:
 def test_times_in_a_gif_do_not_drift(tmp_path: Path) -> None:
     path = tmp_path / "a.gif"
     picture = np.zeros((20, 30, 3), np.uint8)
-    with path.open("wb") as file, GifWriter(file) as gif:
+
+    def shots() -> Iterator[tuple[np.ndarray, int]]:
         for index in range(300):
             picture[index % 20, index % 30] = 255 - picture[index % 20, index % 30]
-            gif.add(picture, 1 / 30)
+            yield picture, 1
+
+    with path.open("wb") as file:
+        write_gif(file, shots(), fps=30)
     durations = [duration for _, duration in frames_of(path)]
     assert len(durations) == 300
     assert set(durations) == {30, 40}
@@ -389,9 +394,8 @@ def test_times_in_a_gif_do_not_drift(tmp_path: Path) -> None:
 
 def test_a_picture_that_does_not_change_is_one_frame(tmp_path: Path) -> None:
     path = tmp_path / "a.gif"
-    with path.open("wb") as file, GifWriter(file) as gif:
-        for _ in range(7):
-            gif.add(np.full((8, 8, 3), 153, np.uint8), 0.1)
+    with path.open("wb") as file:
+        write_gif(file, [(np.full((8, 8, 3), 153, np.uint8), 1)] * 7, fps=10)
     ((picture, _),) = [(np.asarray(Image.open(path).convert("RGB")), 0)]
     assert (picture == 153).all()
     assert Image.open(path).info["duration"] == 700
