@@ -197,7 +197,7 @@ def _lost(folder: Path, players: list[Player]) -> int:
     from causal_openlock.play.reactions import read_reactions
 
     home = People(folder, [Condition.named("CC4", find_schema)], PROTOCOLS["human"])
-    subjects = [home.cell_of(player.name).first_subject for player in players]
+    subjects = [home._find(player.name).cell.first_subject for player in players]
     home.close()
     rows = read_reactions(folder).to_pandas()
     kept = {subject: own["action"].tolist() for subject, own in rows.groupby("subject")}

@@ -48,7 +48,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.plain_text import printable
 from causal_openlock.play.pages import geometry, static_files
-from causal_openlock.play.people import FullHouse, OutOfTurn, People, UnknownPerson
+from causal_openlock.play.people import OutOfTurn, People, TooManyPeople, UnknownPerson
 from causal_openlock.world.room import positions_for
 
 MOST_BYTES = 1024
@@ -338,7 +338,7 @@ async def _refused(request: Request, error: Exception) -> Response:
             return JSONResponse({"error": str(error)}, 404)
         case OutOfTurn():
             return JSONResponse({"error": str(error), "now": error.now}, 409)
-        case FullHouse():
+        case TooManyPeople():
             return JSONResponse({"error": str(error)}, 429)
         case StoreError():
             _warn(error)  # the page need not know paths of this machine

@@ -25,12 +25,12 @@ up in a grid of steps of 4; what is farther apart keeps its exact value."""
 LONGEST = 0xFFFF
 
 
-def write_gif(file: BinaryIO, shots: Iterable[tuple[Bytes, int]], fps: int) -> None:
+def write_gif(file: BinaryIO, pictures: Iterable[tuple[Bytes, int]], fps: int) -> None:
     """Write a film that repeats for ever.
 
     Args:
         file: What to write to.
-        shots: Pictures, each with the number of frames for which it is shown.
+        pictures: Pictures, each with the number of frames for which it is shown.
         fps: Frames per second.
     """
     shown: Image.Image | None = None
@@ -44,7 +44,7 @@ def write_gif(file: BinaryIO, shots: Iterable[tuple[Bytes, int]], fps: int) -> N
         file.writelines(getdata(part, corner, duration=10 * time, disposal=1))
         return written + time
 
-    for picture, many in shots:
+    for picture, many in pictures:
         image = Image.fromarray(picture).quantize(palette=_palette(), dither=Image.Dither.NONE)
         if shown is None:
             file.writelines(getheader(image, info={"loop": 0})[0])

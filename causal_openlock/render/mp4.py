@@ -31,12 +31,12 @@ def load_ffmpeg() -> Any:
     return module
 
 
-def write_mp4(file: BinaryIO, shots: Iterable[tuple[Bytes, int]], fps: int) -> None:
+def write_mp4(file: BinaryIO, pictures: Iterable[tuple[Bytes, int]], fps: int) -> None:
     """Write a film.
 
     Args:
         file: What to write to, once the film is whole.
-        shots: Pictures, each with the number of frames for which it is shown.
+        pictures: Pictures, each with the number of frames for which it is shown.
         fps: Frames per second.
 
     Raises:
@@ -48,7 +48,7 @@ def write_mp4(file: BinaryIO, shots: Iterable[tuple[Bytes, int]], fps: int) -> N
         path = Path(folder) / "film.mp4"
         film: Any = None
         try:
-            for picture, many in shots:
+            for picture, many in pictures:
                 # The usual coding of colours has half the resolution, and so wants even sizes.
                 height, width = picture.shape[:2]
                 even = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")

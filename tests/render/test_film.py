@@ -23,11 +23,11 @@ from causal_openlock.errors import OpenLockError, ProtocolError, StoreError
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
-from causal_openlock.physics import PhysicalRoom
-from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, Moment, moments, save_film
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, Shot, save_film, shots
+from causal_openlock.render.filmed_trial import FilmedTrial, play_trial, recorded_trial
 from causal_openlock.render.gif import _palette, write_gif
 from causal_openlock.render.panel import draw
-from causal_openlock.render.played import PlayedTrial, play_trial, recorded_trial
 from causal_openlock.render.scene import Look, frame
 from causal_openlock.world.room import Layout
 from support.session_play import HUMAN, RL, Curious, named, one_room
@@ -45,14 +45,14 @@ class Here(Executor):
 
 
 @pytest.fixture(scope="module")
-def trial() -> PlayedTrial:
+def trial() -> FilmedTrial:
     """The oracle in CC3: two attempts."""
     return play_trial(create("oracle"), named("CC3"), HUMAN, label="oracle")
 
 
 @pytest.fixture(scope="module")
-def film(trial: PlayedTrial) -> list[Moment]:
-    return list(moments(trial, FPS))
+def film(trial: FilmedTrial) -> list[Shot]:
+    return list(shots(trial, FPS))
 
 
 @pytest.fixture(scope="module")
@@ -177,7 +177,7 @@ def observed(look: Look) -> list[int]:
     return [*(slid > 0.5 for slid in look.levers), *look.grey, look.locked, look.door > 0.5]
 
 
-def check_against_record(played: PlayedTrial, sequence: list[Moment]) -> None:
+def check_against_record(played: FilmedTrial, sequence: list[Shot]) -> None:
     """Whenever the arm stands still, the room is as the record says, and so is the console."""
     room, found = played.room, 0
     stills = iter([moment for moment in sequence if not moment.moving])
@@ -220,14 +220,14 @@ def check_against_record(played: PlayedTrial, sequence: list[Moment]) -> None:
     assert next(stills, None) is None
 
 
-def test_a_film_shows_what_the_record_says(trial: PlayedTrial, film: list[Moment]) -> None:
+def test_a_film_shows_what_the_record_says(trial: FilmedTrial, film: list[Shot]) -> None:
     check_against_record(trial, film)
     assert trial.found == 2
     assert film[-1].panel.remark == "All solutions found in 2 attempts"
     assert all(not moment.panel.remark for moment in film[:-1])
 
 
-def failures(played: PlayedTrial) -> list[int]:
+def failures(played: FilmedTrial) -> list[int]:
     """Attempts, from 0, in which something was possible and did not happen."""
     found = []
     for number, attempt in enumerate(played.attempts):
@@ -249,11 +249,11 @@ def test_a_film_of_chance_and_mistakes_shows_what_the_record_says(name: str) -> 
         assert not failures(played)
         assert not all(moved for attempt in played.attempts[:8] for moved in attempt.moved)
     short = replace(played, attempts=played.attempts[first : first + 8])
-    check_against_record(short, list(moments(short, fps=2)))
+    check_against_record(short, list(shots(short, fps=2)))
 
 
 def test_solutions_are_ticked_off_by_how_they_were_found(
-    trial: PlayedTrial, film: list[Moment]
+    trial: FilmedTrial, film: list[Shot]
 ) -> None:
     names = trial.layout.as_mapping(trial.schema)
     expected = [
@@ -266,7 +266,7 @@ def test_solutions_are_ticked_off_by_how_they_were_found(
     assert ticked[0] == 0
 
 
-def test_the_button_is_pressed_while_the_door_is_pushed(film: list[Moment]) -> None:
+def test_the_button_is_pressed_while_the_door_is_pushed(film: list[Shot]) -> None:
     for moment in film:
         assert moment.panel.actions is not None
         door = moment.moving and moment.panel.actions[-1].name == "push door"
@@ -278,9 +278,9 @@ def test_the_button_is_pressed_while_the_door_is_pushed(film: list[Moment]) -> N
 
 @pytest.mark.parametrize(("fps", "speed"), [(20, 1.0), (25, 1.0), (10, 2.5), (3, 20.0)])
 def test_a_film_lasts_as_long_as_its_movements_and_the_pauses(
-    trial: PlayedTrial, fps: int, speed: float
+    trial: FilmedTrial, fps: int, speed: float
 ) -> None:
-    sequence = list(moments(trial, fps, speed))
+    sequence = list(shots(trial, fps, speed))
     physical = PhysicalRoom(trial.room.fsm, trial.room.layout)
 
     def pause(seconds: float) -> int:
@@ -303,11 +303,11 @@ def test_a_film_lasts_as_long_as_its_movements_and_the_pauses(
             assert of_it[-1].look.joints == of_it[-2].look.joints == physical.pose().joints
 
 
-def test_a_film_can_be_cut_short(trial: PlayedTrial) -> None:
-    cut = list(moments(trial, FPS, attempts=1))
+def test_a_film_can_be_cut_short(trial: FilmedTrial) -> None:
+    cut = list(shots(trial, FPS, attempts=1))
     assert {moment.attempt for moment in cut} == {1}
     assert cut[-1].panel.remark == "1 more attempt not shown"
-    assert len(list(moments(trial, FPS, attempts=99))) > len(cut)
+    assert len(list(shots(trial, FPS, attempts=99))) > len(cut)
 
 
 # -- as GIF ---------------------------------------------------------------------------------------
@@ -324,7 +324,7 @@ def frames_of(path: Path) -> list[tuple[np.ndarray, int]]:
 
 
 def test_the_frames_of_a_gif_are_those_of_the_film(
-    trial: PlayedTrial, film: list[Moment], tmp_path: Path
+    trial: FilmedTrial, film: list[Shot], tmp_path: Path
 ) -> None:
     path = tmp_path / "film.gif"
     count = save_film(trial, path, size=160, fps=FPS)
@@ -345,7 +345,7 @@ def test_the_frames_of_a_gif_are_those_of_the_film(
 
 
 def test_colours_of_the_figure_stay_what_they_are_in_a_gif(
-    trial: PlayedTrial, tmp_path: Path
+    trial: FilmedTrial, tmp_path: Path
 ) -> None:
     save_film(trial, tmp_path / "a.gif", size=240, fps=5, attempts=1)
     last, _ = frames_of(tmp_path / "a.gif")[-1]
@@ -413,7 +413,7 @@ def test_a_picture_that_does_not_change_is_one_frame(tmp_path: Path) -> None:
     ],
 )
 def test_an_ffmpeg_that_fails_says_why_and_the_old_film_stays(
-    trial: PlayedTrial,
+    trial: FilmedTrial,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
@@ -433,12 +433,12 @@ def test_an_ffmpeg_that_fails_says_why_and_the_old_film_stays(
 
 
 @pytest.mark.parametrize("size", [160, 161])
-def test_an_mp4_is_made_of_every_frame(trial: PlayedTrial, tmp_path: Path, size: int) -> None:
+def test_an_mp4_is_made_of_every_frame(trial: FilmedTrial, tmp_path: Path, size: int) -> None:
     count = save_film(trial, tmp_path / "film.mp4", size=size, fps=10, attempts=1)
-    assert count == sum(moment.frames for moment in moments(trial, 10, attempts=1))
+    assert count == sum(moment.frames for moment in shots(trial, 10, attempts=1))
     assert (tmp_path / "film.mp4").read_bytes()[4:8] == b"ftyp"
     facts, *frames = imageio_ffmpeg.read_frames(tmp_path / "film.mp4")
-    last = list(moments(trial, 10, attempts=1))[-1]
+    last = list(shots(trial, 10, attempts=1))[-1]
     expected = draw(last.look, size, last.panel)
     height, width = (length + length % 2 for length in expected.shape[:2])
     assert (facts["size"], facts["fps"]) == ((width, height), 10.0)

@@ -1,4 +1,4 @@
-"""One trial as it was played, read from the record: by a learner now, or by a subject long ago.
+"""The trial that a film shows: played by a learner now, or read from the record of a subject.
 
 Both ways lead through the same rows, so a film of a recorded subject is the film that its learner
 would give.
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Attempt:
+class FilmedAttempt:
     """One attempt.
 
     Attributes:
-        actions: What was done, by action index.
+        actions: The actions, by index.
         moved: Whether each action moved something.
         solution: Index of the solution that opened the door, -1 for none.
         new: Whether it was found for the first time.
@@ -50,7 +50,7 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class PlayedTrial:
+class FilmedTrial:
     """One trial of one subject.
 
     Attributes:
@@ -60,9 +60,9 @@ class PlayedTrial:
         subject: Number of the subject.
         trial: Number of the trial in the whole condition, from 1.
         trials: How many trials the condition has.
-        schema: What governs the room.
+        schema: The schema of the room.
         layout: Where its levers stand.
-        attempts: What was done.
+        attempts: The attempts.
     """
 
     learner: str
@@ -73,7 +73,7 @@ class PlayedTrial:
     trials: int
     schema: Schema
     layout: Layout
-    attempts: tuple[Attempt, ...]
+    attempts: tuple[FilmedAttempt, ...]
 
     @property
     def room(self) -> Room:
@@ -101,16 +101,16 @@ def play_trial(
     seed: int = 0,
     reward: RewardFunction | str = PAPER_REWARD,
     label: str = "learner",
-) -> PlayedTrial:
+) -> FilmedTrial:
     """Let one subject play up to the end of a trial.
 
-    The subject does what it does in any :class:`~causal_openlock.experiment.session.Session` with
+    The subject acts as in any :class:`~causal_openlock.experiment.session.Session` with
     the same condition, protocol, number, seed and label.
 
     Args:
-        learner: What plays; it must not have begun.
+        learner: The learner, not begun yet.
         condition: Which rooms are visited.
-        protocol: With what budgets.
+        protocol: The budgets.
         trial: Number of the trial in the whole condition, from 1.
         subject: Number of the subject.
         seed: Seed of the experiment.
@@ -132,18 +132,17 @@ def play_trial(
         over += bool(step.trial_over[0])
         if informed and step.trial_over[0]:
             informed.inform(session.truth)
-    schemas = {schema.name: schema for schema in condition.schemas}
-    rows = _trials(session.record())[trial - 1]
-    return _played(rows, label, condition.name, protocol, subject, trial, trials, schemas)
+    rows = _trials(session.record())
+    return _filmed(rows, label, condition, protocol, subject, trial, trials)
 
 
 def recorded_trial(
     folder: Path | str, learner: str, condition: str, subject: int = 0, trial: int = 1
-) -> PlayedTrial:
+) -> FilmedTrial:
     """A trial of a recorded subject.
 
     Args:
-        folder: What ``compare`` wrote to.
+        folder: The results folder of ``compare``.
         learner: Label of the learner in the experiment.
         condition: Name of the condition.
         subject: Number of the subject.
@@ -160,7 +159,7 @@ def recorded_trial(
     store = Store(folder)
     held = store.description()
     entry = _named(held["learners"], learner, f"{folder} holds no learner")
-    told = _named(held["conditions"], condition, f"{folder} holds no condition")
+    described = _named(held["conditions"], condition, f"{folder} holds no condition")
     begins = f"{learner}_{condition}_"
     for name in held["cells"]:
         path = store.cells / name
@@ -179,10 +178,8 @@ def recorded_trial(
             f"{entry.get('subjects', 1) - 1}, and compare completes what is missing"
         )
     check_trial(trial, len(trials), f"subject {subject} of {learner} in {condition}")
-    schemas = {schema.name: schema for schema in condition_from_dict(told).schemas}
-    protocol = protocol_from_dict(entry["protocol"])
-    rows = trials[trial - 1]
-    return _played(rows, learner, condition, protocol, subject, trial, len(trials), schemas)
+    played, protocol = condition_from_dict(described), protocol_from_dict(entry["protocol"])
+    return _filmed(trials, learner, played, protocol, subject, trial, len(trials))
 
 
 def _named(entries: Sequence[dict[str, Any]], name: str, otherwise: str) -> dict[str, Any]:
@@ -194,54 +191,37 @@ def _named(entries: Sequence[dict[str, Any]], name: str, otherwise: str) -> dict
 
 def _trials(record: pa.Table) -> list[list[dict[str, Any]]]:
     """The attempts of one subject, trial by trial."""
-    rows = record.select(
-        [
-            "phase",
-            "loop",
-            "trial",
-            "schema",
-            "layout",
-            "attempt",
-            "actions",
-            "moved",
-            "solution",
-            "new_solution",
-        ]
-    ).to_pylist()
-    return [
-        list(run)
-        for _, run in groupby(rows, key=lambda row: (row["phase"], row["loop"], row["trial"]))
-    ]
+    runs = groupby(record.to_pylist(), key=lambda row: (row["phase"], row["loop"], row["trial"]))
+    return [list(run) for _, run in runs]
 
 
-def _played(
-    rows: Sequence[dict[str, Any]],
+def _filmed(
+    rows: Sequence[Sequence[dict[str, Any]]],
     learner: str,
-    condition: str,
+    condition: Condition,
     protocol: Protocol,
     subject: int,
     trial: int,
     trials: int,
-    schemas: dict[str, Schema],
-) -> PlayedTrial:
-    schema = schemas[rows[0]["schema"]]
+) -> FilmedTrial:
+    attempts = rows[trial - 1]
+    schemas = {schema.name: schema for schema in condition.schemas}
+    schema = schemas[attempts[0]["schema"]]
     positions = max(map(positions_for, schemas.values()))
-    return PlayedTrial(
-        learner=learner,
-        condition=condition,
-        protocol=protocol,
-        subject=subject,
-        trial=trial,
-        trials=trials,
-        schema=schema,
-        layout=recorded_layout(schema, rows[0]["layout"], positions),
-        attempts=tuple(
-            Attempt(
-                actions=tuple(row["actions"]),
-                moved=tuple(row["moved"]),
-                solution=row["solution"],
-                new=row["new_solution"],
+    layout = recorded_layout(schema, attempts[0]["layout"], positions)
+    return FilmedTrial(
+        learner,
+        condition.name,
+        protocol,
+        subject,
+        trial,
+        trials,
+        schema,
+        layout,
+        tuple(
+            FilmedAttempt(
+                tuple(row["actions"]), tuple(row["moved"]), row["solution"], row["new_solution"]
             )
-            for row in rows
+            for row in attempts
         ),
     )
