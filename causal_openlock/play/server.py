@@ -199,29 +199,28 @@ class PlayServer:
         app = Starlette(
             routes=[
                 *(_file(path, *file) for path, file in static_files().items()),
-                _get("/brief", lambda request: self._brief()),
-                _get("/geometry/{positions}", lambda request: geometry(_positions(request))),
-                _get("/state", lambda request: people.view(_session(request))),
-                _post("/join", lambda request, body: {"id": people.join()}),
-                _post(
-                    "/proceed",
-                    lambda request, body: people.proceed(_session(request), _turn(body)),
-                ),
-                _post(
-                    "/act",
-                    lambda request, body: people.act(
-                        _session(request), _turn(body), _action(body), _reaction(body)
-                    ),
-                ),
+                _call("GET", "/brief", lambda request, body: self._brief()),
+                _call("GET", "/geometry/{size}", lambda request, body: geometry(_size(request))),
+                _call("GET", "/state", lambda request, body: people.view(_session(request))),
+                _call("POST", "/join", lambda request, body: {"id": people.join()}),
+                _call("POST", "/proceed", self._proceed),
+                _call("POST", "/act", self._act),
             ],
-            exception_handlers={
-                OpenLockError: _refused,
-                HTTPException: _not_here,
-                ClientDisconnect: _refused,
-            },
+            exception_handlers=dict.fromkeys(
+                (OpenLockError, ClientDisconnect, HTTPException), _refused
+            ),
         )
         app.router.redirect_slashes = False
         return app
+
+    def _proceed(self, request: Request, body: Body) -> Any:
+        return self.people.proceed(_session(request), _whole(body, "turn", 2**31))
+
+    def _act(self, request: Request, body: Body) -> Any:
+        turn, action = _whole(body, "turn", 2**31), _whole(body, "action", 255)
+        timed = body.get("reaction") is not None
+        reaction = _whole(body, "reaction", LONGEST_REACTION) if timed else None
+        return self.people.act(_session(request), turn, action, reaction)
 
     def _brief(self) -> dict[str, Any]:
         experiment = self.people.experiment
@@ -312,19 +311,12 @@ def _file(path: str, kind: str, content: bytes) -> Route:
     return Route(path, answer)
 
 
-def _get(path: str, call: Callable[[Request], Any]) -> Route:
+def _call(method: str, path: str, work: Callable[[Request, Body], Any]) -> Route:
     async def answer(request: Request) -> Response:
-        return JSONResponse(await run_in_threadpool(call, request))
+        body = _parsed(await request.body()) if method == "POST" else {}
+        return JSONResponse(await run_in_threadpool(work, request, body))
 
-    return Route(path, answer)
-
-
-def _post(path: str, call: Callable[[Request, Body], Any]) -> Route:
-    async def answer(request: Request) -> Response:
-        body = _parsed(await request.body())
-        return JSONResponse(await run_in_threadpool(call, request, body))
-
-    return Route(path, answer, methods=["POST"])
+    return Route(path, answer, methods=[method])
 
 
 def _invalid() -> Response:
@@ -334,6 +326,8 @@ def _invalid() -> Response:
 
 async def _refused(request: Request, error: Exception) -> Response:
     match error:
+        case HTTPException():
+            return JSONResponse({"error": "there is nothing at this address"}, 404)
         case UnknownPerson():
             return JSONResponse({"error": str(error)}, 404)
         case OutOfTurn():
@@ -344,10 +338,6 @@ async def _refused(request: Request, error: Exception) -> Response:
             _warn(error)  # the page need not know paths of this machine
             return JSONResponse({"error": "this cannot be saved now"}, 503)
     return _invalid()
-
-
-async def _not_here(request: Request, error: Exception) -> Response:
-    return JSONResponse({"error": "there is nothing at this address"}, 404)
 
 
 def _warn(error: Exception) -> None:
@@ -368,10 +358,9 @@ def _is_clear(method: str, headers: Headers) -> bool:
     """
     if "transfer-encoding" in headers:
         return False
-    length = headers.get("content-length")
     if method != "POST":
-        return length is None
-    return length is not None and int(length) <= MOST_BYTES
+        return "content-length" not in headers
+    return int(headers.get("content-length", MOST_BYTES + 1)) <= MOST_BYTES
 
 
 def _parsed(sent: bytes) -> Body:
@@ -391,11 +380,10 @@ def _session(request: Request) -> str:
     return name
 
 
-def _positions(request: Request) -> int:
-    text = request.path_params["positions"]
-    if not re.fullmatch("[0-9]{1,2}", text):
+def _size(request: Request) -> int:
+    if not re.fullmatch("[0-9]{1,2}", request.path_params["size"]):
         raise HTTPException(404)
-    return int(text)
+    return int(request.path_params["size"])
 
 
 def _whole(body: Body, key: str, most: int) -> int:
@@ -403,15 +391,3 @@ def _whole(body: Body, key: str, most: int) -> int:
     if type(value) is not int or not 0 <= value <= most:
         raise _Malformed
     return value
-
-
-def _turn(body: Body) -> int:
-    return _whole(body, "turn", 2**31)
-
-
-def _action(body: Body) -> int:
-    return _whole(body, "action", 255)
-
-
-def _reaction(body: Body) -> int | None:
-    return None if body.get("reaction") is None else _whole(body, "reaction", LONGEST_REACTION)
