@@ -180,7 +180,7 @@ class Player:
             + content
         )
         head = (await reader.readuntil(b"\r\n\r\n")).decode()
-        length = re.search(r"Content-Length: (\d+)", head)
+        length = re.search(r"content-length: (\d+)", head, re.IGNORECASE)
         assert length is not None
         said = json.loads(await reader.readexactly(int(length[1])))
         status = head.split()[1]
@@ -193,11 +193,11 @@ def _lost(folder: Path, players: list[Player]) -> int:
     """How many clicks differ between what was answered and what is on file."""
     from causal_openlock.experiment.protocol import PROTOCOLS, Condition
     from causal_openlock.formats.schema_file import find_schema
-    from causal_openlock.play import read_reactions
     from causal_openlock.play.people import People
+    from causal_openlock.play.reactions import read_reactions
 
     home = People(folder, [Condition.named("CC4", find_schema)], PROTOCOLS["human"])
-    subjects = [home.cell_of(player.name).first_subject for player in players]
+    subjects = [home._find(player.name).cell.first_subject for player in players]
     home.close()
     rows = read_reactions(folder).to_pandas()
     kept = {subject: own["action"].tolist() for subject, own in rows.groupby("subject")}

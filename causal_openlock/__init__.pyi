@@ -86,7 +86,7 @@ from .play.server import PlayServer as PlayServer
 from .render.film import save_film as save_film
 from .render.graph import draw_schema as draw_schema
 from .render.panel import Panel as Panel
-from .render.played import play_trial as play_trial
+from .render.filmed_trial import play_trial as play_trial
 from .render.room import draw_room as draw_room
 
 __version__: str

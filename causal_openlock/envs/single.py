@@ -26,7 +26,8 @@ from causal_openlock.world.room import RANDOM_LAYOUT, Layout
 from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:
-    from causal_openlock.physics import PhysicalRoom, Pose
+    from causal_openlock.physics.room import PhysicalRoom
+    from causal_openlock.physics.world import Pose
     from causal_openlock.render.panel import Panel
     from causal_openlock.world.schema import Schema
 
@@ -93,7 +94,7 @@ class _Bodies:
         self._finished, self._steps, self._unfinished = True, 0, 0
 
     def enter(self, layout: Layout) -> None:
-        from causal_openlock.physics import PhysicalRoom
+        from causal_openlock.physics.room import PhysicalRoom
 
         self.room = PhysicalRoom(self._fsm, layout)
 

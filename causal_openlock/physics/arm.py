@@ -84,11 +84,6 @@ class Arm:
         for motor, speed in zip(self._motors, speeds, strict=True):
             motor.rate = -speed  # pymunk counts the other way round
 
-    @property
-    def gripping(self) -> bool:
-        """Whether the arm holds on to something."""
-        return self._grip is not None
-
     def grip(self, body: pymunk.Body) -> None:
         """Hold on to a body with the free end, where it is."""
         self.release()

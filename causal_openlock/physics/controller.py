@@ -91,25 +91,16 @@ class Controller:
         self._changed = changed
         self._last_step = 0
 
-    # -- the three kinds of movement ------------------------------------------------------------
-
-    def push(self, place: int) -> Movement:
-        """Push the lever at a position outward."""
-        return self._carry_out(lambda: self._move_lever(self.world.levers[place], place, 1.0))
-
-    def pull(self, place: int) -> Movement:
-        """Pull the lever at a position inward."""
-        return self._carry_out(lambda: self._move_lever(self.world.levers[place], place, 0.0))
-
-    def push_door(self) -> Movement:
-        """Push the door outward."""
-        return self._carry_out(self._move_door)
-
-    def _carry_out(self, movement: Callable[[], None]) -> Movement:
+    def carry_out(self, action: int) -> Movement:
+        """Push the lever at a position outward, pull it inward, or push the door: an action."""
         began = self.world.steps
         self._last_step = began + self.budget
+        pull, place = divmod(action, len(self.world.levers))
         try:
-            movement()
+            if pull == 2:
+                self._move_door()
+            else:
+                self._move_lever(self.world.levers[place], place, 1.0 - pull)
         except OutOfTimeError:
             finished = False
             self._arm.release()

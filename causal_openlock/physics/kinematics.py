@@ -49,6 +49,10 @@ def joint_points(angles: Sequence[float], link: float = 1.0) -> tuple[Point, ...
 def reaching(point: Point, link: float = 1.0) -> Angles:
     """The joint angles that bring the arm's free end to a point.
 
+    >>> x, y = joint_points(reaching((2.0, 3.0)))[-1]
+    >>> round(x, 9), round(y, 9)
+    (2.0, 3.0)
+
     Args:
         point: Between one and five links away from the base.
         link: Length of a link.

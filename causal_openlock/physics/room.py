@@ -1,9 +1,16 @@
 """A schema's room that is played by movements of the arm.
 
 The room's state is read from the bodies: which levers are beyond the middle of their tracks,
-whether the door is open. The schema's machine is asked one thing about a state: what may move in
-it. That is unlocked, all else is locked, also in the middle of a movement, as soon as a lever
-passes the middle of its track.
+whether the door is open. The schema's machine decides what can move in a state. That is unlocked
+and all else is locked, also in the middle of a movement, when a lever passes the middle of its
+track.
+
+>>> from causal_openlock import find_schema
+>>> from causal_openlock.world.fsm import compile_schema
+>>> schema = find_schema("CC3")
+>>> room = PhysicalRoom(compile_schema(schema), Layout((0, 1, 2), 7))
+>>> room.act(0).finished, room.observation()[:3].tolist()
+(True, [1, 0, 0])
 """
 
 from __future__ import annotations
@@ -28,6 +35,7 @@ class PhysicalRoom:
         layout: Where the levers stand.
 
     Attributes:
+        geometry: Where everything is.
         world: The bodies of the attempt in progress.
         budget: Steps of the simulation that a movement may take.
         watch: Called with the pose after every step of the simulation, if it is set: the frames
@@ -38,14 +46,9 @@ class PhysicalRoom:
         self._fsm = fsm
         self._layout = layout
         self.budget = BUDGET
-        self._geometry = RoomGeometry.of(layout.positions)
+        self.geometry = RoomGeometry.of(layout.positions)
         self.watch: Callable[[Pose], None] | None = None
         self.reset()
-
-    @property
-    def geometry(self) -> RoomGeometry:
-        """Where everything is."""
-        return self._geometry
 
     @property
     def state(self) -> int:
@@ -65,7 +68,7 @@ class PhysicalRoom:
 
     def reset(self) -> None:
         """Put everything back: new bodies, so that no attempt depends on those before."""
-        self.world = World(self._geometry, self._layout.places)
+        self.world = World(self.geometry, self._layout.places)
         self._controller = Controller(self.world, self._set_locks)
         self._stuck = -1
         self._set_locks()
@@ -83,12 +86,7 @@ class PhysicalRoom:
         self._stuck = -1 if yields else (positions if door else action % positions)
         self._set_locks()
         self._controller.watch, self._controller.budget = self.watch, self.budget
-        if door:
-            movement = self._controller.push_door()
-        elif action < positions:
-            movement = self._controller.push(action)
-        else:
-            movement = self._controller.pull(action - positions)
+        movement = self._controller.carry_out(action)
         self._stuck = -1
         self._set_locks()
         return movement

@@ -2,14 +2,13 @@
 
 A game is the state of a person and nothing else; it knows neither files nor the network. Every
 change of it is a *turn*, numbered from 0, and the same turns lead to the same game, which is how a
-server that was killed finds back to it. What a game tells (:meth:`Game.view`, :meth:`Game.act`) is
-what a learner is told: observations, console and budgets.
+server that was killed restores it. What a game shows (:meth:`Game.view`, :meth:`Game.act`) is what
+a learner gets: observations, console and budgets.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -22,22 +21,24 @@ from causal_openlock.world.room import Layout
 from causal_openlock.world.schema import Schema
 
 Stage = Literal["practice", "room", "end"]
-Told = dict[str, Any]
-"""What the page is told: plain data, ready for JSON."""
+Answer = dict[str, Any]
+"""What is sent to the page: plain data, ready for JSON."""
 
 EXPERIMENT = "people"
+PRACTICE = Schema("practice", ["L0"], {"L0": ["door"]})
+"""One free lever unlocks the door: enough to learn what a click does, and no more."""
 PRACTICE_PLACE = 2
 """Where the only grey lever of the practice room stands."""
 
 
 @dataclass(frozen=True)
-class Done:
+class PlayedAction:
     """An action of a trial that counts, for the record of reaction times.
 
     Attributes:
         visit: Number of the trial in the whole condition, from 1.
         attempt: Number of the attempt in the trial, from 1.
-        action: What was done, by action index.
+        action: Its index.
         moved: Whether it moved something.
         reaction: Seconds from when the person could act to the click, by the page's clock.
         time: Seconds since the person joined, by the server's clock.
@@ -75,15 +76,10 @@ class Game:
         self.session = Session(
             condition, protocol, [subject], seed=seed, learner=LABEL, experiment=EXPERIMENT
         )
-        self._practice = self._practice_room() if practice else None
+        self._practice = _practice_room(self.session) if practice else None
         self.turn = 0
-        self.done: list[Done] = []
-        self._ended: list[Told] = []
-
-    def _practice_room(self) -> Session:
-        brief = self.session.brief
-        protocol = Protocol("practice", brief.attempt_limit, stop_when_solved=True)
-        return Session(_practice_condition(brief.positions), protocol, [0], learner=LABEL)
+        self.done: list[PlayedAction] = []
+        self._ended: list[Answer] = []
 
     @property
     def trials_over(self) -> int:
@@ -107,10 +103,10 @@ class Game:
         """Whether an action can be taken now."""
         return not (self._practice or self.session).over
 
-    def view(self) -> Told:
+    def view(self) -> Answer:
         """What the person may know now."""
         brief, stage = self.session.brief, self.stage
-        told: Told = {
+        shown: Answer = {
             "stage": stage,
             "turn": self.turn,
             "positions": brief.positions,
@@ -118,16 +114,16 @@ class Game:
             "ended": self._ended,
         }
         if stage != "end":
-            told["room"] = _room(self._practice or self.session)
-        return told
+            shown["room"] = _room(self._practice or self.session)
+        return shown
 
-    def proceed(self) -> Told:
+    def proceed(self) -> Answer:
         """Leave the practice room; one turn."""
         self._practice = None
         self.turn += 1
         return self.view()
 
-    def act(self, action: int, reaction: float | None, time: float) -> Told:
+    def act(self, action: int, reaction: float | None, time: float) -> Answer:
         """Take an action; one turn.
 
         Args:
@@ -148,7 +144,9 @@ class Game:
         left = int(console.solutions_left[0]) - new
         if session is self.session:
             visit, attempt = int(step.view.trial[0]), int(step.view.attempt[0])
-            self.done.append(Done(visit, attempt, action, moved, reaction, time, attempt_over))
+            self.done.append(
+                PlayedAction(visit, attempt, action, moved, reaction, time, attempt_over)
+            )
             if trial_over:
                 found = int(console.solutions_found[0]) + new
                 self._ended.append({"attempts": attempt, "found": found, "left": left})
@@ -164,7 +162,7 @@ class Game:
         }
 
 
-def _room(session: Session) -> Told:
+def _room(session: Session) -> Answer:
     view: View = session.view
     console = view.console
     return {
@@ -178,8 +176,8 @@ def _room(session: Session) -> Told:
     }
 
 
-@cache
-def _practice_condition(positions: int) -> Condition:
-    """One free lever unlocks the door: enough to learn what a click does, and no more."""
-    schema = Schema("practice", ["L0"], {"L0": ["door"]})
-    return Condition("practice", (Trials(schema, (Layout((PRACTICE_PLACE,), positions),)),))
+def _practice_room(session: Session) -> Session:
+    layout = Layout((PRACTICE_PLACE,), session.brief.positions)
+    condition = Condition("practice", (Trials(PRACTICE, (layout,)),))
+    protocol = Protocol("practice", session.brief.attempt_limit, stop_when_solved=True)
+    return Session(condition, protocol, [0], learner=LABEL)

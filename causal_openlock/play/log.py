@@ -1,10 +1,9 @@
-"""The log of a play: what people did, a line each, and all that is needed to go on.
+"""The log of a play: one line for everything people do, and all that is needed to continue.
 
-A line is JSON, a tab and a checksum. It is in the hands of the operating system before the click it
-tells of is answered, so a server that is killed loses nothing; and it is on the disk a second later
-(:meth:`Log.sync`), so a machine that loses its power loses at most that. A last line that was cut
-short was never answered, and is dropped; damage anywhere else is an error, since what follows would
-be replayed in the wrong state.
+A line is JSON, a tab and a checksum. The operating system has it before the click is answered, so a
+server that is killed loses nothing; it is on the disk a second later (:meth:`Log.sync`), so a power
+cut loses at most that second. A last line that was cut short was never answered and is dropped;
+damage anywhere else is an error, since what follows would be replayed in the wrong state.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ class Log:
         path: The file; made if it is not there.
 
     Attributes:
-        entries: What it held when it was opened.
+        entries: The entries that it held when it was opened.
 
     Raises:
         StoreError: If it cannot be opened or is damaged.
@@ -68,11 +67,11 @@ class Log:
         return entries, size
 
     def fault(self, line: int, what: str) -> StoreError:
-        """What is wrong with the file, and where."""
+        """An error that names the file and the line."""
         return StoreError(f"{self.path}:{line}: {what}; restore the file, or choose another folder")
 
     def append(self, entry: Entry) -> None:
-        """Add an entry; it outlives this process from here on.
+        """Add an entry, which from then on outlives this process.
 
         Raises:
             StoreError: If it cannot be written; nothing of it is in the file then.
@@ -92,7 +91,7 @@ class Log:
             self._unsynced = True
 
     def sync(self) -> None:
-        """See to it that everything is on the disk."""
+        """Flush everything to the disk."""
         if self._unsynced:
             self._unsynced = False
             os.fsync(self._file)
@@ -105,7 +104,7 @@ class Log:
 
 
 def _checked(line: bytes) -> bytes | None:
-    """What a line says, if its checksum is that of it."""
+    """The JSON of a line, if its checksum is right."""
     text, tab, check = line.rpartition(b"\t")
     return text if tab and check == b"%08x\n" % zlib.crc32(text) else None
 
@@ -119,7 +118,7 @@ def _parse(text: bytes) -> Entry | None:
 
 
 def is_join(entry: Entry) -> bool:
-    """Whether an entry tells of somebody who joined."""
+    """Whether an entry is that of a person who joined."""
     return (
         entry.keys() == {"join", "key", "at", "practice"}
         and _is_number(entry["join"])
@@ -131,7 +130,7 @@ def is_join(entry: Entry) -> bool:
 
 
 def is_turn(entry: Entry) -> bool:
-    """Whether an entry tells of a turn: an action, or that the practice room was left."""
+    """Whether an entry is that of a turn: an action, or that the practice room was left."""
     acted = entry.keys() == {"of", "turn", "at", "action", "reaction"}
     return (
         (acted or entry.keys() == {"of", "turn", "at"})

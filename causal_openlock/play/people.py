@@ -1,12 +1,12 @@
-"""Everybody who plays: who they are told apart by, what is on file, and the record made of it.
+"""All people who play in a folder: their sessions, the log of what they did, and their record.
 
-A person is known by a *session id*, drawn at random when they join and told to nobody else. The log
-holds only a hash of it, so that a folder that is passed on lets nobody play in another's name.
-Each person has a number, by the order of joining; conditions are dealt out in shuffled blocks, so
-that at any time every condition has as many people as any other, give or take one.
+A person is identified by a *session id*, drawn at random when they join and known to their browser
+only. The log holds a hash of it, so nobody who gets the folder can play in another's name. People
+are numbered in the order of joining; conditions are dealt out in shuffled blocks, so that at any
+time every condition has as many people as any other, give or take one.
 
-Every call that changes something carries the number of the turn that it is meant for. A call that
-comes twice, too late or too early is refused and changes nothing.
+Every request that changes something carries the number of the turn that it is meant for. A request
+that comes twice, too late or too early is refused and changes nothing.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import sweep
-from causal_openlock.play.game import EXPERIMENT, Game, Told
+from causal_openlock.play.game import EXPERIMENT, Answer, Game
 from causal_openlock.play.log import Entry as LogEntry
 from causal_openlock.play.log import Log, is_join, is_turn
 from causal_openlock.play.person import LABEL, LEARNER
@@ -41,8 +41,8 @@ MOST_PEOPLE = 10_000
 """How many people can join in one folder."""
 
 
-class Refused(OpenLockError):  # noqa: N818 - the page is told, nobody is to blame
-    """A call that changes nothing."""
+class Refused(OpenLockError):  # noqa: N818 - an answer to the page
+    """A request that changes nothing."""
 
 
 class UnknownPerson(Refused):
@@ -50,23 +50,23 @@ class UnknownPerson(Refused):
 
 
 class OutOfTurn(Refused):
-    """The call is not meant for the turn that the person is at.
+    """The request is not meant for the turn that the person is at.
 
     Attributes:
         now: What the person may know now.
     """
 
-    def __init__(self, now: Told) -> None:
+    def __init__(self, now: Answer) -> None:
         super().__init__("this is not the turn that the session is at")
         self.now = now
 
 
-class FullHouse(Refused):
+class TooManyPeople(Refused):
     """Nobody else can join."""
 
 
 class _Person:
-    """A person: a number, a game, and when they joined."""
+    """A person: their number, their game, and when they joined."""
 
     def __init__(self, number: int, cell: Cell, joined: float, practice: bool) -> None:
         self.number, self.cell, self.joined = number, cell, joined
@@ -76,7 +76,7 @@ class _Person:
         )
         self.kept = self.kept_trials = 0  # how many actions and ended trials are in the files
 
-    def take(self, turn: LogEntry) -> Told:
+    def take(self, turn: LogEntry) -> Answer:
         """Take a turn as it is in the log."""
         if "action" not in turn:
             return self.game.proceed()
@@ -88,26 +88,25 @@ class _Person:
         """The trials that are over, with the times at which attempts really ended."""
         import pyarrow as pa
 
-        # A trial that somebody is in, or has left for good, has not come to anything yet.
-        ends = [one for one in self.game.done if one.attempt_over]
-        whole = [one for one in ends if one.visit <= self.game.trials_over]
-        table = self.game.session.record().slice(0, len(whole))
+        # The trial that a person is in, or has left for good, is no trial of the record.
+        over = self.game.trials_over
+        ends = [one.time for one in self.game.done if one.attempt_over and one.visit <= over]
+        table = self.game.session.record().slice(0, len(ends))
         where = table.schema.get_field_index("wall_time")
-        times = pa.array([one.time for one in whole], pa.float32())
-        return table.set_column(where, table.schema.field(where), times)
+        return table.set_column(where, table.schema.field(where), pa.array(ends, pa.float32()))
 
 
 class People:
     """All people who play in one results folder.
 
     Args:
-        folder: Where their record is kept; what it holds already is gone on with.
+        folder: Where their record is kept; a folder that people have played in is continued.
         conditions: What is played; people are dealt among them.
         protocol: With what budgets.
         seed: Seed of rooms, of luck and of who plays which condition.
         practice: Whether people who join now begin with a practice room.
-        command: What to type to go on, for the report.
-        clock: Tells the seconds.
+        command: The command that continues, for the report.
+        clock: Returns the time in seconds.
 
     Raises:
         StoreError: If the folder holds something else, is in use, damaged, or cannot be written to.
@@ -149,34 +148,31 @@ class People:
             self.store.close()
             raise
 
-    # -- what the page asks for -----------------------------------------------------------------
+    # -- what the page requests -----------------------------------------------------------------
 
     def join(self) -> str:
-        """A new person.
-
-        Returns:
-            The session id.
+        """Add a person and return their session id.
 
         Raises:
-            FullHouse: If there are too many.
-            StoreError: If it cannot be put on file.
+            TooManyPeople: If nobody else can join.
+            StoreError: If it cannot be written to the log.
         """
         name = secrets.token_urlsafe(24)
         with self._joining:
             if len(self._order) >= MOST_PEOPLE:
-                raise FullHouse("nobody else can join")
+                raise TooManyPeople("nobody else can join")
             entry = {
                 "join": len(self._order),
                 "key": _key(name),
                 "at": self._clock(),
                 "practice": self.practice,
             }
-            person = self._made(entry)
+            person = self._person(entry)
             self._log.append(entry)
             self._add(entry, person)
         return name
 
-    def view(self, name: str) -> Told:
+    def view(self, name: str) -> Answer:
         """What a person may know now.
 
         Raises:
@@ -186,33 +182,27 @@ class People:
         with person.lock:
             return person.game.view()
 
-    def proceed(self, name: str, turn: int) -> Told:
-        """Let a person leave the practice room.
-
-        Raises:
-            UnknownPerson: If there is no such session.
-            OutOfTurn: If this is not the turn, or there is nothing to leave.
-            StoreError: If it cannot be put on file; nothing has changed then.
-        """
+    def proceed(self, name: str, turn: int) -> Answer:
+        """Let a person leave the practice room; refused as :meth:`act` is."""
         person = self._find(name)
         with person.lock:
             if turn != person.game.turn or person.game.stage != "practice":
                 raise OutOfTurn(person.game.view())
             return self._take(person, {})
 
-    def act(self, name: str, turn: int, action: int, reaction: int | None) -> Told:
-        """Let a person act.
+    def act(self, name: str, turn: int, action: int, reaction: int | None) -> Answer:
+        """Carry out a person's action.
 
         Args:
             name: The session id.
             turn: The turn that the action is meant for.
             action: Its index.
-            reaction: Milliseconds that the person took, if the page knows.
+            reaction: Milliseconds that the person took, if the page sends them.
 
         Raises:
             UnknownPerson: If there is no such session.
             OutOfTurn: If this is not the turn, there is no such action, or the person has finished.
-            StoreError: If it cannot be put on file; nothing has changed then.
+            StoreError: If it cannot be written to the log; nothing has changed then.
         """
         person = self._find(name)
         with person.lock:
@@ -221,17 +211,9 @@ class People:
                 raise OutOfTurn(game.view())
             return self._take(person, {"action": action, "reaction": reaction})
 
-    def cell_of(self, name: str) -> Cell:
-        """Under which condition and number a person is recorded.
-
-        Raises:
-            UnknownPerson: If there is no such session.
-        """
-        return self._find(name).cell
-
-    def _take(self, person: _Person, what: LogEntry) -> Told:
+    def _take(self, person: _Person, what: LogEntry) -> Answer:
         entry = {"of": person.number, "turn": person.game.turn, "at": self._clock(), **what}
-        self._log.append(entry)  # first on file, then done, then answered
+        self._log.append(entry)  # first it is on file, then it is done, then it is answered
         return person.take(entry)
 
     def _find(self, name: str) -> _Person:
@@ -242,7 +224,7 @@ class People:
 
     # -- joining and coming back ----------------------------------------------------------------
 
-    def _made(self, entry: LogEntry) -> _Person:
+    def _person(self, entry: LogEntry) -> _Person:
         number = entry["join"]
         return _Person(number, self._cell(number), entry["at"], entry["practice"])
 
@@ -251,7 +233,7 @@ class People:
         self._people[entry["key"]] = person
 
     def _cell(self, number: int) -> Cell:
-        """What the person of some number plays: conditions come in shuffled blocks."""
+        """What a person plays: conditions come in shuffled blocks."""
         conditions = self.experiment.conditions
         subject, place = divmod(number, len(conditions))
         generator = np.random.default_rng([self.experiment.seed, subject])
@@ -260,7 +242,7 @@ class People:
         return Cell(EXPERIMENT, self.experiment.seed, entry, conditions[which], subject, 1)
 
     def _resume(self) -> None:
-        """Go through the log."""
+        """Repeat what the log holds."""
         identity = self.experiment.identity
         head, *entries = self._log.entries or [{"identity": identity}]
         if head.get("identity") != identity:
@@ -272,16 +254,19 @@ class People:
             self._log.append(head)
         for number, entry in enumerate(entries, start=2):
             if is_join(entry) and entry["join"] == len(self._order) < MOST_PEOPLE:
-                self._add(entry, self._made(entry))
+                self._add(entry, self._person(entry))
                 continue
             if not is_turn(entry) or entry["of"] >= len(self._order):
-                raise self._log.fault(number, "this line is none of a play")
+                raise self._log.fault(number, "this line is no entry of a play")
             game = self._order[entry["of"]].game
             if entry["turn"] != game.turn:
                 raise self._log.fault(number, "a turn is missing before this one")
-            can = game.can_act and entry["action"] < game.actions if "action" in entry else False
-            if not (can or ("action" not in entry and game.stage == "practice")):
-                raise self._log.fault(number, "nobody could do this then")
+            if "action" in entry:
+                possible = game.can_act and entry["action"] < game.actions
+            else:
+                possible = game.stage == "practice"
+            if not possible:
+                raise self._log.fault(number, "this was not possible then")
             self._order[entry["of"]].take(entry)
         self._log.entries = []
         for person in self._order:
@@ -299,15 +284,15 @@ class People:
         return len(self._order)
 
     def sync(self) -> None:
-        """See to it that the log is on the disk."""
+        """Flush the log to the disk."""
         self._log.sync()
 
     def keep(self, pause: float = 0.0, ended_only: bool = False) -> None:
-        """Write the record of whoever has acted since theirs was last written.
+        """Write the record of every person who has acted since theirs was last written.
 
         Args:
-            pause: Seconds to wait after each person, so that those who play do not notice.
-            ended_only: Whether to wait with each person until they have ended a trial.
+            pause: Seconds to wait after each person, so that clicks are answered in between.
+            ended_only: Whether to leave out people who have ended no trial since then.
 
         Raises:
             StoreError: If it cannot be written; the log still has everything.
@@ -315,7 +300,7 @@ class People:
         with self._keeping:
             folder = self.store.folder / FOLDER
             sweep(folder)
-            written = 0
+            written = False
             for person in list(self._order):
                 with person.lock:
                     game = person.game
@@ -330,25 +315,22 @@ class People:
                 if record.num_rows:
                     self.store.write(cell, record)
                 person.kept, person.kept_trials = len(done), trials
-                written += 1
+                written = True
                 time.sleep(pause)
             if written:
                 self._declare()
 
     def _declare(self) -> None:
-        """Say in ``experiment.json`` whose cells there are."""
-        cells = [
-            person.cell
-            for person in sorted(self._order, key=lambda one: one.cell.name)
-            if person.kept_trials
-        ]
-        many = max(1, *(cell.first_subject + 1 for cell in cells)) if cells else 1
+        """List in ``experiment.json`` the cells that there are."""
+        cells = [person.cell for person in self._order if person.kept_trials]
+        cells.sort(key=lambda cell: cell.name)
+        many = max((cell.first_subject + 1 for cell in cells), default=1)
         (spec,) = self.experiment.learners
         declared = replace(self.experiment, learners=(replace(spec, subjects=many),))
         self.store.declare(declared, cells, self.experiment.identity)
 
     def close(self) -> None:
-        """Write the record and let others work in the folder."""
+        """Write the record and release the folder."""
         try:
             self.keep()
         finally:

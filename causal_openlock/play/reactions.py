@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from causal_openlock.errors import StoreError
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
-from causal_openlock.play.game import Done
+from causal_openlock.play.game import PlayedAction
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,26 +43,16 @@ def reactions_schema() -> pa.Schema:
     )
 
 
-def reactions_table(condition: str, subject: int, done: Sequence[Done]) -> pa.Table:
+def reactions_table(condition: str, subject: int, done: Sequence[PlayedAction]) -> pa.Table:
     """What one person did, action by action."""
     import pyarrow as pa
 
-    moments = []
-    moment = 0
+    rows, moment = [], 0
     for one in done:
         moment += 1
-        moments.append(moment)
+        rows.append({"condition": condition, "subject": subject, "moment": moment, **vars(one)})
         moment *= not one.attempt_over
-    columns: dict[str, list[Any]] = {
-        "condition": [condition] * len(done),
-        "subject": [subject] * len(done),
-        "moment": moments,
-    }
-    schema = reactions_schema()
-    for name in schema.names:
-        if name not in columns:
-            columns[name] = [getattr(one, name) for one in done]
-    return pa.table({name: columns[name] for name in schema.names}, schema=schema)
+    return pa.Table.from_pylist(rows, schema=reactions_schema())
 
 
 def write_reactions(path: Path, table: pa.Table) -> None:

@@ -1,48 +1,61 @@
-"""The server: one page, and a handful of calls that answer its clicks.
+"""The server: one page, and a handful of requests that answer its clicks.
 
 =========================  =======================================================================
 ``GET /`` and its files    the page
 ``GET /brief``             budgets, for the instructions
 ``GET /geometry/7``        where things are in a room of seven levers
-``POST /join``             a new session; answers its id
+``POST /join``             start a new session; answers its id
 ``GET /state``             what the person may know now
 ``POST /proceed``          ``{"turn"}``: leave the practice room
 ``POST /act``              ``{"turn", "action", "reaction"}``: act; reaction in milliseconds or null
 =========================  =======================================================================
 
 A session id travels as ``Authorization: Bearer ID``, which no other site's page can send. Status
-404 is for sessions and addresses that do not exist, 409 for calls out of turn (with the state as it
-is), 400 for what is no such call. None of these changes anything.
+404 answers unknown sessions and addresses, 409 requests that are out of turn (with the state as it
+is), 400 requests that the page never makes. None of these changes anything.
 
-It is Python's own threading HTTP server: a thread for each connection, most of them asleep. It
-listens on loopback unless told otherwise, and then also refuses requests that came by another name
-than this machine's own, as those of a page elsewhere whose name was made to point here would. Where
-a reverse proxy stands before it, it is told the address that people use, and takes that name too.
+Starlette routes the requests and uvicorn speaks HTTP; the work for a request is done in a thread,
+so that nobody waits while another person's click is written. The server listens on loopback unless
+told otherwise, and then refuses requests under another name than this machine's own: those of a
+foreign page whose host name was made to point here. Behind a reverse proxy it also accepts the
+address that people use, which it has to be given.
 """
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import socket
 import sys
 import threading
 from collections.abc import Callable
-from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from ipaddress import ip_address
-from typing import Any, cast
+from typing import Any
 from urllib.parse import urlsplit
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+from starlette.types import Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.escaping import printable
 from causal_openlock.play.pages import geometry, static_files
-from causal_openlock.play.people import FullHouse, OutOfTurn, People, UnknownPerson
+from causal_openlock.play.people import OutOfTurn, People, TooManyPeople, UnknownPerson
 from causal_openlock.world.room import positions_for
 
 MOST_BYTES = 1024
-"""The longest call."""
+"""The longest body of a request."""
 MOST_CONNECTIONS = 512
+IDLE = 75
+"""Seconds without a byte after which a connection is closed."""
 LONGEST_REACTION = 24 * 60 * 60 * 1000
 KEEP_EVERY = 10.0
 """Seconds between two writings of the record; the log is written with every click."""
@@ -61,55 +74,63 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+ORIGIN = re.compile(r"https?://([^/?#@\s]+)")
 
-Answer = tuple[HTTPStatus, Any]
+Body = dict[str, Any]
 
 
-class PlayServer(ThreadingHTTPServer):
+class PlayServer:
     """Serves the page to the people of one results folder.
 
     Args:
-        people: Who plays.
+        people: The people who play.
         host: Address to listen on.
         port: Port to listen on; 0 for any that is free.
         address: What people type, such as ``https://study.example.org``, if a reverse proxy passes
             their requests on; empty without one.
 
     Raises:
-        OpenLockError: If it cannot listen there, or the address is none.
+        OpenLockError: If it cannot listen there, or the address is invalid.
     """
-
-    daemon_threads = True
-    block_on_close = False
-    request_queue_size = 256
 
     def __init__(
         self, people: People, host: str = "127.0.0.1", port: int = 0, address: str = ""
     ) -> None:
         self.people = people
         self.address = _checked(address)
-        self._room_for = threading.BoundedSemaphore(MOST_CONNECTIONS)
-        self._stop = threading.Event()
-        if ":" in host:
-            self.address_family = socket.AF_INET6
-        try:
-            super().__init__((host, port), _Handler)
-        except (OSError, OverflowError) as error:
-            said = getattr(error, "strerror", None) or error
-            raise OpenLockError(
-                f"cannot listen on {host}, port {port} ({said}); choose another with --host or "
-                "--port"
-            ) from None
-        self.host, self.port = host, int(self.server_address[1])
+        self._socket = _listening(host, port)
+        self.host, self.port = host, int(self._socket.getsockname()[1])
         self.loopback = _is_loopback(host)
         names = (*LOOPBACK, host, f"[{host}]")
-        self.names = {f"{name}:{self.port}" for name in names}
+        self._names = {f"{name}:{self.port}" for name in names}
         if self.port == 80:  # which browsers leave out
-            self.names.update(names)
-        self.public = urlsplit(self.address).netloc
-        if self.public:
-            self.names.add(self.public)
+            self._names.update(names)
+        self._public = urlsplit(self.address).netloc
+        if self._public:
+            self._names.add(self._public)
+        self._stopped = threading.Event()
         self._keeper = threading.Thread(target=self._keep, name="keeper", daemon=True)
+        self._app = self._starlette()
+        self._server = uvicorn.Server(
+            uvicorn.Config(
+                self._guarded,
+                interface="asgi3",
+                http=_Connection,
+                ws="none",
+                loop="asyncio",
+                lifespan="off",
+                log_config=None,
+                log_level="error",  # nobody's address is logged
+                access_log=False,
+                proxy_headers=False,
+                server_header=False,
+                headers=[*HEADERS.items()],
+                limit_concurrency=MOST_CONNECTIONS,
+                timeout_keep_alive=IDLE,
+                timeout_graceful_shutdown=2,
+            )
+        )
 
     @property
     def url(self) -> str:
@@ -117,23 +138,27 @@ class PlayServer(ThreadingHTTPServer):
         host = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "[::1]"}.get(self.host, self.host)
         return f"http://{f'[{host}]' if ':' in host and '[' not in host else host}:{self.port}/"
 
-    def serve_forever(self, poll_interval: float = 0.2) -> None:
-        """Serve until :meth:`shutdown`."""
+    def serve_forever(self) -> None:
+        """Serve until :meth:`shutdown`, SIGINT or SIGTERM."""
         self._keeper.start()
-        super().serve_forever(poll_interval)
+        self._server.run(sockets=[self._socket])
+
+    def shutdown(self) -> None:
+        """Make :meth:`serve_forever` return soon; for another thread."""
+        self._server.should_exit = True
 
     def finish(self) -> None:
-        """Stop listening, write the record and let go of the folder."""
-        self._stop.set()
-        self.server_close()
+        """Stop listening, write the record and release the folder."""
+        self._stopped.set()
+        self._socket.close()
         if self._keeper.is_alive():
             self._keeper.join()
         self.people.close()
 
     def _keep(self) -> None:
-        # At once, what a server that was killed had not come to.
+        # The first time at once: a server that was killed may have left something to write.
         waited, ended_only = KEEP_EVERY, False
-        while not self._stop.wait(1.0):
+        while not self._stopped.wait(1.0):
             waited += 1.0
             try:
                 self.people.sync()
@@ -141,29 +166,114 @@ class PlayServer(ThreadingHTTPServer):
                     self.people.keep(KEEP_PAUSE, ended_only)
                     waited, ended_only = 0.0, True
             except (OpenLockError, OSError) as error:
-                print(f"warning: {printable(error)}", file=sys.stderr)
+                _warn(error)
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread, unless there are too many of them."""
-        if self._room_for.acquire(blocking=False):
-            super().process_request(request, client_address)
+    # -- which requests are accepted ------------------------------------------------------------
+
+    async def _guarded(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request if it is clear where it ends and that it is meant for this server."""
+        headers = Headers(scope=scope)
+        if not _is_clear(scope["method"], headers):
+            answer: Any = _invalid()
+        elif not self._is_meant_for_us(headers):
+            answer = JSONResponse({"error": "this server has another name"}, 403)
         else:
-            self.shutdown_request(request)
+            answer = self._app
+        await answer(scope, receive, send)
 
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """A thread of one connection."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._room_for.release()
+    def _is_meant_for_us(self, headers: Headers) -> bool:
+        host = headers.get("host", "")
+        if self.loopback and host not in self._names:
+            return False
+        origin = headers.get("origin")
+        if origin is None:
+            return True
+        # A proxy may put its own name for us in the place of the host that the browser asked for.
+        asked = ORIGIN.fullmatch(origin)
+        return asked is not None and asked[1] in (host, self._public)
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that goes away is nobody's fault."""
-        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
-            super().handle_error(request, client_address)
+    # -- what is answered -----------------------------------------------------------------------
+
+    def _starlette(self) -> Starlette:
+        people = self.people
+        app = Starlette(
+            routes=[
+                *(_file(path, *file) for path, file in static_files().items()),
+                _call("GET", "/brief", lambda request, body: self._brief()),
+                _call("GET", "/geometry/{size}", lambda request, body: geometry(_size(request))),
+                _call("GET", "/state", lambda request, body: people.view(_session(request))),
+                _call("POST", "/join", lambda request, body: {"id": people.join()}),
+                _call("POST", "/proceed", self._proceed),
+                _call("POST", "/act", self._act),
+            ],
+            exception_handlers=dict.fromkeys(
+                (OpenLockError, ClientDisconnect, HTTPException), _refused
+            ),
+        )
+        app.router.redirect_slashes = False
+        return app
+
+    def _proceed(self, request: Request, body: Body) -> Any:
+        return self.people.proceed(_session(request), _whole(body, "turn", 2**31))
+
+    def _act(self, request: Request, body: Body) -> Any:
+        turn, action = _whole(body, "turn", 2**31), _whole(body, "action", 255)
+        timed = body.get("reaction") is not None
+        reaction = _whole(body, "reaction", LONGEST_REACTION) if timed else None
+        return self.people.act(_session(request), turn, action, reaction)
+
+    def _brief(self) -> dict[str, Any]:
+        experiment = self.people.experiment
+        (entry,) = experiment.learners
+        schemas = [schema for condition in experiment.conditions for schema in condition.schemas]
+        return {
+            "positions": max(map(positions_for, schemas)),
+            "action_limit": max(map(entry.protocol.actions_for, schemas)),
+            "attempt_limit": entry.protocol.attempt_limit,
+            "practice": self.people.practice,
+        }
 
 
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+class _Connection(H11Protocol):
+    """A connection that is closed when nothing has come for a while, the first request included."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._patience = self.loop.call_later(IDLE, transport.close)
+
+    def data_received(self, data: bytes) -> None:
+        self._patience.cancel()
+        self._patience = self.loop.call_later(IDLE, self.transport.close)
+        super().data_received(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._patience.cancel()
+        super().connection_lost(exc)
+
+    def shutdown(self) -> None:
+        super().shutdown()
+        if self.cycle is not None and self.cycle.more_body:  # it may never come
+            self.transport.close()
+
+
+# -- where to listen ------------------------------------------------------------------------------
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # asyncio sends at once only where the socket says that it is TCP.
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(256)
+    except OSError as error:
+        listener.close()
+        raise OpenLockError(
+            f"cannot listen on {host}, port {port} ({error.strerror or error}); choose another "
+            "with --host or --port"
+        ) from None
+    return listener
 
 
 def _is_loopback(host: str) -> bool:
@@ -181,7 +291,7 @@ def _checked(address: str) -> str:
         parts = urlsplit(address)
         whole = parts.scheme in ("http", "https") and parts.hostname and parts.path in ("", "/")
         whole = whole and parts.port != 0
-    except ValueError:  # a bracket that is not closed, a port that is none
+    except ValueError:  # a bracket that is not closed, an invalid port
         parts, whole = urlsplit(""), False
     if address and (not whole or parts.query or parts.fragment or "@" in parts.netloc):
         raise OpenLockError(
@@ -191,181 +301,93 @@ def _checked(address: str) -> str:
     return f"{parts.scheme}://{parts.netloc.lower()}/" if address else ""
 
 
-_ORIGIN = re.compile(r"https?://([^/?#@\s]+)")
-_LENGTH = re.compile(r"[0-9]{1,4}")
+# -- answers --------------------------------------------------------------------------------------
 
 
-class _Malformed(Exception):  # noqa: N818 - an answer to the page
-    """This is no call that the page makes."""
+def _file(path: str, kind: str, content: bytes) -> Route:
+    async def answer(request: Request) -> Response:
+        return Response(content, media_type=kind)
+
+    return Route(path, answer)
 
 
-class _Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-    disable_nagle_algorithm = True
-    wbufsize = -1  # an answer leaves in one piece
-    timeout = 75  # seconds that an idle connection is kept
+def _call(method: str, path: str, work: Callable[[Request, Body], Any]) -> Route:
+    async def answer(request: Request) -> Response:
+        body = _parsed(await request.body()) if method == "POST" else {}
+        return JSONResponse(await run_in_threadpool(work, request, body))
 
-    @property
-    def home(self) -> PlayServer:
-        return cast(PlayServer, self.server)
-
-    @property
-    def people(self) -> People:
-        return self.home.people
-
-    # -- HTTP -----------------------------------------------------------------------------------
-
-    def do_GET(self) -> None:
-        if "Content-Length" in self.headers:
-            self.close_connection = True  # what follows would be taken for the next request
-        if not self._is_clear():
-            self._answer(HTTPStatus.BAD_REQUEST, {"error": "this is no call"})
-        elif not self._is_meant_for_us():
-            self._answer(HTTPStatus.FORBIDDEN, {"error": "this server has another name"})
-        elif self.path in (page := static_files()):
-            kind, content = page[self.path]
-            self._send(HTTPStatus.OK, kind, content)
-        elif self.path == "/brief":
-            self._answer(HTTPStatus.OK, self._brief())
-        elif room := re.fullmatch(r"/geometry/(\d{1,2})", self.path):
-            self._call(lambda: geometry(int(room[1])))
-        elif self.path == "/state":
-            self._call(lambda: self.people.view(self._session()))
-        else:
-            self._answer(HTTPStatus.NOT_FOUND, {"error": "there is nothing at this address"})
-
-    def do_POST(self) -> None:
-        calls: dict[str, Callable[[dict[str, Any]], Any]] = {
-            "/join": lambda body: {"id": self.people.join()},
-            "/proceed": lambda body: self.people.proceed(self._session(), _turn(body)),
-            "/act": lambda body: self.people.act(
-                self._session(), _turn(body), _action(body), _reaction(body)
-            ),
-        }
-        body = self._body() if self._is_clear() else None
-        call = calls.get(self.path)
-        if not self._is_meant_for_us():
-            self._answer(HTTPStatus.FORBIDDEN, {"error": "this server has another name"})
-        elif call is None:
-            self._answer(HTTPStatus.NOT_FOUND, {"error": "there is nothing at this address"})
-        elif body is None:
-            self._answer(HTTPStatus.BAD_REQUEST, {"error": "this is no call"})
-        else:
-            chosen, said = call, body
-            self._call(lambda: chosen(said))
-
-    def _is_clear(self) -> bool:
-        """Whether everybody takes the request to end in the same place; if not, it is the last.
-
-        Where a proxy and this server would disagree, what follows could be another's request.
-        """
-        heads = self.headers
-        odd = heads.defects or heads.get_payload() or "Transfer-Encoding" in heads
-        odd = odd or any("\n" in value or "\r" in value for value in heads.values())
-        doubled = any(len(heads.get_all(name, [])) > 1 for name in ("Content-Length", "Host"))
-        if odd or doubled:
-            self.close_connection = True
-        return not (odd or doubled)
-
-    def _is_meant_for_us(self) -> bool:
-        host = self.headers.get("Host", "")
-        if self.home.loopback and host not in self.home.names:
-            return False
-        origin = self.headers.get("Origin")
-        if origin is None:
-            return True
-        # A proxy may put its own name for us in the place of the host that the browser asked for.
-        asked = _ORIGIN.fullmatch(origin)
-        return asked is not None and asked[1] in (host, self.home.public)
-
-    def _body(self) -> dict[str, Any] | None:
-        """What was sent; ``None`` if that is no JSON object."""
-        length = self.headers.get("Content-Length", "")
-        if not _LENGTH.fullmatch(length) or int(length) > MOST_BYTES:
-            self.close_connection = True  # what follows is not worth reading
-            return None
-        sent = self.rfile.read(int(length))
-        try:
-            body = json.loads(sent) if len(sent) == int(length) else None
-        except (ValueError, RecursionError):
-            return None
-        return body if isinstance(body, dict) else None
-
-    def _call(self, call: Callable[[], Any]) -> None:
-        status: HTTPStatus
-        try:
-            status, answer = HTTPStatus.OK, call()
-        except UnknownPerson as error:
-            status, answer = HTTPStatus.NOT_FOUND, {"error": str(error)}
-        except OutOfTurn as error:
-            status, answer = HTTPStatus.CONFLICT, {"error": str(error), "now": error.now}
-        except FullHouse as error:
-            status, answer = HTTPStatus.TOO_MANY_REQUESTS, {"error": str(error)}
-        except StoreError as error:  # a path of this machine is not the page's to know
-            print(f"warning: {printable(error)}", file=sys.stderr)
-            status = HTTPStatus.SERVICE_UNAVAILABLE
-            answer = {"error": "this cannot be put on file now"}
-        except (_Malformed, OpenLockError):
-            status, answer = HTTPStatus.BAD_REQUEST, {"error": "this is no call"}
-        self._answer(status, answer)
-
-    def _answer(self, status: HTTPStatus, answer: Any) -> None:
-        content = json.dumps(answer, separators=(",", ":")).encode()
-        self._send(status, "application/json", content)
-
-    def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
-        self.send_response(status)
-        for name, value in HEADERS.items():
-            self.send_header(name, value)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
-        if self.close_connection:
-            self.send_header("Connection", "close")
-        self.end_headers()
-        self.wfile.write(content)
-
-    # -- what is in a call ----------------------------------------------------------------------
-
-    def _session(self) -> str:
-        kind, _, name = self.headers.get("Authorization", "").partition(" ")
-        if kind != "Bearer" or not name.isascii():
-            raise UnknownPerson("there is no such session")
-        return name
-
-    def _brief(self) -> dict[str, Any]:
-        experiment = self.people.experiment
-        (entry,) = experiment.learners
-        schemas = [schema for condition in experiment.conditions for schema in condition.schemas]
-        return {
-            "positions": max(map(positions_for, schemas)),
-            "action_limit": max(map(entry.protocol.actions_for, schemas)),
-            "attempt_limit": entry.protocol.attempt_limit,
-            "practice": self.people.practice,
-        }
-
-    def version_string(self) -> str:
-        return "causal-openlock"
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Who calls from where is nobody's business."""
+    return Route(path, answer, methods=[method])
 
 
-def _whole(body: dict[str, Any], key: str, least: int, most: int) -> int:
+def _invalid() -> Response:
+    """The answer to what the page never sends; nothing more is read from this connection."""
+    return JSONResponse({"error": "invalid request"}, 400, {"Connection": "close"})
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    match error:
+        case HTTPException():
+            return JSONResponse({"error": "there is nothing at this address"}, 404)
+        case UnknownPerson():
+            return JSONResponse({"error": str(error)}, 404)
+        case OutOfTurn():
+            return JSONResponse({"error": str(error), "now": error.now}, 409)
+        case TooManyPeople():
+            return JSONResponse({"error": str(error)}, 429)
+        case StoreError():
+            _warn(error)  # the page need not know paths of this machine
+            return JSONResponse({"error": "this cannot be saved now"}, 503)
+    return _invalid()
+
+
+def _warn(error: Exception) -> None:
+    print(f"warning: {printable(error)}", file=sys.stderr)
+
+
+# -- what is in a request -------------------------------------------------------------------------
+
+
+class _Malformed(OpenLockError):  # noqa: N818 - an answer to the page
+    """The page makes no such request."""
+
+
+def _is_clear(method: str, headers: Headers) -> bool:
+    """Whether a proxy and this server agree on where the request ends, and it is not too long.
+
+    If they did not, what follows could be another person's request.
+    """
+    if "transfer-encoding" in headers:
+        return False
+    if method != "POST":
+        return "content-length" not in headers
+    return int(headers.get("content-length", MOST_BYTES + 1)) <= MOST_BYTES
+
+
+def _parsed(sent: bytes) -> Body:
+    try:
+        body = json.loads(sent)
+    except (ValueError, RecursionError):
+        raise _Malformed from None
+    if not isinstance(body, dict):
+        raise _Malformed
+    return body
+
+
+def _session(request: Request) -> str:
+    kind, _, name = request.headers.get("authorization", "").partition(" ")
+    if kind != "Bearer" or not name.isascii():
+        raise UnknownPerson("there is no such session")
+    return name
+
+
+def _size(request: Request) -> int:
+    if not re.fullmatch("[0-9]{1,2}", request.path_params["size"]):
+        raise HTTPException(404)
+    return int(request.path_params["size"])
+
+
+def _whole(body: Body, key: str, most: int) -> int:
     value = body.get(key)
-    if type(value) is not int or not least <= value <= most:
+    if type(value) is not int or not 0 <= value <= most:
         raise _Malformed
     return value
-
-
-def _turn(body: dict[str, Any]) -> int:
-    return _whole(body, "turn", 0, 2**31)
-
-
-def _action(body: dict[str, Any]) -> int:
-    return _whole(body, "action", 0, 255)
-
-
-def _reaction(body: dict[str, Any]) -> int | None:
-    if body.get("reaction") is None:
-        return None
-    return _whole(body, "reaction", 0, LONGEST_REACTION)

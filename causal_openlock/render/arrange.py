@@ -37,7 +37,7 @@ PIECE = 24  # points in each piece of an edge
 
 
 @dataclass
-class Drawing:
+class Arrangement:
     """Where everything in the figure of a schema is.
 
     Attributes:
@@ -55,7 +55,7 @@ class Drawing:
     limits: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 1.0)
 
 
-def arrange(schema: Schema) -> Drawing:
+def arrange(schema: Schema) -> Arrangement:
     """Find a place for every node, edge and label of a schema."""
     graph = schema.graph
     row = {
@@ -88,7 +88,7 @@ def arrange(schema: Schema) -> Drawing:
     while True:
         y = {place: -height * index for index, places in enumerate(rows) for place in places}
         centre = {place: np.array([x[place], y[place]]) for place in x}
-        drawing = Drawing(centre, half)
+        drawing = Arrangement(centre, half)
         if _route(drawing, paths) or height > 12.0:
             break
         height *= 1.15
@@ -185,7 +185,7 @@ def _rising(wish: Points, weights: Sequence[float]) -> Points:
 # -- edges ----------------------------------------------------------------------------------------
 
 
-def _route(drawing: Drawing, paths: Paths) -> bool:
+def _route(drawing: Arrangement, paths: Paths) -> bool:
     """Draw every edge as straight as it can be; tell whether all of them keep clear of nodes."""
     clear = True
     for edge, path in paths.items():
@@ -202,7 +202,7 @@ def _route(drawing: Drawing, paths: Paths) -> bool:
     return clear
 
 
-def distance_to_node(drawing: Drawing, node: str, points: Points) -> float:
+def distance_to_node(drawing: Arrangement, node: str, points: Points) -> float:
     """The least distance from points to the border of a node; negative inside it."""
     away = np.abs(points - drawing.centre[node])
     away[:, 0] = np.maximum(away[:, 0] - (drawing.half_width[node] - RADIUS), 0.0)
@@ -211,7 +211,7 @@ def distance_to_node(drawing: Drawing, node: str, points: Points) -> float:
     return float(np.hypot(*away.T).min()) - RADIUS
 
 
-def _curve(drawing: Drawing, path: Sequence[Place], steepest: float) -> Points:
+def _curve(drawing: Arrangement, path: Sequence[Place], steepest: float) -> Points:
     """A smooth line through the places of a path, nowhere flatter at its ends than allowed.
 
     Args:
@@ -242,7 +242,7 @@ def _curve(drawing: Drawing, path: Sequence[Place], steepest: float) -> Points:
     return np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
 
 
-def _to_border(drawing: Drawing, place: Place, way: Points, tip: float = 0.0) -> Points:
+def _to_border(drawing: Arrangement, place: Place, way: Points, tip: float = 0.0) -> Points:
     """From the centre of a place to its border, in a direction that points down or up."""
     if isinstance(place, tuple):
         return np.zeros(2)
@@ -259,7 +259,7 @@ def _to_border(drawing: Drawing, place: Place, way: Points, tip: float = 0.0) ->
     return np.asarray(way * (length + tip))
 
 
-def _place_labels(schema: Schema, drawing: Drawing, paths: Paths) -> None:
+def _place_labels(schema: Schema, drawing: Arrangement, paths: Paths) -> None:
     """Put each strength where it covers least: no node, no other label, few other edges."""
     used = Counter(link for path in paths.values() for link in pairwise(path))
     for edge, points in drawing.edges.items():
@@ -275,7 +275,7 @@ def _place_labels(schema: Schema, drawing: Drawing, paths: Paths) -> None:
         drawing.labels[edge] = candidates[int(np.argmin(costs))]
 
 
-def _covered(drawing: Drawing, at: Points, others: Sequence[Points]) -> float:
+def _covered(drawing: Arrangement, at: Points, others: Sequence[Points]) -> float:
     """How bad it is to write a strength here."""
     labels = sum((np.abs(at - label) < 2 * LABEL).all() for label in drawing.labels.values())
     corners = at + np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 0]]) * LABEL

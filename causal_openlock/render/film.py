@@ -1,8 +1,8 @@
 """A film of a trial: the physical room carries out what was done, the console beside it.
 
-A film is a sequence of *moments*. While the arm moves there is one for each frame; before and after
-a movement the film stands still for a while, which is one moment that lasts several frames. The
-record says what was done and what came of it; the bodies show how.
+A film is a sequence of *shots*. While the arm moves there is one for each frame; before and after a
+movement the film stands still for a while, which is one shot of several frames. The record says
+what was done and what came of it; the bodies show how.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from pathlib import Path
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import replacing, write_bytes, write_text
-from causal_openlock.physics import PhysicalRoom, Pose
-from causal_openlock.physics.world import STEP
-from causal_openlock.render.gif import GifWriter
-from causal_openlock.render.panel import Done, Panel, draw
-from causal_openlock.render.played import Attempt, PlayedTrial
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.physics.world import STEP, Pose
+from causal_openlock.render.filmed_trial import FilmedAttempt, FilmedTrial
+from causal_openlock.render.panel import Panel, ShownAction, draw
+from causal_openlock.render.raster import Bytes
 from causal_openlock.render.scene import Look
 from causal_openlock.render.svg import room_svg
 from causal_openlock.wording import counted, nearest
@@ -32,7 +32,7 @@ action of an attempt, at the end."""
 
 
 @dataclass(frozen=True)
-class Moment:
+class Shot:
     """What is shown for a while.
 
     Attributes:
@@ -52,9 +52,9 @@ class Moment:
     moving: bool
 
 
-def moments(
-    trial: PlayedTrial, fps: int = 25, speed: float = 1.0, attempts: int | None = None
-) -> Iterator[Moment]:
+def shots(
+    trial: FilmedTrial, fps: int = 25, speed: float = 1.0, attempts: int | None = None
+) -> Iterator[Shot]:
     """A trial as a film.
 
     Args:
@@ -71,10 +71,10 @@ def moments(
     physical.watch = poses.append
     stride = speed / (fps * STEP)  # steps of the simulation in a frame
 
-    def still(seconds: float, attempt: int, action: int, panel: Panel) -> Moment:
+    def still(seconds: float, attempt: int, action: int, panel: Panel) -> Shot:
         look = Look.of_pose(physical.pose(), grey)
         frames = max(1, round(seconds / speed * fps))
-        return Moment(look, panel, frames, attempt, action, moving=False)
+        return Shot(look, panel, frames, attempt, action, moving=False)
 
     for number, attempt in enumerate(shown, 1):
         physical.reset()
@@ -87,7 +87,7 @@ def moments(
             pressed = action == 2 * trial.layout.positions
             for frame in range(1, math.ceil(len(poses) / stride) + 1):
                 pose = poses[min(round(frame * stride), len(poses)) - 1]
-                yield Moment(Look.of_pose(pose, grey, pressed), panel, 1, number, index, True)
+                yield Shot(Look.of_pose(pose, grey, pressed), panel, 1, number, index, True)
             ended = index == len(attempt.actions)
             panel = story.after(attempt, index)
             if ended and last:
@@ -96,9 +96,9 @@ def moments(
 
 
 class _Story:
-    """What the console says as a trial goes on."""
+    """What the console shows as a trial goes on."""
 
-    def __init__(self, trial: PlayedTrial) -> None:
+    def __init__(self, trial: FilmedTrial) -> None:
         self.room: Room = trial.room
         self._trial = trial
         self._names = [name.replace("_", " ") for name in action_names(trial.layout.positions)]
@@ -129,11 +129,11 @@ class _Story:
 
     def during(self, action: int) -> Panel:
         """While an action is carried out."""
-        done = (*(self._panel.actions or ()), Done(self._names[action]))
+        done = (*(self._panel.actions or ()), ShownAction(self._names[action]))
         self._panel = replace(self._panel, actions=done)
         return self._panel
 
-    def after(self, attempt: Attempt, index: int) -> Panel:
+    def after(self, attempt: FilmedAttempt, index: int) -> Panel:
         """After the action of some number in an attempt."""
         action = attempt.actions[index - 1]
         before = self._state
@@ -143,32 +143,30 @@ class _Story:
             levers = self.room.schema.solutions[attempt.solution]
             pushes = [self._names[a].removeprefix("push ") for a in self.room.action_of(levers)]
             self._found[attempt.solution] = ", ".join(pushes[:-1])
-        said, good = self._outcome(attempt, before, self._state)
+        outcome, good = self._outcome(attempt, before, self._state)
         *earlier, last = self._panel.actions or ()
+        over = index == len(attempt.actions)
         self._panel = replace(
             self._panel,
             solutions=self._solutions(),
-            actions_left=self._trial.action_limit - index,
-            actions=(*earlier, replace(last, outcome=said, good=good)),
+            attempts_left=self._left(self._number + over),
+            actions_left=0 if over else self._trial.action_limit - index,
+            actions=(*earlier, replace(last, outcome=outcome, good=good)),
         )
-        if index == len(attempt.actions):
-            self._panel = replace(
-                self._panel, actions_left=0, attempts_left=self._left(self._number + 1)
-            )
         return self._panel
 
-    def _outcome(self, attempt: Attempt, before: int, after: int) -> tuple[str, bool]:
+    def _outcome(self, attempt: FilmedAttempt, before: int, after: int) -> tuple[str, bool]:
+        """What came of an action, and whether it was progress."""
         fsm = self.room.fsm
         if before == after:
             return "nothing moves", False
         if fsm.opened[after]:
-            if attempt.new:
-                return "the door opens: a new solution", True
-            return "the door opens: nothing new", False
-        if fsm.unlocked[after] != fsm.unlocked[before]:
-            unlocked = bool(fsm.unlocked[after])
-            return ("the door unlocks" if unlocked else "the door locks again"), unlocked
-        return "the lever moves", False
+            news = "a new solution" if attempt.new else "nothing new"
+            return f"the door opens: {news}", attempt.new
+        if fsm.unlocked[after] == fsm.unlocked[before]:
+            return "the lever moves", False
+        unlocked = bool(fsm.unlocked[after])
+        return ("the door unlocks" if unlocked else "the door locks again"), unlocked
 
     def end(self, shown: int) -> str:
         """The last line of the film."""
@@ -206,14 +204,14 @@ def check_suffix(path: Path | str) -> Path:
             f"{nearest(suffix, FILMS + STILLS)}"
         )
     if suffix == ".mp4":
-        from causal_openlock.render.mp4 import find_ffmpeg
+        from causal_openlock.render.mp4 import load_ffmpeg
 
-        find_ffmpeg()
+        load_ffmpeg()
     return path
 
 
 def save_film(
-    trial: PlayedTrial,
+    trial: FilmedTrial,
     path: Path | str,
     *,
     size: int = 480,
@@ -222,7 +220,7 @@ def save_film(
     attempts: int | None = None,
     watch: Callable[[int, int], None] = lambda attempt, action: None,
 ) -> int:
-    """Write a film of a trial, or its last moment as a still; the file is replaced in one step.
+    """Write a film of a trial, or its last picture as a still; the file is replaced in one step.
 
     Args:
         trial: What was played.
@@ -231,7 +229,7 @@ def save_film(
         fps: Frames per second; a GIF, which counts in hundredths of a second, comes near it.
         speed: How many times faster than one unit of simulated time per second.
         attempts: How many attempts to show at most.
-        watch: Told the numbers of the attempt and the action that are being drawn.
+        watch: Called with the numbers of the attempt and the action that are being drawn.
 
     Returns:
         How many frames it has, at ``fps``.
@@ -241,26 +239,26 @@ def save_film(
     """
     path = check_suffix(path)
     suffix = path.suffix.lower()
-    sequence = moments(trial, fps, speed, attempts)
+    sequence = shots(trial, fps, speed, attempts)
     if suffix in STILLS:
         *_, last = sequence
         save_still(last.look, path, size, last.panel)
         return 1
-    frames = 0
     if suffix == ".mp4":
-        from causal_openlock.render.mp4 import Mp4Writer
+        from causal_openlock.render.mp4 import write_mp4 as write
+    else:
+        from causal_openlock.render.gif import write_gif as write
+    frames = 0
 
-        with replacing(path) as file, Mp4Writer(file, fps) as film:
-            for moment in sequence:
-                watch(moment.attempt, moment.action)
-                film.add(draw(moment.look, size, moment.panel), moment.frames)
-                frames += moment.frames
-        return frames
-    with replacing(path) as file, GifWriter(file) as gif:
-        for moment in sequence:
-            watch(moment.attempt, moment.action)
-            gif.add(draw(moment.look, size, moment.panel), moment.frames / fps)
-            frames += moment.frames
+    def pictures() -> Iterator[tuple[Bytes, int]]:
+        nonlocal frames
+        for shot in sequence:
+            watch(shot.attempt, shot.action)
+            yield draw(shot.look, size, shot.panel), shot.frames
+            frames += shot.frames
+
+    with replacing(path) as file:
+        write(file, pictures(), fps)
     return frames
 
 

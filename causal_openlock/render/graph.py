@@ -16,7 +16,7 @@ import numpy as np
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.render.arrange import RADIUS, Drawing, arrange
+from causal_openlock.render.arrange import RADIUS, Arrangement, arrange
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.schema import DOOR, Schema
 
@@ -88,7 +88,7 @@ def save_schema_figure(schema: Schema, path: Path | str) -> None:
 # -- drawing --------------------------------------------------------------------------------------
 
 
-def _draw_edges(ax: Axes, schema: Schema, drawing: Drawing, points: float) -> None:
+def _draw_edges(ax: Axes, schema: Schema, drawing: Arrangement, points: float) -> None:
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.path import Path as Line
 
@@ -121,7 +121,7 @@ def _draw_edges(ax: Axes, schema: Schema, drawing: Drawing, points: float) -> No
         )
 
 
-def _draw_nodes(ax: Axes, schema: Schema, drawing: Drawing, points: float) -> None:
+def _draw_nodes(ax: Axes, schema: Schema, drawing: Arrangement, points: float) -> None:
     from matplotlib.patches import FancyBboxPatch, Polygon
 
     for node, half in drawing.half_width.items():

@@ -47,7 +47,7 @@ class Label(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Done:
+class ShownAction:
     """An action of the attempt in progress.
 
     Attributes:
@@ -82,7 +82,7 @@ class Panel:
     actions_left: int
     heading: str = ""
     lines: tuple[str, ...] = ()
-    actions: tuple[Done, ...] | None = None
+    actions: tuple[ShownAction, ...] | None = None
     remark: str = ""
 
     def layout(self) -> tuple[list[Shape], list[Label]]:
@@ -146,7 +146,7 @@ class _Layout:
             for end in ((left + 0.03, bottom + 0.14), (left + 0.25, bottom + 0.28)):
                 self._shapes.append(rod(low, end, 0.055, DONE, rounded=True, line=0.0))
 
-    def _actions(self, actions: tuple[Done, ...]) -> None:
+    def _actions(self, actions: tuple[ShownAction, ...]) -> None:
         self._write("This attempt", bold=True)
         # As many as there is room for above the last line, the latest ones.
         most = int((self._y - PADDING - ROW) / (2 * ROW))

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from causal_openlock.physics.geometry import Point, RoomGeometry
 from causal_openlock.render.panel import draw
 from causal_openlock.render.raster import Bytes
 from causal_openlock.render.scene import Look, bits_of
@@ -47,11 +46,6 @@ def draw_room(
         LayoutError: If no room has so many positions.
     """
     return draw(Look.of_observation(observation, positions), size, panel)
-
-
-def lever_centre(positions: int, place: int, pushed: bool) -> Point:
-    """Centre of a lever's bar, in arm links, y up."""
-    return RoomGeometry.of(positions).tracks[place].centre(float(pushed))
 
 
 # -- text -----------------------------------------------------------------------------------------

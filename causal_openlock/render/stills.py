@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from causal_openlock.physics import PhysicalRoom, Pose
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.physics.world import Pose
 from causal_openlock.render.scene import Look
 from causal_openlock.world.room import Room
 

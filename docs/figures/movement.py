@@ -9,7 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from causal_openlock.formats.schema_file import find_schema
-from causal_openlock.physics import PhysicalRoom, Pose
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.physics.world import Pose
 from causal_openlock.render.panel import draw
 from causal_openlock.render.scene import Look
 from causal_openlock.world.room import Room

@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from causal_openlock.physics import PhysicalRoom, RoomGeometry, World
 from causal_openlock.physics.arm import ARM, DOOR, LEVER
 from causal_openlock.physics.controller import Controller, straight, swing
-from causal_openlock.physics.geometry import DOOR_SWING, wrap
+from causal_openlock.physics.geometry import DOOR_SWING, RoomGeometry, wrap
 from causal_openlock.physics.kinematics import joint_points, reaching
-from causal_openlock.render.room import lever_centre
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.physics.world import World
+from causal_openlock.render.scene import lever
 from causal_openlock.world.reference import room_facts
 from support.physical_play import Guard, room_of
 
@@ -29,7 +30,8 @@ SIZES = range(7, 13)
 def test_levers_stand_where_they_are_drawn(positions: int) -> None:
     for place, track in enumerate(RoomGeometry.of(positions).tracks):
         for displacement in (0.0, 1.0):
-            drawn = lever_centre(positions, place, bool(displacement))
+            bar = lever(positions, place, displacement, grey=True)[-1]
+            drawn = bar.x, bar.y
             assert track.centre(displacement) == pytest.approx(drawn)
             assert track.displacement(drawn) == pytest.approx(displacement)
 

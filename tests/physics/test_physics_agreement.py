@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from causal_openlock.formats.schema_file import find_schema
-from causal_openlock.physics import PhysicalRoom
+from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.world.fsm import compile_schema
 from causal_openlock.world.room import Layout, Room
 from support.physical_play import Guard, effects, room_of

@@ -16,7 +16,7 @@ from gymnasium.utils.env_checker import check_env
 import causal_openlock
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import OpenLockError
-from causal_openlock.physics import Pose
+from causal_openlock.physics.world import Pose
 from support.cc4_in_trial7 import DOOR, L0, L1, SOLUTIONS, WHITE
 from support.env_play import EPISODES, act, trial7
 

@@ -17,7 +17,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from causal_openlock.experiment.store import Store
-from causal_openlock.play import read_reactions
+from causal_openlock.play.reactions import read_reactions
 from support import browsers
 from support.play_clients import serving
 
@@ -156,6 +156,7 @@ def test_pulling_pushing_and_the_door_are_where_the_paper_has_them(
 def test_the_keyboard_is_enough(page: Page, tmp_path: Path) -> None:
     with serving(tmp_path, "--condition", "CC3") as server:
         page.goto(server.url)
+        page.wait_for_selector("#begin")  # until then it is hidden and takes no focus
         page.locator("#begin").focus()
         page.keyboard.press("Enter")
         page.wait_for_selector(READY)

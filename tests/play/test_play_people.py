@@ -23,9 +23,9 @@ from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.schema_file import find_schema
-from causal_openlock.play import read_reactions
-from causal_openlock.play.people import FullHouse, OutOfTurn, UnknownPerson
+from causal_openlock.play.people import OutOfTurn, TooManyPeople, UnknownPerson
 from causal_openlock.play.person import LEARNER
+from causal_openlock.play.reactions import read_reactions
 from support.play_clients import people, solving, walk_through
 
 HUMAN = PROTOCOLS["human"]
@@ -280,7 +280,7 @@ def test_a_line_that_says_what_cannot_be_is_named(tmp_path: Path, lines: list[An
             text = line if isinstance(line, bytes) else json.dumps(line).encode()
             file.write(b"%b\t%08x\n" % (text, zlib.crc32(text)))
     content = path.read_bytes()
-    says = "this line is|a turn is missing before|nobody could do this then"
+    says = "this line is|a turn is missing before|this was not possible then"
     with pytest.raises(StoreError, match=rf"log\.jsonl:{len(lines) + 1}: ({says})"):
         people(tmp_path)
     assert path.read_bytes() == content
@@ -323,7 +323,7 @@ def test_a_folder_is_of_one_play_only(tmp_path: Path, monkeypatch: pytest.Monkey
             people(tmp_path, "CC3" if other else "CE3", **other)
     home = people(tmp_path, "CC3")
     monkeypatch.setattr("causal_openlock.play.people.MOST_PEOPLE", 1)
-    with pytest.raises(FullHouse):
+    with pytest.raises(TooManyPeople):
         home.join()
     home.close()
 

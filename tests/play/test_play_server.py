@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,22 +19,37 @@ import pytest
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.schema_file import bundled_schemas
-from causal_openlock.play import PlayServer, read_reactions
-from causal_openlock.play.server import MOST_BYTES
+from causal_openlock.play.reactions import read_reactions
+from causal_openlock.play.server import MOST_BYTES, PlayServer
 from causal_openlock.world.reference import room_facts
 from support.play_clients import Caller, people, serving, solving
 from support.waiting import HANGS, until
 
 
+@contextmanager
+def in_a_thread(server: PlayServer) -> Iterator[PlayServer]:
+    """A server that serves during the block, in this process."""
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        thread.join()
+        server.finish()
+
+
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[PlayServer]:
-    made = PlayServer(people(tmp_path / "out", "CC3-CC4", practice=False))
-    thread = threading.Thread(target=made.serve_forever)
-    thread.start()
-    yield made
-    made.shutdown()
-    thread.join()
-    made.finish()
+    with in_a_thread(PlayServer(people(tmp_path / "out", "CC3-CC4", practice=False))) as made:
+        yield made
+
+
+def exchange(server: PlayServer, sent: bytes) -> bytes:
+    """Everything that is answered until the server closes the connection."""
+    with socket.create_connection(("127.0.0.1", server.port), timeout=HANGS) as connection:
+        connection.sendall(sent.replace(b"PORT", b"%d" % server.port))
+        return b"".join(iter(lambda: connection.recv(4096), b""))
 
 
 @pytest.fixture
@@ -141,11 +156,8 @@ def test_calls_of_other_sites_are_refused(server: PlayServer, caller: Caller) ->
 def test_behind_a_proxy_the_address_that_people_use_is_ours_and_no_other(
     tmp_path: Path, host: str
 ) -> None:
-    # Proxies either pass the host on that the browser asked for, or put their own name for us.
-    made = PlayServer(people(tmp_path), address="https://Study.example.org")
-    thread = threading.Thread(target=made.serve_forever)
-    thread.start()
-    try:
+    # Proxies either pass on the host that the browser asked for, or put their own name for us.
+    with in_a_thread(PlayServer(people(tmp_path), address="https://Study.example.org")) as made:
         caller = Caller(made.port)
         passed_on = host if host != "127.0.0.1" else f"{host}:{made.port}"
         ours = {"Host": passed_on, "Origin": "https://study.example.org"}
@@ -158,10 +170,6 @@ def test_behind_a_proxy_the_address_that_people_use_is_ours_and_no_other(
         ):
             assert caller.call("/join", {}, None, wrong)[0] == 403
         assert made.people.number == 1
-    finally:
-        made.shutdown()
-        thread.join()
-        made.finish()
 
 
 @pytest.mark.parametrize(
@@ -215,7 +223,7 @@ def test_the_page_loads_nothing_from_elsewhere_and_says_so(caller: Caller) -> No
         headers = caller.headers
         assert headers["X-Content-Type-Options"] == "nosniff"
         assert headers["Referrer-Policy"] == "no-referrer"
-        assert "Python" not in headers["Server"]
+        assert "Server" not in headers
         policy = headers["Content-Security-Policy"]
         assert "default-src 'none'" in policy
         assert "unsafe" not in policy
@@ -225,7 +233,7 @@ def test_the_page_loads_nothing_from_elsewhere_and_says_so(caller: Caller) -> No
 def test_it_listens_on_loopback_and_keeps_session_ids_to_itself(
     server: PlayServer, caller: Caller
 ) -> None:
-    assert server.server_address[0] == "127.0.0.1"
+    assert server.host == "127.0.0.1"
     assert server.loopback
     name = caller.join()
     caller.call("/act", {"turn": 0, "action": 1}, name)
@@ -260,7 +268,6 @@ ODD = {
     "chunked": JOIN + b"Transfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
     "chunked get": b"GET /brief HTTP/1.1\r\nHost: localhost:PORT\r\nTransfer-Encoding: x\r\n\r\n",
     "two lengths": JOIN + b"Content-Length: 2\r\nContent-Length: 30\r\n\r\n{}",
-    "folded": JOIN + b"X: a\r\n Content-Length: 9\r\nContent-Length: 2\r\n\r\n{}",
     "two hosts": JOIN + b"Host: evil.example\r\nContent-Length: 2\r\n\r\n{}",
     "space before colon": JOIN + b"Content-Length : 2\r\n\r\n{}",
     "no header": JOIN + b"nothing\r\nContent-Length: 2\r\n\r\n{}",
@@ -268,10 +275,9 @@ ODD = {
     "zeros": JOIN + b"Content-Length: " + b"0" * 5000 + b"2\r\n\r\n{}",
     "negative": JOIN + b"Content-Length: -2\r\n\r\n{}",
     "plus": JOIN + b"Content-Length: +2\r\n\r\n{}",
-    "list": JOIN + b"Content-Length: 2, 2\r\n\r\n{}",
+    "list": JOIN + b"Content-Length: 2, 3\r\n\r\n{}",
     "none": JOIN + b"\r\n{}",
     "too long": JOIN + b"Content-Length: 1025\r\n\r\n" + b" " * 1025,
-    "short": JOIN + b"Content-Length: 9\r\n\r\n{}",
     "no JSON": JOIN + b"Content-Length: 2\r\n\r\n{[",
     "deep": JOIN + b"Content-Length: 1000\r\n\r\n" + b"[" * 1000,
     "no UTF-8": JOIN + b"Content-Length: 2\r\n\r\n\xff\xfe",
@@ -283,15 +289,71 @@ ODD = {
 def test_a_request_whose_end_is_in_doubt_is_refused_and_is_the_last(
     server: PlayServer, sent: bytes, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with socket.create_connection(("127.0.0.1", server.port), timeout=5) as connection:
-        connection.sendall(sent.replace(b"PORT", b"%d" % server.port))
-        connection.shutdown(socket.SHUT_WR)
-        received = b"".join(iter(lambda: connection.recv(4096), b""))
+    received = exchange(server, sent)
     assert received.startswith(b"HTTP/1.1 400 ")
     assert received.count(b"HTTP/1.1 ") == 1
-    assert b"this is no call" in received
+    assert b"connection: close" in received.lower()
     assert server.people.number == 0
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"Content-Length: 2, 2\r\n",  # one length, and RFC 9110 (8.6) lets a server take it as such
+        b"Content-Length: 2\r\nContent-Length: 2\r\n",
+        b"X: a\r\n Content-Length: 9\r\nContent-Length: 2\r\n",  # a fold is a space (RFC 9112, 5.2)
+    ],
+)
+def test_a_request_whose_end_is_certain_is_answered_once(server: PlayServer, head: bytes) -> None:
+    received = exchange(server, JOIN + head + b"Connection: close\r\n\r\n{}")
+    assert received.startswith(b"HTTP/1.1 200 ")
+    assert received.count(b"HTTP/1.1 ") == 1
+    assert server.people.number == 1
+
+
+def test_a_request_that_breaks_off_does_nothing(
+    server: PlayServer, caller: Caller, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=HANGS) as connection:
+        connection.sendall(JOIN.replace(b"PORT", b"%d" % server.port))
+        connection.sendall(b"Content-Length: 9\r\n\r\n{}")
+        connection.shutdown(socket.SHUT_WR)
+        assert b"200 OK" not in b"".join(iter(lambda: connection.recv(4096), b""))
+    assert caller.call("/brief")[0] == 200
+    assert server.people.number == 0
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("sent", [b"", JOIN, JOIN + b"Content-Length: 9\r\n\r\n{}"])
+def test_a_connection_from_which_nothing_more_comes_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sent: bytes
+) -> None:
+    monkeypatch.setattr("causal_openlock.play.server.IDLE", 0.2)
+    with in_a_thread(PlayServer(people(tmp_path))) as server:
+        assert exchange(server, sent) == b""
+        assert server.people.number == 0
+
+
+def test_ctrl_c_waits_for_nobody(tmp_path: Path) -> None:
+    with serving(tmp_path, "--condition", "CC4") as server:
+        idle = socket.create_connection((server.host, server.port))
+        half = socket.create_connection((server.host, server.port))
+        half.sendall(JOIN.replace(b"PORT", b"%d" % server.port) + b"Content-Length: 9\r\n\r\n{}")
+        assert Caller(server.port).call("/brief")[0] == 200
+        assert server.stop() == ""
+        idle.close()
+        half.close()
+
+
+@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="there is no IPv6 here")
+def test_it_listens_on_ipv6_too(tmp_path: Path) -> None:
+    with in_a_thread(PlayServer(people(tmp_path), "::1")) as server:
+        assert server.url == f"http://[::1]:{server.port}/"
+        assert server.loopback
+        assert Caller(server.port, "::1").call("/brief")[0] == 200
+        foreign = {"Host": f"evil.example:{server.port}"}
+        assert Caller(server.port, "::1").call("/brief", headers=foreign)[0] == 403
 
 
 @pytest.mark.parametrize(
@@ -387,19 +449,14 @@ def test_the_record_is_written_while_people_play(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("causal_openlock.play.server.KEEP_EVERY", 1.0)
-    server = PlayServer(people(tmp_path, practice=False))
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    caller = Caller(server.port)
-    name = caller.join()
-    for turn in range(90):
-        caller.call("/act", {"turn": turn, "action": 1}, name)
-    until(lambda: list((tmp_path / "cells").glob("*.parquet")))
-    until(lambda: json.loads((tmp_path / "experiment.json").read_text())["cells"])
-    assert Store(tmp_path).record()[0].num_rows == 30
-    server.shutdown()
-    thread.join()
-    server.finish()
+    with in_a_thread(PlayServer(people(tmp_path, practice=False))) as server:
+        caller = Caller(server.port)
+        name = caller.join()
+        for turn in range(90):
+            caller.call("/act", {"turn": turn, "action": 1}, name)
+        until(lambda: list((tmp_path / "cells").glob("*.parquet")))
+        until(lambda: json.loads((tmp_path / "experiment.json").read_text())["cells"])
+        assert Store(tmp_path).record()[0].num_rows == 30
 
 
 def test_mistakes_on_the_command_line_are_one_sentence(tmp_path: Path) -> None:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import stat
-import subprocess
 import sys
+from collections.abc import Iterator
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
@@ -22,12 +23,11 @@ from causal_openlock.errors import OpenLockError, ProtocolError, StoreError
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
-from causal_openlock.physics import PhysicalRoom
-from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, Moment, moments, save_film
-from causal_openlock.render.gif import GifWriter
-from causal_openlock.render.mp4 import find_ffmpeg
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, Shot, save_film, shots
+from causal_openlock.render.filmed_trial import FilmedTrial, play_trial, recorded_trial
+from causal_openlock.render.gif import _palette, write_gif
 from causal_openlock.render.panel import draw
-from causal_openlock.render.played import PlayedTrial, play_trial, recorded_trial
 from causal_openlock.render.scene import Look, frame
 from causal_openlock.world.room import Layout
 from support.session_play import HUMAN, RL, Curious, named, one_room
@@ -45,14 +45,14 @@ class Here(Executor):
 
 
 @pytest.fixture(scope="module")
-def trial() -> PlayedTrial:
+def trial() -> FilmedTrial:
     """The oracle in CC3: two attempts."""
     return play_trial(create("oracle"), named("CC3"), HUMAN, label="oracle")
 
 
 @pytest.fixture(scope="module")
-def film(trial: PlayedTrial) -> list[Moment]:
-    return list(moments(trial, FPS))
+def film(trial: FilmedTrial) -> list[Shot]:
+    return list(shots(trial, FPS))
 
 
 @pytest.fixture(scope="module")
@@ -177,7 +177,7 @@ def observed(look: Look) -> list[int]:
     return [*(slid > 0.5 for slid in look.levers), *look.grey, look.locked, look.door > 0.5]
 
 
-def check_against_record(played: PlayedTrial, sequence: list[Moment]) -> None:
+def check_against_record(played: FilmedTrial, sequence: list[Shot]) -> None:
     """Whenever the arm stands still, the room is as the record says, and so is the console."""
     room, found = played.room, 0
     stills = iter([moment for moment in sequence if not moment.moving])
@@ -220,14 +220,14 @@ def check_against_record(played: PlayedTrial, sequence: list[Moment]) -> None:
     assert next(stills, None) is None
 
 
-def test_a_film_shows_what_the_record_says(trial: PlayedTrial, film: list[Moment]) -> None:
+def test_a_film_shows_what_the_record_says(trial: FilmedTrial, film: list[Shot]) -> None:
     check_against_record(trial, film)
     assert trial.found == 2
     assert film[-1].panel.remark == "All solutions found in 2 attempts"
     assert all(not moment.panel.remark for moment in film[:-1])
 
 
-def failures(played: PlayedTrial) -> list[int]:
+def failures(played: FilmedTrial) -> list[int]:
     """Attempts, from 0, in which something was possible and did not happen."""
     found = []
     for number, attempt in enumerate(played.attempts):
@@ -249,11 +249,11 @@ def test_a_film_of_chance_and_mistakes_shows_what_the_record_says(name: str) -> 
         assert not failures(played)
         assert not all(moved for attempt in played.attempts[:8] for moved in attempt.moved)
     short = replace(played, attempts=played.attempts[first : first + 8])
-    check_against_record(short, list(moments(short, fps=2)))
+    check_against_record(short, list(shots(short, fps=2)))
 
 
 def test_solutions_are_ticked_off_by_how_they_were_found(
-    trial: PlayedTrial, film: list[Moment]
+    trial: FilmedTrial, film: list[Shot]
 ) -> None:
     names = trial.layout.as_mapping(trial.schema)
     expected = [
@@ -266,7 +266,7 @@ def test_solutions_are_ticked_off_by_how_they_were_found(
     assert ticked[0] == 0
 
 
-def test_the_button_is_pressed_while_the_door_is_pushed(film: list[Moment]) -> None:
+def test_the_button_is_pressed_while_the_door_is_pushed(film: list[Shot]) -> None:
     for moment in film:
         assert moment.panel.actions is not None
         door = moment.moving and moment.panel.actions[-1].name == "push door"
@@ -278,9 +278,9 @@ def test_the_button_is_pressed_while_the_door_is_pushed(film: list[Moment]) -> N
 
 @pytest.mark.parametrize(("fps", "speed"), [(20, 1.0), (25, 1.0), (10, 2.5), (3, 20.0)])
 def test_a_film_lasts_as_long_as_its_movements_and_the_pauses(
-    trial: PlayedTrial, fps: int, speed: float
+    trial: FilmedTrial, fps: int, speed: float
 ) -> None:
-    sequence = list(moments(trial, fps, speed))
+    sequence = list(shots(trial, fps, speed))
     physical = PhysicalRoom(trial.room.fsm, trial.room.layout)
 
     def pause(seconds: float) -> int:
@@ -303,11 +303,11 @@ def test_a_film_lasts_as_long_as_its_movements_and_the_pauses(
             assert of_it[-1].look.joints == of_it[-2].look.joints == physical.pose().joints
 
 
-def test_a_film_can_be_cut_short(trial: PlayedTrial) -> None:
-    cut = list(moments(trial, FPS, attempts=1))
+def test_a_film_can_be_cut_short(trial: FilmedTrial) -> None:
+    cut = list(shots(trial, FPS, attempts=1))
     assert {moment.attempt for moment in cut} == {1}
     assert cut[-1].panel.remark == "1 more attempt not shown"
-    assert len(list(moments(trial, FPS, attempts=99))) > len(cut)
+    assert len(list(shots(trial, FPS, attempts=99))) > len(cut)
 
 
 # -- as GIF ---------------------------------------------------------------------------------------
@@ -324,7 +324,7 @@ def frames_of(path: Path) -> list[tuple[np.ndarray, int]]:
 
 
 def test_the_frames_of_a_gif_are_those_of_the_film(
-    trial: PlayedTrial, film: list[Moment], tmp_path: Path
+    trial: FilmedTrial, film: list[Shot], tmp_path: Path
 ) -> None:
     path = tmp_path / "film.gif"
     count = save_film(trial, path, size=160, fps=FPS)
@@ -345,7 +345,7 @@ def test_the_frames_of_a_gif_are_those_of_the_film(
 
 
 def test_colours_of_the_figure_stay_what_they_are_in_a_gif(
-    trial: PlayedTrial, tmp_path: Path
+    trial: FilmedTrial, tmp_path: Path
 ) -> None:
     save_film(trial, tmp_path / "a.gif", size=240, fps=5, attempts=1)
     last, _ = frames_of(tmp_path / "a.gif")[-1]
@@ -368,13 +368,24 @@ def test_colours_of_the_figure_stay_what_they_are_in_a_gif(
         assert pixel((x, y)) == ([153] * 3 if grey[place] else [229] * 3)
 
 
+def test_every_colour_of_the_palette_stays_what_it_is() -> None:
+    palette = np.reshape(_palette().getpalette(), (1, -1, 3)).astype(np.uint8)
+    assert palette.shape[1] > 50
+    shown = Image.fromarray(palette).quantize(palette=_palette(), dither=Image.Dither.NONE)
+    assert (np.asarray(shown.convert("RGB")) == palette).all()
+
+
 def test_times_in_a_gif_do_not_drift(tmp_path: Path) -> None:
     path = tmp_path / "a.gif"
     picture = np.zeros((20, 30, 3), np.uint8)
-    with path.open("wb") as file, GifWriter(file) as gif:
+
+    def shots() -> Iterator[tuple[np.ndarray, int]]:
         for index in range(300):
             picture[index % 20, index % 30] = 255 - picture[index % 20, index % 30]
-            gif.add(picture, 1 / 30)
+            yield picture, 1
+
+    with path.open("wb") as file:
+        write_gif(file, shots(), fps=30)
     durations = [duration for _, duration in frames_of(path)]
     assert len(durations) == 300
     assert set(durations) == {30, 40}
@@ -383,9 +394,8 @@ def test_times_in_a_gif_do_not_drift(tmp_path: Path) -> None:
 
 def test_a_picture_that_does_not_change_is_one_frame(tmp_path: Path) -> None:
     path = tmp_path / "a.gif"
-    with path.open("wb") as file, GifWriter(file) as gif:
-        for _ in range(7):
-            gif.add(np.full((8, 8, 3), 153, np.uint8), 0.1)
+    with path.open("wb") as file:
+        write_gif(file, [(np.full((8, 8, 3), 153, np.uint8), 1)] * 7, fps=10)
     ((picture, _),) = [(np.asarray(Image.open(path).convert("RGB")), 0)]
     assert (picture == 153).all()
     assert Image.open(path).info["duration"] == 700
@@ -394,80 +404,48 @@ def test_a_picture_that_does_not_change_is_one_frame(tmp_path: Path) -> None:
 # -- as MP4 ---------------------------------------------------------------------------------------
 
 
-def fake_ffmpeg(folder: Path, body: str) -> Path:
-    """An ffmpeg that does what is written, in Python."""
-    folder.mkdir()
-    path = folder / "ffmpeg"
-    path.write_text(f"#!{sys.executable}\nimport sys\n{body}\n", encoding="utf-8")
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    return path
-
-
-COUNTING = (
-    "data = sys.stdin.buffer.read()\n"
-    "open(sys.argv[-1], 'w').write(' '.join(sys.argv[1:-1]) + f'|{len(data)}')"
-)
-
-
-def test_an_mp4_is_made_of_every_frame(
-    trial: PlayedTrial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fake_ffmpeg(tmp_path / "bin", COUNTING)
-    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    count = save_film(trial, tmp_path / "film.mp4", size=121, fps=8, attempts=1)
-    arguments, length = (tmp_path / "film.mp4").read_text(encoding="utf-8").split("|")
-    words = arguments.split()
-    width, height = map(int, words[words.index("-s") + 1].split("x"))
-    assert height == 122  # even
-    assert width % 2 == 0
-    assert words[words.index("-r") + 1] == "8"
-    assert int(length) == count * width * height * 3
-    assert count == sum(moment.frames for moment in moments(trial, 8, attempts=1))
-
-
 @pytest.mark.parametrize(
     "body",
     [
-        "sys.stdin.buffer.read(); sys.exit('no such\\nUnknown encoder libx264')",
-        "sys.exit('no such\\nUnknown encoder libx264')",
+        "sys.stdin.buffer.read(); sys.exit('Unknown encoder libx264')",
+        "sys.exit('Unknown encoder libx264')",
         "sys.stdin.buffer.read(); print('Unknown encoder libx264', file=sys.stderr)",
     ],
 )
-def test_an_ffmpeg_that_fails_is_quoted_and_the_old_film_stays(
-    trial: PlayedTrial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str
+def test_an_ffmpeg_that_fails_says_why_and_the_old_film_stays(
+    trial: FilmedTrial,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    body: str,
 ) -> None:
-    fake_ffmpeg(tmp_path / "bin", body)
-    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    fake = tmp_path / "ffmpeg"
+    fake.write_text(f"#!{sys.executable}\nimport sys\n{body}\n", encoding="utf-8")
+    fake.chmod(fake.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(fake))
     path = tmp_path / "film.mp4"
     path.write_bytes(b"old")
-    with pytest.raises(OpenLockError, match=r"cannot make the film: Unknown encoder libx264; "):
+    with pytest.raises(OpenLockError, match=r"ffmpeg \(.*\) cannot make the film"):
         save_film(trial, path, size=120, fps=4, attempts=1)
+    assert "Unknown encoder libx264" in capfd.readouterr().err
     assert path.read_bytes() == b"old"
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["bin", "film.mp4"]
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["ffmpeg", "film.mp4"]
 
 
-def ffmpeg() -> str:
-    """Path of ffmpeg, or nothing."""
-    try:
-        return find_ffmpeg()
-    except OpenLockError:
-        return ""
-
-
-@pytest.mark.skipif(not ffmpeg(), reason="ffmpeg is not installed")
-def test_a_real_ffmpeg_makes_a_film_of_that_many_frames(trial: PlayedTrial, tmp_path: Path) -> None:
-    count = save_film(trial, tmp_path / "film.mp4", size=160, fps=10, attempts=1)
+@pytest.mark.parametrize("size", [160, 161])
+def test_an_mp4_is_made_of_every_frame(trial: FilmedTrial, tmp_path: Path, size: int) -> None:
+    count = save_film(trial, tmp_path / "film.mp4", size=size, fps=10, attempts=1)
+    assert count == sum(moment.frames for moment in shots(trial, 10, attempts=1))
     assert (tmp_path / "film.mp4").read_bytes()[4:8] == b"ftyp"
-    back = ["-i", tmp_path / "film.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
-    raw = subprocess.run(
-        [ffmpeg(), "-v", "error", *map(str, back)], capture_output=True, check=True
-    ).stdout
-    last = list(moments(trial, 10, attempts=1))[-1]
-    expected = draw(last.look, 160, last.panel)
-    height, width = expected.shape[0], expected.shape[1] + expected.shape[1] % 2
-    pictures = np.frombuffer(raw, np.uint8).reshape(-1, height, width, 3)
-    assert len(pictures) == count
-    assert np.abs(pictures[-1, :, : expected.shape[1]].astype(int) - expected).mean() < 6
+    facts, *frames = imageio_ffmpeg.read_frames(tmp_path / "film.mp4")
+    last = list(shots(trial, 10, attempts=1))[-1]
+    expected = draw(last.look, size, last.panel)
+    height, width = (length + length % 2 for length in expected.shape[:2])
+    assert (facts["size"], facts["fps"]) == ((width, height), 10.0)
+    assert len(frames) == count
+    shown = np.frombuffer(frames[-1], np.uint8).reshape(height, width, 3)
+    apart = shown[: expected.shape[0], : expected.shape[1]].astype(int) - expected
+    assert np.abs(apart).mean() < 6
 
 
 # -- the commands ---------------------------------------------------------------------------------

@@ -16,10 +16,11 @@ from PIL import Image
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.physics.geometry import RoomGeometry
 from causal_openlock.render.arrange import CLEARANCE, LABEL, RADIUS, arrange, distance_to_node
 from causal_openlock.render.graph import draw_schema, save_schema_figure, schema_text
 from causal_openlock.render.raster import paint
-from causal_openlock.render.room import draw_room, lever_centre, room_text
+from causal_openlock.render.room import draw_room, room_text
 from causal_openlock.render.scene import Look, frame
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.room import Room, position_coordinates
@@ -242,11 +243,12 @@ def test_every_lever_is_where_its_state_puts_it(positions: int) -> None:
         bits = generator.integers(0, 2, 2 * positions + 2)
         picture = draw_room(bits, positions, 500)
         for place, (x, y) in enumerate(position_coordinates(positions)):
+            track = RoomGeometry.of(positions).tracks[place]
             pushed, colour = bool(bits[place]), GREY if bits[positions + place] else LIGHT
             across = np.array([-y, x]) / math.hypot(x, y)
             for side in (-0.8, 0.8):  # beside the track, where only the bar can be
-                there = lever_centre(positions, place, pushed) + side * across
-                other = lever_centre(positions, place, not pushed) + side * across
+                there = track.centre(float(pushed)) + side * across
+                other = track.centre(float(not pushed)) + side * across
                 assert pixel(picture, positions, there) == colour
                 assert pixel(picture, positions, other) == WHITE
 

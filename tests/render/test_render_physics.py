@@ -12,9 +12,18 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from causal_openlock.physics import PhysicalRoom, Pose, RoomGeometry
-from causal_openlock.physics.geometry import along
-from causal_openlock.render.panel import HEIGHT, WIDTH, Done, Panel, draw, font, panel_picture
+from causal_openlock.physics.geometry import RoomGeometry, along
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.physics.world import Pose
+from causal_openlock.render.panel import (
+    HEIGHT,
+    WIDTH,
+    Panel,
+    ShownAction,
+    draw,
+    font,
+    panel_picture,
+)
 from causal_openlock.render.raster import paint
 from causal_openlock.render.scene import Frame, Look, Shape, frame
 from causal_openlock.render.stills import look_after
@@ -214,7 +223,9 @@ def test_the_same_room_gives_the_same_svg_and_says_what_it_is() -> None:
 
 
 def test_the_console_is_in_the_svg_too() -> None:
-    panel = Panel(("LEFT, UPPER", ""), 29, 2, "bayes", ("CC3",), (Done("push UPPER", "it & so"),))
+    panel = Panel(
+        ("LEFT, UPPER", ""), 29, 2, "bayes", ("CC3",), (ShownAction("push UPPER", "it & so"),)
+    )
     root, groups = drawn(Look.of_observation([0] * 16, 7), panel)
     texts = [text.text for text in groups["console"].iter(f"{SVG}text")]
     assert texts == ["bayes", "CC3", "Solutions found: 1 of 2", "LEFT, UPPER", "Attempts left: 29",
@@ -232,13 +243,15 @@ FULL = Panel(
     actions_left=12,
     heading="a_learner_with_a_very_long_name_indeed_and_more",
     lines=("two_of_four-two_of_four, protocol human, subject 12345", "Trial", "Attempt"),
-    actions=tuple(Done(f"push UPPERRIGHT{i}", "the door opens: a new solution") for i in range(12)),
+    actions=tuple(
+        ShownAction(f"push UPPERRIGHT{i}", "the door opens: a new solution") for i in range(12)
+    ),
     remark="All solutions found in 300 attempts, and something else",
 )
 PANELS = [
     FULL,
     Panel(("", ""), 30, 3),
-    Panel(("a",), 1, 0, "b", ("c",) * 3, (Done("push UPPER"),) * 3, "d"),
+    Panel(("a",), 1, 0, "b", ("c",) * 3, (ShownAction("push UPPER"),) * 3, "d"),
 ]
 
 
@@ -273,7 +286,7 @@ def test_the_latest_actions_are_shown_where_there_is_no_room_for_all() -> None:
 
 
 def test_three_actions_are_always_shown() -> None:
-    panel = Panel(("a, b",) * 3, 30, 0, "b", ("c",) * 3, (Done("push UPPER", "x"),) * 3, "d")
+    panel = Panel(("a, b",) * 3, 30, 0, "b", ("c",) * 3, (ShownAction("push UPPER", "x"),) * 3, "d")
     assert sum(label.text == "push UPPER" for label in panel.layout()[1]) == 3
 
 

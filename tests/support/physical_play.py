@@ -8,7 +8,8 @@ from itertools import pairwise, product
 import numpy as np
 
 from causal_openlock.formats.schema_file import find_schema
-from causal_openlock.physics import PhysicalRoom, Pose
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.physics.world import Pose
 from causal_openlock.world.room import Layout, Room
 
 FASTEST, FASTEST_TURN = 25.0, 15.0

@@ -1,4 +1,4 @@
-"""One trial as it was played, read from the record: by a learner now, or by a subject long ago.
+"""The trial that a film shows: played by a learner now, or read from the record of a subject.
 
 Both ways lead through the same rows, so a film of a recorded subject is the film that its learner
 would give.
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Attempt:
+class FilmedAttempt:
     """One attempt.
 
     Attributes:
-        actions: What was done, by action index.
+        actions: The actions, by index.
         moved: Whether each action moved something.
         solution: Index of the solution that opened the door, -1 for none.
         new: Whether it was found for the first time.
@@ -47,7 +47,7 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class PlayedTrial:
+class FilmedTrial:
     """One trial of one subject.
 
     Attributes:
@@ -57,9 +57,9 @@ class PlayedTrial:
         subject: Number of the subject.
         trial: Number of the trial in the whole condition, from 1.
         trials: How many trials the condition has.
-        schema: What governs the room.
+        schema: The schema of the room.
         layout: Where its levers stand.
-        attempts: What was done.
+        attempts: The attempts.
     """
 
     learner: str
@@ -70,7 +70,7 @@ class PlayedTrial:
     trials: int
     schema: Schema
     layout: Layout
-    attempts: tuple[Attempt, ...]
+    attempts: tuple[FilmedAttempt, ...]
 
     @property
     def room(self) -> Room:
@@ -98,16 +98,16 @@ def play_trial(
     seed: int = 0,
     reward: RewardFunction | str = PAPER_REWARD,
     label: str = "learner",
-) -> PlayedTrial:
+) -> FilmedTrial:
     """Let one subject play up to the end of a trial.
 
-    The subject does what it does in any :class:`~causal_openlock.experiment.session.Session` with
+    The subject acts as in any :class:`~causal_openlock.experiment.session.Session` with
     the same condition, protocol, number, seed and label.
 
     Args:
-        learner: What plays; it must not have begun.
+        learner: The learner, not begun yet.
         condition: Which rooms are visited.
-        protocol: With what budgets.
+        protocol: The budgets.
         trial: Number of the trial in the whole condition, from 1.
         subject: Number of the subject.
         seed: Seed of the experiment.
@@ -129,18 +129,17 @@ def play_trial(
         over += bool(step.trial_over[0])
         if informed and step.trial_over[0]:
             informed.inform(session.truth)
-    schemas = {schema.name: schema for schema in condition.schemas}
-    rows = _trials(session.record())[trial - 1]
-    return _played(rows, label, condition.name, protocol, subject, trial, trials, schemas)
+    rows = _trials(session.record())
+    return _filmed(rows, label, condition, protocol, subject, trial, trials)
 
 
 def recorded_trial(
     folder: Path | str, learner: str, condition: str, subject: int = 0, trial: int = 1
-) -> PlayedTrial:
+) -> FilmedTrial:
     """A trial of a recorded subject.
 
     Args:
-        folder: What ``compare`` wrote to.
+        folder: The results folder of ``compare``.
         learner: Label of the learner in the experiment.
         condition: Name of the condition.
         subject: Number of the subject.
@@ -176,9 +175,7 @@ def recorded_trial(
             f"{spec.subjects - 1}, and compare completes what is missing"
         )
     check_trial(trial, len(trials), f"subject {subject} of {learner} in {condition}")
-    schemas = {schema.name: schema for schema in played.schemas}
-    rows = trials[trial - 1]
-    return _played(rows, learner, condition, spec.protocol, subject, trial, len(trials), schemas)
+    return _filmed(trials, learner, played, spec.protocol, subject, trial, len(trials))
 
 
 def _named(parts: Sequence[Any], name: str, otherwise: str) -> Any:
@@ -190,54 +187,37 @@ def _named(parts: Sequence[Any], name: str, otherwise: str) -> Any:
 
 def _trials(record: pa.Table) -> list[list[dict[str, Any]]]:
     """The attempts of one subject, trial by trial."""
-    rows = record.select(
-        [
-            "phase",
-            "loop",
-            "trial",
-            "schema",
-            "layout",
-            "attempt",
-            "actions",
-            "moved",
-            "solution",
-            "new_solution",
-        ]
-    ).to_pylist()
-    return [
-        list(run)
-        for _, run in groupby(rows, key=lambda row: (row["phase"], row["loop"], row["trial"]))
-    ]
+    runs = groupby(record.to_pylist(), key=lambda row: (row["phase"], row["loop"], row["trial"]))
+    return [list(run) for _, run in runs]
 
 
-def _played(
-    rows: Sequence[dict[str, Any]],
+def _filmed(
+    rows: Sequence[Sequence[dict[str, Any]]],
     learner: str,
-    condition: str,
+    condition: Condition,
     protocol: Protocol,
     subject: int,
     trial: int,
     trials: int,
-    schemas: dict[str, Schema],
-) -> PlayedTrial:
-    schema = schemas[rows[0]["schema"]]
+) -> FilmedTrial:
+    attempts = rows[trial - 1]
+    schemas = {schema.name: schema for schema in condition.schemas}
+    schema = schemas[attempts[0]["schema"]]
     positions = max(map(positions_for, schemas.values()))
-    return PlayedTrial(
-        learner=learner,
-        condition=condition,
-        protocol=protocol,
-        subject=subject,
-        trial=trial,
-        trials=trials,
-        schema=schema,
-        layout=recorded_layout(schema, rows[0]["layout"], positions),
-        attempts=tuple(
-            Attempt(
-                actions=tuple(row["actions"]),
-                moved=tuple(row["moved"]),
-                solution=row["solution"],
-                new=row["new_solution"],
+    layout = recorded_layout(schema, attempts[0]["layout"], positions)
+    return FilmedTrial(
+        learner,
+        condition.name,
+        protocol,
+        subject,
+        trial,
+        trials,
+        schema,
+        layout,
+        tuple(
+            FilmedAttempt(
+                tuple(row["actions"]), tuple(row["moved"]), row["solution"], row["new_solution"]
             )
-            for row in rows
+            for row in attempts
         ),
     )
