@@ -31,7 +31,7 @@ called = {"ids": lambda path: path.relative_to(DOCS).as_posix()}
 
 
 def test_the_site_builds_without_a_warning_and_is_whole(tmp_path: Path) -> None:
-    """One test, so that the site is built once: that takes half a minute of a core."""
+    """One test, so that the site is built once: that takes up to a minute of a core."""
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", str(DOCS), str(tmp_path)],
         cwd=tmp_path,
@@ -96,6 +96,7 @@ def test_every_option_that_a_page_names_exists(path: Path) -> None:
 def test_what_a_page_shows_is_what_happens(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Over ten seconds where a page compares learners several times, or trains networks."""
     reader = Reader(tmp_path, monkeypatch, reports=path.stem == "tutorial")
     reader.go_through(path.read_text(encoding="utf-8"))
 

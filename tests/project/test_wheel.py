@@ -23,6 +23,7 @@ assert {"CC3", "CE3", "CC4", "CE4"} < set(bundled_schemas())
 
 
 def test_the_wheel_compares_the_bundled_experiment_from_an_empty_folder(tmp_path: Path) -> None:
+    """Over ten seconds: it is built, installed, and plays in processes of its own."""
     pytest.importorskip("hatchling")
     home, empty = tmp_path / "site", tmp_path / "empty"
     empty.mkdir()
