@@ -393,7 +393,7 @@ def test_an_intention_goes_on_where_a_lapse_has_done_part_of_it():
     player = learner(policy="thompson", lapse=0.5)
     player.begin(session.brief)
     player.act(session.view)
-    player._intended, player._tried = [(0, 1, 2)], [0]
+    player._plans, player._tried = [(0, 1, 2)], [0]
     by_chance = Situation(pushed=0b010, unlocked=False, left=3, found=())
     belief = player.belief(0)
     assert player._carry_out(0, belief, by_chance, (0.5, 0.5)) == 0
