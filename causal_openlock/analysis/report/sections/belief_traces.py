@@ -122,7 +122,7 @@ def _replayed(entry: Mapping[str, Any], material: Material) -> Trace | None:
         subject=int(first["subject"]),
         seed=int(first["seed"]),
         # Code of one's own is not run to read results, and those who believe do not heed rewards.
-        reward=PAPER_REWARD if reward.heeds_everything else reward,
+        reward=PAPER_REWARD if reward.depends_on_everything else reward,
         label=entry["name"],
     )
     return trace if _done(trace) == _recorded(material.record, first) else None
