@@ -153,7 +153,7 @@ class RoomBatch:
         self.row = np.empty(size, dtype=np.int64) if self.put_back else after
         actions_left = np.empty(size, dtype=np.uint8)
         reward = np.empty(size)
-        ends = np.zeros((3, size), dtype=np.bool_)
+        attempt_over, trial_over, new_solution = (np.zeros(size, dtype=bool) for _ in range(3))
         attempts, trials, new, judged = step(
             row,
             action,
@@ -170,7 +170,9 @@ class RoomBatch:
             self.row,
             actions_left,
             reward,
-            ends,
+            attempt_over,
+            trial_over,
+            new_solution,
             self._judged,
             self.attempt_limit,
             self.stop_when_solved,
@@ -178,8 +180,18 @@ class RoomBatch:
             self._history,
         )
         if judged:
-            self._judge(judged, row, action, after, ends[2], reward)
-        return BatchStep(after, actions_left, reward, *ends, attempts, trials, new)
+            self._judge(judged, row, action, after, new_solution, reward)
+        return BatchStep(
+            after,
+            actions_left,
+            reward,
+            attempt_over,
+            trial_over,
+            new_solution,
+            attempts,
+            trials,
+            new,
+        )
 
     def _take_in_rooms(self) -> None:
         self._widen()

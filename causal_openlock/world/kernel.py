@@ -20,8 +20,6 @@ Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
 ATTEMPT, FOUND, SOLUTIONS, PREVIOUS, REWARD = range(5)
 """Rows of ``counts``."""
-ATTEMPT_OVER, TRIAL_OVER, NEW_SOLUTION = range(3)
-"""Rows of ``ends``."""
 
 
 def compiled(function: Compiled) -> Compiled:
@@ -46,7 +44,9 @@ def step(
     next_row: Any,
     actions_left: Any,
     reward: Any,
-    ends: Any,
+    attempt_over: Any,
+    trial_over: Any,
+    new_solution: Any,
     judged: Any,
     attempt_limit: int,
     stop_when_solved: bool,
@@ -72,8 +72,9 @@ def step(
         next_row: ``[B]`` out: the row of the next action; it may be the same array.
         actions_left: ``[B]`` out: how many actions are left at ``next_row``.
         reward: ``[B]`` out: the reward, where nothing that went before matters.
-        ends: ``[3, B]`` of False; out: whether the attempt and the trial are over, and whether a
-            new solution was found.
+        attempt_over: ``[B]`` of False; out: whether the attempt is over.
+        trial_over: ``[B]`` of False; out: whether the trial is over.
+        new_solution: ``[B]`` of False; out: whether a new solution was found.
         judged: ``[2, B]`` out: rooms whose reward depends on what went before, and whether their
             action repeats the one before it.
         attempt_limit: Attempts in a trial.
@@ -126,7 +127,7 @@ def step(
             if history & IF_REPEATED:
                 counts[PREVIOUS, room] = action[room] if status[at] & ACTIONS_LEFT else -1
     if attempts:
-        attempt, attempt_over, trial_over = counts[ATTEMPT], ends[ATTEMPT_OVER], ends[TRIAL_OVER]
+        attempt = counts[ATTEMPT]
         for room in range(len(row)):
             over = actions_left[room] & ACTIONS_LEFT == 0
             spent = over & (attempt[room] >= attempt_limit)
@@ -140,7 +141,7 @@ def step(
                 if solution_now >= 0 and not found[room, solution_now]:
                     found[room, solution_now] = True
                     counts[FOUND, room] += 1
-                    ends[NEW_SOLUTION, room] = True
+                    new_solution[room] = True
                     new += 1
                 solved = stop_when_solved and counts[FOUND, room] == counts[SOLUTIONS, room]
                 if solved and not trial_over[room]:
