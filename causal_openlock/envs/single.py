@@ -43,22 +43,18 @@ class _Listed:
     one that aims at the same lever here.
     """
 
-    def __init__(self, settings: Settings, physics: bool) -> None:
+    def __init__(self, settings: Settings) -> None:
         tables = RoomTables(settings.positions)
         layout = Layout(tuple(range(len(settings.schema.levers))), settings.positions)
         tables.add([(settings.schema, layout, settings.action_limit)])
-        # What an arm does may fail, and rewards have to look at where it leads.
-        tables.stochastic |= physics
         self.tables = tables
         self.rewards = RewardTable(settings.reward, tables)
-        everything = np.arange(tables.rows * tables.actions)
-        self.effect: list[int] = tables.effect(everything).tolist()
+        self.effect: list[int] = tables.effect.tolist()
         self.chance: list[float] = tables.chance.tolist()
-        self.idle: list[int] = tables.idle.tolist()
         self.unlocked: list[bool] = tables.unlocked.tolist()
         self.actions_left: list[int] = (tables.status & ACTIONS_LEFT).tolist()
         self.solution: list[int] = np.where(tables.opened, tables.solution, -1).tolist()
-        self.paid: list[float] = self.rewards.table().tolist()
+        self.paid: list[float] = self.rewards.paid.tolist()
 
 
 class _Placed:
@@ -175,16 +171,17 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self.render_mode = render_mode
         self._render_size = check_render_size(render_size)
         self._render_console = render_console
-        self._listed = _Listed(self._settings, physics)
+        self._listed = _Listed(self._settings)
         self._bodies = _Bodies(self._listed) if physics else None
         self._layouts: dict[Layout, _Placed] = {}
-        self._actions = 2 * self._settings.positions + 1
+        self._actions = self._listed.tables.actions
+        self._columns, self._failed = self._listed.tables.columns, self._listed.tables.failed
         self._whole_trial = self._settings.whole_trial
         self._stochastic = not self._settings.schema.deterministic
-        # Whether an action may lead elsewhere than the table of rewards assumes.
-        self._surprising = self._stochastic or physics or self._settings.reward.heeds_everything
-        self._heeds_repeats = self._settings.reward.heeds_repeats
-        self._heeds_found = self._settings.reward.heeds_found
+        # Whether the table of rewards does not hold what an action pays.
+        self._surprising = physics or self._settings.reward.depends_on_everything
+        self._depends_on_repeats = self._settings.reward.depends_on_repeats
+        self._depends_on_found = self._settings.reward.depends_on_found
         # Row of the room; after the end of an episode its complement, which is negative.
         self._row = -1
         self._new_trial_due = True
@@ -245,18 +242,19 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         if not 0 <= action < self._actions:
             raise InvalidAction(f"an action is an integer from 0 to {self._actions - 1}")
         asked, action = action, self._same_action[action]
-        flat = row * self._actions + action
         listed = self._listed
-        after = listed.effect[flat]
+        first = row * self._columns
+        flat = first + action
         fails = self._stochastic and self.np_random.random() >= listed.chance[flat] > 0.0
         if fails:
-            after = listed.idle[row]
+            flat = first + self._failed
+        after = listed.effect[flat]
         if self._bodies is not None:
             after = self._bodies.move(row, asked, not fails)
         reward = listed.paid[flat]
         if (
-            (self._found and self._heeds_found and listed.unlocked[after])
-            or (self._heeds_repeats and action == self._previous)
+            (self._found and self._depends_on_found and listed.unlocked[after])
+            or (self._depends_on_repeats and action == self._previous)
             or self._surprising
         ):
             reward = self._judge(row, action, after)
@@ -270,12 +268,12 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         """The reward where history or luck matters."""
         found = np.zeros((1, len(self._settings.schema.solutions)), dtype=bool)
         found[0, list(self._found)] = True
-        paid = self._listed.rewards.pay(
-            np.array([row * self._actions + action]),
+        paid = self._listed.rewards.judge(
+            np.array([row]),
+            np.array([action]),
             np.array([after]),
-            np.array([self._previous]),
+            np.array([action == self._previous]),
             found,
-            experienced=np.zeros(1, dtype=np.int64),
         )
         return float(paid[0])
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
 from causal_openlock.errors import OpenLockError
-from causal_openlock.world.reward_table import RewardTable
+from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout
-from causal_openlock.world.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
+from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:
     from causal_openlock.world.schema import Schema
@@ -88,10 +88,20 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self.observation_space = batch_space(settings.observation_space, num_envs)
         self.action_space = batch_space(settings.action_space, num_envs)
         self._tables = RoomTables(settings.positions)
-        self._rewards = RewardTable(settings.reward, self._tables)
+        self._batch = RoomBatch(
+            self._tables,
+            [settings.reward],
+            num_envs,
+            settings.attempt_limit,
+            put_back=settings.whole_trial,
+        )
         self._solutions = len(settings.schema.solutions)
-        self._heeds_found = settings.reward.heeds_found
-        self._heeds_repeats = settings.reward.heeds_repeats
+        self._left = np.zeros(num_envs, dtype=np.int16)
+        self._found_count = np.zeros(num_envs, dtype=np.int16)
+        self._attempts_left = np.zeros(num_envs, dtype=np.int32)
+        self._nowhere = np.zeros(num_envs, dtype=bool)
+        # Rooms whose trial is over: the next step begins another.
+        self._due = _NONE
         self._room_of: dict[int, int] = {}
         self._kept_choices = KEPT_CHOICES
         self._started = False
@@ -108,37 +118,26 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if isinstance(seed, list):
             seed = int(np.random.SeedSequence([s or 0 for s in seed]).generate_state(1)[0])
         super().reset(seed=seed)
-        many = self.num_envs
         mask = (options or {}).get("reset_mask")
         if mask is None or not self._started:
-            self._room = np.zeros(many, dtype=np.int64)
-            self._row = np.zeros(many, dtype=np.int64)
-            self._attempts_left = np.zeros(many, dtype=np.int32)
-            self._found = np.zeros((many, self._solutions), dtype=bool)
-            self._left = np.full(many, self._solutions, dtype=np.int16)
-            self._found_count = np.zeros(many, dtype=np.int16)
-            self._previous = np.full(many, -1, dtype=np.int64)
-            # Rooms whose trial is over: the next step begins another.
-            self._due = _NONE
-            mask = np.ones(many, dtype=bool)
+            mask = np.ones(self.num_envs, dtype=bool)
             self._started = True
-        self._begin_trials(np.flatnonzero(mask))
-        self._due = np.setdiff1d(self._due, np.flatnonzero(mask))
-        return self._seen(), self._info(self._tables.status.take(self._row) & ACTIONS_LEFT)
+        begun = np.flatnonzero(mask)
+        self._begin_trials(begun)
+        self._due = np.setdiff1d(self._due, begun)
+        return self._seen(), self._info(self._tables.status.take(self._batch.row) & ACTIONS_LEFT)
 
     def _begin_trials(self, rooms: NDArray[np.int64]) -> None:
-        # Rooms in step all begin at once: then a slice spares the gathers.
+        # Rooms in step all begin at once: then a slice spares the lookups.
         which = slice(None) if len(rooms) == self.num_envs else rooms
-        self._room[which] = self._draw_rooms(len(rooms))
-        self._row = self._row.copy()
+        self._batch.begin_trials(which, self._draw_rooms(len(rooms)))
+        # What has been given out is not written to.
         self._left = self._left.copy()
+        self._found_count = self._found_count.copy()
         self._attempts_left = self._attempts_left.copy()
-        self._row[which] = self._tables.start[self._room[which]]
-        self._attempts_left[which] = self._settings.attempt_limit
         self._left[which] = self._solutions
-        self._found_count = self._solutions - self._left
-        self._found[which] = False
-        self._previous[which] = -1
+        self._found_count[which] = 0
+        self._attempts_left[which] = self._settings.attempt_limit
 
     def _draw_rooms(self, many: int) -> NDArray[np.int64]:
         """``[many]`` rooms for new trials; a layout met before is not stacked again."""
@@ -158,14 +157,15 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         return np.array([self._room_of[code] for code in codes.tolist()])[which]
 
     def _forget(self) -> None:
-        """Stack anew the rooms that somebody is in, and no others: layouts can be countless."""
-        old, (used, which) = self._tables, np.unique(self._room, return_inverse=True)
+        """Stack only the rooms that are in use anew: there can be very many layouts."""
+        old, batch = self._tables, self._batch
+        used, which = np.unique(batch.room, return_inverse=True)
         self._tables = RoomTables(self._settings.positions)
-        self._rewards = RewardTable(self._settings.reward, self._tables)
         self._room_of = {}
-        moment = self._row - old.start[self._room]
-        self._room = self._stacked([old.rooms[room].layout for room in used])[which]
-        self._row = self._tables.start[self._room] + moment
+        moment = batch.row - old.start[batch.room]
+        batch.room[:] = self._stacked([old.rooms[room].layout for room in used])[which]
+        batch.row = self._tables.start[batch.room] + moment
+        batch.use(self._tables)
         stacked = self._tables.rows * self._tables.actions
         self._kept_choices = max(KEPT_CHOICES, 2 * stacked)
 
@@ -190,51 +190,38 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if not self._started:
             raise ResetNeeded("call reset() before step()")
         actions = self._checked(actions)
-        tables, settings = self._tables, self._settings
-        luck = self.np_random.random(self.num_envs) if tables.stochastic else None
-        choice = tables.choice(self._row, actions)
-        self._row, status = tables.step(choice, luck)
-        experienced = _NONE
-        if self._heeds_found and status.max() >= UNLOCKED:
-            unlocked = np.flatnonzero(status >= UNLOCKED)
-            experienced = unlocked[self._left[unlocked] < self._solutions]
-        reward = self._rewards.pay(choice, self._row, self._previous, self._found, experienced)
-        if self._heeds_repeats:
-            # A room that was just put back has all its actions left, and none before the next.
-            begins = status & ACTIONS_LEFT == settings.action_limit
-            self._previous = np.where(begins, -1, actions)
-        # Stepping a room whose attempt is over puts it back: that is the reset of NEXT_STEP.
-        # Where the trial was over too, another trial begins.
-        if len(self._due):
-            reward[self._due] = 0.0
-            self._begin_trials(self._due)
-            tables = self._tables
-            status[self._due] = tables.status[self._row[self._due]]
+        batch, due = self._batch, self._due
+        luck = self.np_random.random(self.num_envs) if self._tables.stochastic else None
+        if len(due):
+            self._begin_trials(due)
+            actions = actions.copy()
+            actions[due] = self._tables.wait
             self._due = _NONE
-
-        left = status & ACTIONS_LEFT
-        if np.minimum.reduce(left):
-            return self._seen(), reward, self._nowhere(), self._nowhere(), self._info(left)
-        over = left == 0
-        solved, spent = self._end_attempts(over, np.flatnonzero(status >= OPENED))
-        if settings.whole_trial:
-            truncated = spent.copy()
-            spent[solved] = True
-            self._end_trials(spent)
-            self._spend(over)
-            self._row = np.where(over, tables.start.take(self._room), self._row)
-            info = self._info(tables.status.take(self._row) & ACTIONS_LEFT)
-            terminated = self._nowhere()
-            terminated[solved] = True
-            return self._seen(), reward, terminated, truncated, info
-        spent[solved] = True
-        self._end_trials(spent)
+        # Where an attempt is over, the step puts the room back: that is the reset of NEXT_STEP.
+        taken = batch.step(actions, luck)
+        reward, left = taken.reward, taken.actions_left
+        terminated, truncated = self._nowhere.copy(), self._nowhere.copy()
+        if not taken.attempts:
+            return self._seen(), reward, terminated, truncated, self._info(left)
+        if taken.new:
+            self._left = self._left - taken.new_solution
+            self._found_count = self._found_count + taken.new_solution
+        attempts_left = self._attempts_left - taken.attempt_over
+        if taken.trials:
+            self._due = np.flatnonzero(taken.trial_over)
+            attempts_left[self._due] = 0
+        if self._settings.whole_trial:
+            self._attempts_left = attempts_left
+            solved = self._left[self._due] == 0
+            terminated[self._due] = solved
+            truncated[self._due] = ~solved
+            return self._seen(), reward, terminated, truncated, self._info(left)
+        # Until the reset, the attempt that has just ended counts as one that is left.
+        if taken.trials:
+            self._attempts_left = np.where(taken.trial_over, 0, self._attempts_left)
         info = self._info(left)
-        self._spend(over)
-        return self._seen(), reward, over, self._nowhere(), info
-
-    def _nowhere(self) -> NDArray[np.bool_]:
-        return np.zeros(self.num_envs, dtype=bool)
+        self._attempts_left = attempts_left
+        return self._seen(), reward, taken.attempt_over, truncated, info
 
     def _checked(self, actions: Any) -> NDArray[np.int64]:
         actions = np.asarray(actions)
@@ -243,59 +230,23 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
                 f"step takes {self.num_envs} integers, one for each room, and not "
                 f"{actions.dtype} of shape {actions.shape}"
             )
-        actions = actions.astype(np.int64, copy=False)
-        # Seen as unsigned, a negative number is a very large one: one look finds both.
+        # What is not a plain array of int64 is copied.
+        actions = actions.astype(np.int64, copy=not actions.flags.carray)
+        # Read as unsigned, a negative number is very large: one comparison finds both.
         if np.maximum.reduce(actions.view(np.uint64)) >= self._tables.actions:
             raise InvalidAction(
                 f"an action is outside the space; actions are 0 to {self._tables.actions - 1}"
             )
         return actions
 
-    def _end_attempts(
-        self, over: NDArray[np.bool_], opened: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Book the attempts that ended.
-
-        Args:
-            over: ``[num_envs]`` whether the attempt is over.
-            opened: Indices of the rooms whose door is open.
-
-        Returns:
-            Indices of the rooms where every solution is now found, and ``[num_envs]`` whether the
-            attempts are spent without that.
-        """
-        solved = _NONE
-        if len(opened):
-            solution = self._tables.solution[self._row[opened]]
-            new = (solution >= 0) & ~self._found[opened, solution]
-            self._found[opened[new], solution[new]] = True
-            self._left = self._left.copy()
-            self._left[opened] -= new
-            self._found_count = self._solutions - self._left
-            # A trial is solved by opening the door and in no other way.
-            solved = opened[self._left[opened] == 0]
-        spent = self._attempts_left <= 1
-        spent &= over
-        spent[solved] = False
-        if self._settings.reward.heeds_repeats:
-            self._previous[over] = -1
-        return solved, spent
-
-    def _end_trials(self, over: NDArray[np.bool_]) -> None:
-        self._due = np.flatnonzero(over)
-        if len(self._due):
-            self._attempts_left = np.where(over, np.int32(0), self._attempts_left)
-
-    def _spend(self, over: NDArray[np.bool_]) -> None:
-        self._attempts_left = self._attempts_left - (over & (self._attempts_left > 0))
-
     def _seen(self) -> NDArray[np.int8]:
-        return self._tables.observation.take(self._row, axis=0)
+        return self._tables.observation.take(self._batch.row, axis=0)
 
     def _info(self, actions_left: NDArray[np.uint8]) -> dict[str, Any]:
-        # None of these arrays is written to again, by anybody: what changes is replaced.
-        for kept in (self._left, self._found_count, self._attempts_left, self._row):
-            kept.flags.writeable = False
+        # None of these arrays is written to again: what changes is replaced.
+        row = self._batch.row.view()
+        for shown in (self._left, self._found_count, self._attempts_left, row):
+            shown.flags.writeable = False
         return {
             "console": {
                 "solutions_left": self._left,
@@ -303,7 +254,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
                 "attempts_left": self._attempts_left,
                 "actions_left": actions_left,
             },
-            "latent": {"tables": self._tables, "row": self._row},
+            "latent": {"tables": self._tables, "row": row},
         }
 
 

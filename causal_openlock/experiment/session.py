@@ -29,22 +29,19 @@ from causal_openlock.contract.learner import (
 from causal_openlock.errors import LearnerError, ProtocolError
 from causal_openlock.experiment.protocol import Condition, Protocol, Visit, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
-from causal_openlock.world.fsm import BoolArray, IntArray
+from causal_openlock.world.batch import BatchStep, RoomBatch
+from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams, generators
-from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.world.room import Layout, action_names, positions_for
 from causal_openlock.world.schema import Schema
-from causal_openlock.world.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
+from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-KEPT = (
-    *("visit", "room", "attempt", "row", "found", "found_count", "playing"),
-    *("actions", "moved", "previous", "was_unlocked", "earned"),
-)
-"""What changes while a session is played, apart from the log and the luck."""
+KEPT = ("visit", "playing", "actions", "moved", "was_unlocked", "earned")
+"""What changes while a session is played, apart from the rooms, the log and the luck."""
 
 
 class Session:
@@ -104,7 +101,13 @@ class Session:
             "solutions": self._tables.solutions.astype(np.int16)[self._rooms],
         }
         self._luck = Streams(environment) if self._tables.stochastic else None
-        self._reward = RewardTable(find_reward(reward), self._tables)
+        self._batch = RoomBatch(
+            self._tables,
+            [find_reward(reward)],
+            self.subjects,
+            protocol.attempt_limit,
+            stop_when_solved=protocol.stop_when_solved,
+        )
         self.brief = Brief(
             subjects=self.subjects,
             positions=self._tables.positions,
@@ -142,19 +145,14 @@ class Session:
         return self._tables.add(rooms)[which], names[which]
 
     def _begin(self) -> None:
-        subjects, tables = self.subjects, self._tables
+        subjects = self.subjects
+        self._batch.begin_trials(slice(None), self._rooms[:, 0])
         self._visit = np.zeros(subjects, dtype=np.int64)
-        self._room = self._rooms[:, 0].copy()
-        self._attempt = np.ones(subjects, dtype=np.int64)
-        self._row = tables.start[self._room]
-        self._found = np.zeros((subjects, int(tables.solutions.max())), dtype=bool)
-        self._found_count = np.zeros(subjects, dtype=np.int64)
         self._playing = np.ones(subjects, dtype=bool)
         self._everyone = np.arange(subjects)
-        # What the attempt in progress has come to.
+        # What has happened in the attempt in progress.
         self._actions = np.zeros((subjects, self.brief.action_limit), dtype=np.uint8)
         self._moved = np.zeros((subjects, self.brief.action_limit), dtype=bool)
-        self._previous = np.full(subjects, -1, dtype=np.int64)
         self._was_unlocked = np.zeros(subjects, dtype=bool)
         self._earned = np.zeros(subjects)
         self._view = self._perceive()
@@ -174,21 +172,20 @@ class Session:
     @property
     def truth(self) -> Truth:
         """What is latent; for informed learners and for analysis."""
-        return Truth(rooms=tuple(self._tables.rooms), room=self._room.copy())
+        return Truth(rooms=tuple(self._tables.rooms), room=self._batch.room.copy())
 
     def _perceive(self) -> View:
-        tables = self._tables
-        left = tables.solutions[self._room] - self._found_count
+        tables, batch = self._tables, self._batch
         return View(
-            observation=tables.observation.take(self._row, axis=0),
+            observation=tables.observation.take(batch.row, axis=0),
             console=Console(
-                solutions_left=left,
-                solutions_found=self._found_count.copy(),
-                attempts_left=self.protocol.attempt_limit + 1 - self._attempt,
-                actions_left=tables.status.take(self._row) & ACTIONS_LEFT,
+                solutions_left=batch.solutions - batch.found_count,
+                solutions_found=batch.found_count.copy(),
+                attempts_left=self.protocol.attempt_limit + 1 - batch.attempt,
+                actions_left=tables.status.take(batch.row) & ACTIONS_LEFT,
             ),
             trial=self._visit + 1,
-            attempt=self._attempt.copy(),
+            attempt=batch.attempt.copy(),
             playing=self._playing.copy(),
         )
 
@@ -247,42 +244,25 @@ class Session:
         """
         tables, view = self._tables, self._view
         action = self._checked(action)
-        luck = self._luck.uniform() if self._luck else None
-        row = self._row
-        choice = tables.choice(row, action)
-        after, status = tables.step(choice, luck)
-        if not self._playing.all():
-            after = np.where(self._playing, after, row)
-            status = tables.status.take(after)
-        unlocked = np.flatnonzero(status >= UNLOCKED)
-        experienced = unlocked[self._found_count[unlocked] > 0]
-        reward = self._reward.pay(choice, after, self._previous, self._found, experienced)
-
+        done = action if self._playing.all() else np.where(self._playing, action, tables.wait)
+        row = self._batch.row
+        taken = self._batch.step(done, self._luck.uniform() if self._luck else None)
         moment = tables.used.take(row)
         self._actions[self._everyone, moment] = action
-        self._moved[self._everyone, moment] = tables.state[after] != tables.state[row]
-        self._previous[:] = action  # a copy: the learner is handed the array itself
-        self._was_unlocked[unlocked] = True
-        self._earned += reward
-        self._row = after
-
-        attempt_over = (status & ACTIONS_LEFT == 0) & self._playing
-        trial_over = np.zeros(self.subjects, dtype=bool)
-        new_solution = np.zeros(self.subjects, dtype=bool)
-        ended = np.flatnonzero(attempt_over)
-        # Before rooms are put back, and an array of its own: a learner may write to it.
-        outcome = tables.observation.take(after, axis=0)
-        if len(ended):
-            self._end_attempts(ended, trial_over, new_solution)
+        self._moved[self._everyone, moment] = tables.state.take(taken.after) != tables.state[row]
+        self._was_unlocked |= tables.unlocked.take(taken.after)
+        self._earned += taken.reward
+        if taken.attempts:
+            self._end_attempts(taken)
         self._view = self._perceive()
         return Step(
             view=view,
             action=action,
-            outcome=outcome,
-            reward=reward,
-            attempt_over=attempt_over,
-            trial_over=trial_over,
-            new_solution=new_solution,
+            outcome=tables.observation.take(taken.after, axis=0),
+            reward=taken.reward,
+            attempt_over=taken.attempt_over,
+            trial_over=taken.trial_over,
+            new_solution=taken.new_solution,
             next=self._view,
         )
 
@@ -305,49 +285,37 @@ class Session:
             )
         return chosen
 
-    def _end_attempts(self, ended: IntArray, trial_over: BoolArray, new: BoolArray) -> None:
-        """Book the attempts that ended, and put their rooms back or go on to the next."""
-        tables, row = self._tables, self._row[ended]
+    def _end_attempts(self, taken: BatchStep) -> None:
+        """Log the attempts that ended, and begin the trials that follow."""
+        tables, batch = self._tables, self._batch
+        ended = np.flatnonzero(taken.attempt_over)
+        row = taken.after[ended]
         opened = tables.opened[row]
-        solution = np.where(opened, tables.solution[row], -1)
-        is_new = (solution >= 0) & ~self._found[ended, solution]
-        new[ended] = is_new
-        self._found[ended[is_new], solution[is_new]] = True
-        self._found_count[ended] += is_new
         self._log.append(
             subject=ended,
             visit=self._visit[ended],
-            attempt=self._attempt[ended],
+            attempt=batch.attempt[ended] - 1,  # the next one has begun
             used=tables.used[row],
             actions=self._actions[ended],
             moved=self._moved[ended],
             unlocked=self._was_unlocked[ended],
             opened=opened,
-            solution=solution,
-            new_solution=is_new,
-            solutions_found=self._found_count[ended],
+            solution=np.where(opened, tables.solution[row], -1),
+            new_solution=taken.new_solution[ended],
+            solutions_found=batch.found_count[ended],
             reward=self._earned[ended],
             wall_time=time.perf_counter() - self._clock,
         )
-        over = self._attempt[ended] >= self.protocol.attempt_limit
-        if self.protocol.stop_when_solved:
-            over |= self._found_count[ended] == tables.solutions[self._room[ended]]
-        trial_over[ended] = over
-        self._attempt[ended] += 1
-        self._next_trials(ended[over])
-        self._row[ended] = tables.start[self._room[ended]]
-        self._previous[ended] = -1
         self._was_unlocked[ended] = False
         self._earned[ended] = 0.0
-
-    def _next_trials(self, finished: IntArray) -> None:
+        if not taken.trials:
+            return
+        finished = np.flatnonzero(taken.trial_over)
         self._visit[finished] += 1
-        self._attempt[finished] = 1
-        self._found[finished] = False
-        self._found_count[finished] = 0
-        self._playing[finished] = self._visit[finished] < self._rooms.shape[1]
-        going_on = finished[self._playing[finished]]
-        self._room[going_on] = self._rooms[going_on, self._visit[going_on]]
+        self._playing[finished] = self._visit[finished] < self.brief.trials
+        # Where that was the last trial, the room stays as it is at the start of another.
+        last = np.minimum(self._visit[finished], self.brief.trials - 1)
+        batch.begin_trials(finished, self._rooms[finished, last])
 
     @property
     def log(self) -> AttemptLog:
@@ -356,13 +324,17 @@ class Session:
 
     @property
     def solutions(self) -> IntArray:
-        """``[B, T]`` how many solutions the room of each trial has; for who looks on."""
+        """``[B, T]`` how many solutions the room of each trial has."""
         return self._visits["solutions"]
 
     @property
     def progress(self) -> float:
         """The share of all trials that is over."""
         return float(self._visit.mean()) / self.brief.trials
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        own = {name: getattr(self, f"_{name}") for name in KEPT}
+        return own | self._batch.arrays()
 
     def state_dict(self, since: int = 0) -> dict[str, Any]:
         """Where the session stands, for a checkpoint; the rooms follow from its arguments.
@@ -371,7 +343,7 @@ class Session:
             since: How many attempts are known already; ``log`` holds the others.
         """
         return {
-            **{name: getattr(self, f"_{name}").copy() for name in KEPT},
+            **{name: array.copy() for name, array in self._arrays().items()},
             "luck": self._luck.state_dict() if self._luck else None,
             "attempts": self._log.rows,
             "seconds": time.perf_counter() - self._clock,
@@ -384,16 +356,16 @@ class Session:
         Raises:
             ProtocolError: If it is the state of another session.
         """
-        held = [(state[name], getattr(self, f"_{name}")) for name in KEPT]
+        held = [(array, state[name]) for name, array in self._arrays().items()]
         if (
-            any(one.shape != own.shape or one.dtype != own.dtype for one, own in held)
+            any(own.shape != kept.shape or own.dtype != kept.dtype for own, kept in held)
             or state["log"].dtype != self._log.row_type
             or len(state["log"]) != state["attempts"]
             or (state["luck"] is None) != (self._luck is None)
         ):
             raise ProtocolError("this is the state of another session, or not all of it")
-        for name in KEPT:
-            setattr(self, f"_{name}", state[name].copy())
+        for own, kept in held:
+            own[:] = kept
         if self._luck:
             self._luck.load_state_dict(state["luck"])
         self._log = AttemptLog(self.brief.action_limit)

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.experiment.stored import recorded_layout
+from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.rewards import RewardFunction
 from causal_openlock.world.room import positions_for
-from causal_openlock.world.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
+from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -71,26 +71,25 @@ def replay(
     used = columns["actions"].value_lengths().to_numpy().astype(np.int64)
     actions, moved = (_padded(columns[name], used) for name in ("actions", "moved"))
     found = _found_before(columns, int(tables.solutions.max(initial=1)))
-    pays = RewardTable(reward, tables)
-    row = tables.start[room]
-    begins = tables.observation[row]
+    batch = RoomBatch(tables, [reward], len(room), attempt_limit=1, put_back=False)
+    batch.begin_trials(slice(None), room)
+    batch.found[:] = found
+    batch.found_count[:] = found.sum(axis=1)
+    begins = tables.observation[batch.row]
     seen = np.zeros((*actions.shape, begins.shape[1]), np.int8)
     rewards = np.zeros(actions.shape)
-    previous = np.full(len(row), -1, np.int64)
     agrees = actions.max(axis=1, initial=0) < tables.actions
     actions = np.where(agrees[:, None], actions, 0).astype(np.int64)
     for number in range(actions.shape[1]):
-        going = np.flatnonzero(number < used)
-        action, at = actions[going, number], row[going]
-        choice = tables.choice(at, action)
+        going, before = number < used, batch.row
+        action = np.where(going, actions[:, number], tables.wait)
         # No luck is as bad as none at all: an action takes effect where it did, and only there.
-        luck = np.where(moved[going, number], 0.0, 1.0) if tables.stochastic else None
-        after, status = tables.step(choice, luck)
-        experienced = np.flatnonzero((status >= UNLOCKED) & found[going].any(axis=1))
-        rewards[going, number] = pays.pay(choice, after, previous[going], found[going], experienced)
-        agrees[going] &= (tables.state[after] != tables.state[at]) == moved[going, number]
-        seen[going, number] = tables.observation[after]
-        previous[going], row[going] = action, after
+        luck = np.where(moved[:, number], 0.0, 1.0) if tables.stochastic else None
+        rewards[:, number] = batch.step(action, luck).reward
+        has_moved = tables.state[batch.row] != tables.state[before]
+        agrees &= (has_moved == moved[:, number]) | ~going
+        seen[going, number] = tables.observation[batch.row[going]]
+    row = batch.row
     opened = tables.opened[row]
     agrees &= tables.status[row] & ACTIONS_LEFT == 0
     agrees &= np.where(opened, tables.solution[row], -1) == columns["solution"].to_numpy()

@@ -48,7 +48,7 @@ class OwnReward(RewardFunction):
     name: str
     source: str
 
-    heeds_everything = True
+    depends_on_everything = True
 
     def pay(self, events: Events) -> FloatArray:
         """``[N]`` the reward of each action.
@@ -84,12 +84,12 @@ class OwnReward(RewardFunction):
         return paid
 
     @property
-    def heeds_repeats(self) -> bool:
+    def depends_on_repeats(self) -> bool:
         """It may."""
         return True
 
     @property
-    def heeds_found(self) -> bool:
+    def depends_on_found(self) -> bool:
         """It may."""
         return True
 
@@ -153,7 +153,7 @@ def _try_out(reward: OwnReward) -> None:
     fork = Schema("fork", ["A", "B", "C"], {"A": ["B", "C"], "B": ["door"], "C": ["door"]})
     tables.add([(fork, Layout((0, 1, 2)), 3)])
     row, action = np.divmod(np.arange(tables.rows * tables.actions), tables.actions)
-    fresh = Events.of(tables, row, action, tables.effect(np.arange(len(row))))
+    fresh = Events.of(tables, row, action, tables.effect[row * tables.columns + action])
     later = replace(fresh, repeated=row % 2 == 0, new=~fresh.new, found=1 + row % 2)
     for events in (fresh, later):
         paid = reward.pay(events)

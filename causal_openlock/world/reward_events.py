@@ -118,7 +118,7 @@ class RewardFunction(ABC):
     """What actions pay."""
 
     name: str
-    heeds_everything: ClassVar[bool] = False
+    depends_on_everything: ClassVar[bool] = False
     """Whether it may depend on all that an event tells, so that it is asked for every action."""
 
     @abstractmethod
@@ -127,12 +127,12 @@ class RewardFunction(ABC):
 
     @property
     @abstractmethod
-    def heeds_repeats(self) -> bool:
+    def depends_on_repeats(self) -> bool:
         """Whether it depends on the action before."""
 
     @property
     @abstractmethod
-    def heeds_found(self) -> bool:
+    def depends_on_found(self) -> bool:
         """Whether it depends on which solutions are found already."""
 
     @abstractmethod

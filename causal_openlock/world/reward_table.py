@@ -1,11 +1,11 @@
-"""A reward over the tables of all rooms: what makes rewards as fast as a gather.
+"""A reward over the tables of all rooms: what makes rewards as fast as a lookup.
 
 Almost every reward is a function of the row and the action alone, so it is evaluated once for each
-and looked up. Only where the action before, the solutions found before or luck make a difference
-is the reward function asked again, for those subjects alone.
+and looked up. Only where the action before or the solutions found before make a difference is the
+reward function evaluated again, for those rooms alone.
 
-No reward depends on where the levers stand. So it is evaluated for the first room of each schema
-and action limit, and the others are told the same of the actions that aim at the same lever.
+No reward depends on where the levers are. So it is evaluated for the first room of each schema and
+action limit, and copied to the others for the actions that aim at the same lever.
 """
 
 from __future__ import annotations
@@ -17,127 +17,124 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.rewards import Events, RewardFunction
+from causal_openlock.world.reward_events import Events, RewardFunction
 from causal_openlock.world.room import Layout
 from causal_openlock.world.tables import RoomTables
 
+IF_FOUND, IF_REPEATED, ALWAYS = 1, 2, 4
+"""Bits of :attr:`RewardTable.matters`: when the reward may differ from the one in the table."""
 AT_ONCE = 1 << 16
-"""How many actions are judged at once: what happened in one takes a few dozen bytes."""
+"""How many actions are evaluated at once: what happened in one takes a few dozen bytes."""
 
 
 class RewardTable:
-    """The rewards of one reward function in the rooms of some tables.
+    """The rewards of one reward function in the rooms of some tables; R rows, W columns.
 
     Args:
         reward: The reward function.
-        tables: The rooms; those added later are taken in when they are first needed.
+        tables: The rooms; :meth:`fill` takes in those added later.
+
+    Attributes:
+        paid: ``[R * W]`` the reward of every action that takes effect, with nothing gone before;
+            waiting, and putting a room back, pays nothing.
+        matters: ``[R * W]`` what makes a difference to it: solutions found before (``IF_FOUND``),
+            the same action as before (``IF_REPEATED``), or anything (``ALWAYS``).
+
+    Example:
+        >>> from causal_openlock import Layout, find_schema
+        >>> from causal_openlock.world.rewards import find_reward
+        >>> tables = RoomTables(positions=7)
+        >>> room = tables.add([(find_schema("CC3"), Layout((0, 1, 2)), 3)])
+        >>> table = RewardTable(find_reward("state_change"), tables)
+        >>> table.paid[:4]  # in the first row, the push of each position's lever
+        array([0.5, 0. , 0. , 0. ])
     """
 
     def __init__(self, reward: RewardFunction, tables: RoomTables) -> None:
         self.reward = reward
         self.tables = tables
         self._rooms = 0
-        # [R, A] the reward with nothing gone before, and whether what was found matters to it.
-        self._paid: FloatArray = np.zeros((0, tables.actions))
-        self._heeds: BoolArray = np.zeros((0, tables.actions), dtype=bool)
-
-    def table(self) -> FloatArray:
-        """``[R * A]`` the reward of every action that takes effect, with nothing gone before."""
-        if self._rooms < len(self.tables.rooms):
-            self._fill()
-        return self._paid.reshape(-1)
+        self.paid: FloatArray = np.zeros(0)
+        self.matters: NDArray[np.uint8] = np.zeros(0, np.uint8)
+        self.fill()
 
     @property
     def nbytes(self) -> int:
         """Bytes that the arrays take."""
-        return self._paid.nbytes + self._heeds.nbytes
+        return self.paid.nbytes + self.matters.nbytes
 
-    def _fill(self) -> None:
+    def fill(self) -> None:
         """Take in the rooms added since the last time."""
         tables = self.tables
-        self._paid = _lengthened(self._paid, tables.rows)
-        if self.reward.heeds_found:
-            self._heeds = _lengthened(self._heeds, tables.rows)
+        paid = _lengthened(self.paid, tables)
+        matters = _lengthened(self.matters, tables)
+        self.paid, self.matters = paid.reshape(-1), matters.reshape(-1)
         for room in range(self._rooms, len(tables.rooms)):
             twin, mine = int(tables.twin[room]), tables.rows_of(room)
             if twin == room:
-                step = max(1, AT_ONCE // tables.actions)
+                step = max(1, AT_ONCE // tables.columns)
                 for first in range(mine.start, mine.stop, step):
-                    self._evaluate(slice(first, min(first + step, mine.stop)))
+                    rows = slice(first, min(first + step, mine.stop))
+                    paid[rows], matters[rows] = self._evaluated(rows)
                 continue
-            same = _same_actions(tables.rooms[twin].layout, tables.rooms[room].layout)
-            self._paid[mine] = self._paid[tables.rows_of(twin)][:, same]
-            if self.reward.heeds_found:
-                self._heeds[mine] = self._heeds[tables.rows_of(twin)][:, same]
+            same = _same_columns(tables.rooms[twin].layout, tables.rooms[room].layout)
+            for table in (paid, matters):
+                table[mine] = table[tables.rows_of(twin)][:, same]
         self._rooms = len(tables.rooms)
 
-    def _evaluate(self, rows: slice) -> None:
-        """Ask for the reward of every action at some rows."""
-        tables, pay = self.tables, self.reward.pay
-        choice = np.arange(rows.start * tables.actions, rows.stop * tables.actions)
-        row, action = np.divmod(choice, tables.actions)
-        events = Events.of(tables, row, action, tables.effect(choice))
-        paid = pay(events)
-        shape = (-1, tables.actions)
-        if self.reward.heeds_found:
-            # Does it matter here what was found before? Ask for the other extreme and compare.
+    def _evaluated(self, rows: slice) -> tuple[FloatArray, NDArray[np.uint8]]:
+        """Rewards at some rows, and what matters there; ``[rows, W]`` each."""
+        tables, function = self.tables, self.reward
+        row = np.arange(rows.start, rows.stop).repeat(tables.columns)
+        action = np.tile(np.arange(tables.columns), rows.stop - rows.start)
+        flat = slice(rows.start * tables.columns, rows.stop * tables.columns)
+        events = Events.of(tables, row, action, tables.effect[flat].astype(np.int64))
+        paid = function.pay(events)
+        matters = np.zeros(len(row), np.uint8)
+        if function.depends_on_found:
+            # Does it matter here what was found before? Try the other extreme and compare.
             more = replace(events, found=np.ones(len(row), dtype=np.int64))
             all_of_it = replace(more, new=np.zeros(len(row), dtype=bool), retraced=more.on_path)
-            self._heeds[rows] = ((pay(more) != paid) | (pay(all_of_it) != paid)).reshape(shape)
-        paid[tables.over[row]] = 0.0  # putting a room back pays nothing
-        self._paid[rows] = paid.reshape(shape)
+            matters[(function.pay(more) != paid) | (function.pay(all_of_it) != paid)] = IF_FOUND
+        if function.depends_on_repeats:
+            matters |= IF_REPEATED
+        if function.depends_on_everything:
+            matters |= ALWAYS
+        nothing = tables.over[row] | (action == tables.wait)
+        paid[nothing], matters[nothing] = 0.0, 0
+        return paid.reshape(-1, tables.columns), matters.reshape(-1, tables.columns)
 
-    def pay(
+    def judge(
         self,
-        choice: IntArray,
+        row: IntArray,
+        action: IntArray,
         after: IntArray,
-        previous: IntArray,
+        repeated: BoolArray,
         found: BoolArray,
-        experienced: IntArray,
     ) -> FloatArray:
-        """``[B]`` the rewards of B actions.
+        """``[N]`` the rewards of N actions, given what went before.
 
         Args:
-            choice: ``[B]`` what was done where, from :meth:`RoomTables.choice`.
-            after: ``[B]`` where each room is then.
-            previous: ``[B]`` the action before it in the attempt, -1 for none.
-            found: ``[B, K]`` which solutions are found already.
-            experienced: Indices of the subjects whose door is unlocked then and who have found
-                something before: nobody else's reward depends on what was found.
+            row: ``[N]`` where each room was; its attempt was not over.
+            action: ``[N]`` what was done.
+            after: ``[N]`` where each room is then.
+            repeated: ``[N]`` whether the action before it was the same.
+            found: ``[N, K]`` which solutions were found already.
         """
-        tables, reward = self.tables, self.reward
-        paid: FloatArray = self.table().take(choice)
-        again = experienced if reward.heeds_found else _NOBODY
-        if reward.heeds_everything:
-            again = np.arange(len(choice))
-        elif len(again):
-            again = again[self._heeds.reshape(-1)[choice[again]]]
-        if reward.heeds_repeats:
-            again = np.union1d(again, np.flatnonzero(choice % tables.actions == previous))
-        if tables.stochastic:
-            again = np.union1d(again, np.flatnonzero(after != tables.effect(choice)))
-        if len(again):
-            row, action = np.divmod(choice[again], tables.actions)
-            after = after[again]
-            events = Events.of(tables, row, action, after)
-            events = events.with_history(tables, after, action == previous[again], found[again])
-            paid[again] = np.where(tables.over[row], 0.0, reward.pay(events))
-        return paid
+        events = Events.of(self.tables, row, action, after)
+        return self.reward.pay(events.with_history(self.tables, after, repeated, found))
 
 
-_NOBODY: IntArray = np.zeros(0, dtype=np.int64)
-
-
-def _lengthened(table: NDArray[Any], rows: int) -> NDArray[Any]:
-    longer = np.empty((rows, table.shape[1]), table.dtype)
+def _lengthened(table: NDArray[Any], tables: RoomTables) -> NDArray[Any]:
+    longer = np.empty(tables.rows * tables.columns, table.dtype)
     longer[: len(table)] = table
-    return longer
+    return longer.reshape(-1, tables.columns)
 
 
-def _same_actions(there: Layout, here: Layout) -> IntArray:
-    """``[A]`` for each action here one there that aims at the same lever, or at an inactive one."""
+def _same_columns(there: Layout, here: Layout) -> IntArray:
+    """``[W]`` for each action here one there that aims at the same lever, or at an inactive one."""
     roles = there.role_actions()
     action_of = np.zeros(roles.max() + 2, dtype=np.int64)
     action_of[roles] = np.arange(len(roles))
-    same: IntArray = action_of[here.role_actions()]
-    return same
+    failed = len(roles)
+    return np.append(action_of[here.role_actions()], [failed, failed + 1])

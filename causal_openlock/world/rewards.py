@@ -116,12 +116,12 @@ class Reward(RewardFunction):
         return {"terms": base.split("+"), **_told(self, tuple(base.split("+")))}
 
     @property
-    def heeds_repeats(self) -> bool:
+    def depends_on_repeats(self) -> bool:
         """Whether it depends on the action before."""
         return "negative_repeat" in self.terms
 
     @property
-    def heeds_found(self) -> bool:
+    def depends_on_found(self) -> bool:
         """Whether it depends on which solutions are found already."""
         return not {"unique_solutions", "solution_multiplier"}.isdisjoint(self.terms)
 
@@ -231,12 +231,12 @@ class AuthorsReward(RewardFunction):
         )
 
     @property
-    def heeds_repeats(self) -> bool:
+    def depends_on_repeats(self) -> bool:
         """Whether it depends on the action before."""
         return self.repeat
 
     @property
-    def heeds_found(self) -> bool:
+    def depends_on_found(self) -> bool:
         """Whether it depends on which solutions are found already."""
         return self.unique or self.multiplier
 

@@ -1,19 +1,18 @@
-"""Many rooms as one table: the hot path.
+"""Many rooms as one table, which environments and sessions step by lookups.
 
-Every environment and every session steps rooms by the same gather. :class:`RoomTables` stacks the
-unrolled attempts of all rooms in use (:func:`causal_openlock.world.fsm.unroll`), re-indexed by
-position, into flat arrays. A room at some moment of an attempt is then a single integer, its *row*,
-and one step of B rooms is one gather at ``row * A + action``: what is seen, what is unlocked, and
-whether the attempt is over are further gathers by the new row.
+:class:`RoomTables` stacks the unrolled attempts of all rooms in use
+(:func:`causal_openlock.world.fsm.unroll`), re-indexed by position, into flat arrays. A room at some
+moment of an attempt is then a single integer, its *row*. One step of B rooms is one lookup at
+``row * W + action``; what is seen, what is unlocked, and whether the attempt is over are further
+lookups by the new row (:mod:`causal_openlock.world.batch`).
 
-A room takes ``8 * A`` bytes a row for where actions lead and little else. That is 4 kB for the
-paper's rooms and 9 MB for twelve free levers in attempts of thirteen actions.
+Where actions lead takes ``4 * W`` bytes a row: 3 kB for the paper's rooms, 5 MB for twelve free
+levers in attempts of thirteen actions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,37 +32,31 @@ from causal_openlock.world.schema import Schema
 
 UNLOCKED, OPENED, ACTIONS_LEFT = np.uint8(64), np.uint8(128), np.uint8(63)
 """Bits of :attr:`RoomTables.status`: at least UNLOCKED is unlocked, at least OPENED is open."""
-STATUS_BITS = 8
-
-
-@dataclass(frozen=True)
-class RoomKey:
-    """What tells two stacked rooms apart."""
-
-    schema: Schema
-    places: tuple[int, ...]
-    action_limit: int
+RoomKey = tuple[Schema, tuple[int, ...], int]
+"""What distinguishes stacked rooms: the schema, the places of its levers, the action limit."""
 
 
 class RoomTables:
     """Stacked tables of rooms with the same number of positions.
 
-    R rows (a room's moments of an attempt), P positions, A = 2P + 1 actions, G rooms, K solutions
-    of the room that has most.
+    R rows (a room's moments of an attempt), P positions, A = 2P + 1 actions, W = A + 2 columns, G
+    rooms, K solutions of the room that has most. The columns are the actions, and after them
+    :attr:`failed`, an action that could have moved something and did not, and :attr:`wait`, no
+    action at all.
 
     Args:
         positions: P.
 
     Attributes:
-        chance: ``[R * A]`` the probability that an action takes effect; empty as long as no room
+        effect: ``[R * W]`` the row after an action that takes effect; where the attempt is over,
+            any action puts the room back to its start.
+        chance: ``[R * W]`` the probability that an action takes effect; empty as long as no room
             leaves anything to chance.
-        idle: ``[R]`` the row after an action that moves nothing; where the attempt is over, the
-            room is put back to its start.
         observation: ``[R, 2P + 2]`` what is seen, int8.
         over: ``[R]`` whether the attempt is over.
         used: ``[R]`` actions used so far in the attempt.
-        status: ``[R]`` what a step has to know at once, in one byte: the actions left (0 if the
-            attempt is over) plus :data:`UNLOCKED`, plus :data:`OPENED` where it is that too.
+        status: ``[R]`` the actions left (0 if the attempt is over) plus :data:`UNLOCKED`, plus
+            :data:`OPENED` where it is that too, in one byte.
         state: ``[R]`` state of the room's machine.
         unlocked: ``[R]`` whether the door is unlocked.
         opened: ``[R]`` whether the door is open.
@@ -77,11 +70,22 @@ class RoomTables:
             in the same order, and only its levers stand elsewhere.
         rooms: The rooms themselves.
         stochastic: Whether any room leaves something to chance.
+
+    Example:
+        >>> from causal_openlock import Layout, find_schema
+        >>> tables = RoomTables(positions=7)
+        >>> tables.add([(find_schema("CC3"), Layout((0, 1, 2)), 3)])
+        array([0])
+        >>> after = tables.effect[tables.start * tables.columns + 0]  # push the lever at position 0
+        >>> tables.observation[after, :7]
+        array([[1, 0, 0, 0, 0, 0, 0]], dtype=int8)
     """
 
     def __init__(self, positions: int) -> None:
         self.positions = positions
         self.actions = 2 * positions + 1
+        self.columns = self.actions + 2
+        self.failed, self.wait = self.actions, self.actions + 1
         self.rooms: list[Room] = []
         self.stochastic = False
         self._index: dict[RoomKey, int] = {}
@@ -89,15 +93,12 @@ class RoomTables:
         self._attempts: list[Attempt] = []  # of each room; twins share one
         self._machines: dict[Schema, FSM] = {}
         width = 2 * positions + 2
+        self.effect: NDArray[np.int32] = np.zeros(0, np.int32)
         self.chance: FloatArray = np.zeros(0)
-        self.idle: IntArray = np.zeros(0, np.int64)
         self.observation: NDArray[np.int8] = np.zeros((0, width), np.int8)
         self.over: BoolArray = np.zeros(0, bool)
         self.used: IntArray = np.zeros(0, np.int64)
         self.status: NDArray[np.uint8] = np.zeros(0, np.uint8)
-        # [R * A] the row after an action that takes effect and the status there in one number, so
-        # that one gather finds both. Where the attempt is over, any action leads to the start.
-        self._leads: IntArray = np.zeros(0, np.int64)
         self.state: IntArray = np.zeros(0, np.int64)
         self.unlocked: BoolArray = np.zeros(0, bool)
         self.opened: BoolArray = np.zeros(0, bool)
@@ -148,7 +149,7 @@ class RoomTables:
                 raise ValueError(f"{layout} does not place the levers of {schema}")
             if not 0 < limit <= ACTIONS_LEFT:
                 raise ValueError(f"an attempt has 1 to {ACTIONS_LEFT} actions, not {limit}")
-        keys = [RoomKey(schema, layout.places, limit) for schema, layout, limit in rooms]
+        keys: list[RoomKey] = [(schema, layout.places, limit) for schema, layout, limit in rooms]
         new: list[tuple[RoomKey, Layout]] = []
         for key, (_, layout, _) in zip(keys, rooms, strict=True):
             if key not in self._index:
@@ -161,13 +162,15 @@ class RoomTables:
     def _stack(self, new: list[tuple[RoomKey, Layout]]) -> None:
         since, first, lines = len(self.rooms), self.rows, len(self._begins)
         starts, twins, begins = [], [], [self._begins]
-        for key, layout in new:
-            twin = self._twins.setdefault((key.schema, key.action_limit), len(self.rooms))
+        for (schema, _, limit), layout in new:
+            twin = self._twins.setdefault((schema, limit), len(self.rooms))
             if twin < len(self.rooms):
                 attempt = self._attempts[twin]
                 self._first_line.append(self._first_line[twin])
             else:
-                attempt = self._unrolled(key)
+                if schema not in self._machines:
+                    self._machines[schema] = compile_schema(schema)
+                attempt = unroll(self._machines[schema], limit)
                 self._first_line.append(lines)
                 begins.append(attempt.begins)
                 lines += len(attempt.begins)
@@ -176,27 +179,22 @@ class RoomTables:
             starts.append(first)
             twins.append(twin)
             first += len(attempt.state)
-        solutions = [len(key.schema.solutions) for key, _ in new]
-        limits = [key.action_limit for key, _ in new]
+        solutions = [len(schema.solutions) for (schema, *_), _ in new]
+        limits = [limit for (*_, limit), _ in new]
         self.start = np.concatenate([self.start, starts])
         self.twin = np.concatenate([self.twin, twins])
         self.solutions = np.concatenate([self.solutions, solutions])
         self.action_limit = np.concatenate([self.action_limit, limits])
-        self.stochastic |= not all(key.schema.deterministic for key, _ in new)
+        self.stochastic |= not all(schema.deterministic for (schema, *_), _ in new)
         if len(begins) > 1:
             most = int(self.solutions.max())
             self._begins = np.concatenate([_widen(part, most) for part in begins])
         for name, part in _PARTS.items():
             self._extend(name, part, since)
-        self._extend("_leads", _leads, since, self.actions)
+        self._extend("effect", _effect, since, self.columns)
         if self.stochastic:
-            # The first room that leaves something to chance asks it of those before, too.
-            self._extend("chance", _chance, since if len(self.chance) else 0, self.actions)
-
-    def _unrolled(self, key: RoomKey) -> Attempt:
-        if key.schema not in self._machines:
-            self._machines[key.schema] = compile_schema(key.schema)
-        return unroll(self._machines[key.schema], key.action_limit)
+            # With the first room that leaves something to chance, those before get chances too.
+            self._extend("chance", _chance, since if len(self.chance) else 0, self.columns)
 
     def _extend(self, name: str, part: Part, since: int, each: int = 1) -> None:
         """Lengthen an array by the parts of the rooms from ``since`` on, ``each`` values a row.
@@ -216,46 +214,6 @@ class RoomTables:
         """``[B, K]`` whether the actions so far, at B rows, begin solution *k*."""
         return self._begins.take(self._line.take(row), axis=0)
 
-    def effect(self, choice: IntArray) -> IntArray:
-        """``[B]`` the rows after actions that take effect.
-
-        Args:
-            choice: ``[B]`` what is done where, from :meth:`choice`.
-        """
-        led: IntArray = self._leads.take(choice) >> STATUS_BITS
-        return led
-
-    def choice(self, row: IntArray, action: IntArray) -> IntArray:
-        """``[B]`` index of an action at a row into everything that is ``[R * A]``."""
-        choice = row * self.actions
-        choice += action
-        return choice
-
-    def step(
-        self, choice: IntArray, luck: FloatArray | None = None
-    ) -> tuple[IntArray, NDArray[np.uint8]]:
-        """Take one action in each of B rooms.
-
-        Args:
-            choice: ``[B]`` what is done where, from :meth:`choice`.
-            luck: ``[B]`` uniform numbers in [0, 1), needed where a room leaves something to
-                chance: the action takes effect if its chance is above the number.
-
-        Returns:
-            ``[B]`` the row of each room then, and ``[B]`` its :attr:`status`.
-        """
-        after: IntArray = self._leads.take(choice)
-        status = after.astype(np.uint8)
-        after >>= STATUS_BITS
-        if self.stochastic:
-            if luck is None:
-                raise ValueError("these rooms leave something to chance; pass luck")
-            chance = self.chance.take(choice)
-            fails = np.flatnonzero((luck >= chance) & (chance > 0.0))
-            after[fails] = self.idle.take(choice[fails] // self.actions)
-            status[fails] = self.status.take(after[fails])
-        return after, status
-
 
 # What a room contributes to each array.
 Part = Callable[[RoomTables, int], Any]
@@ -271,22 +229,17 @@ def _of_attempt(tell: Callable[[Attempt], Any]) -> Part:
     return lambda tables, room: tell(tables._attempts[room])
 
 
-def _leads(tables: RoomTables, room: int) -> IntArray:
+def _effect(tables: RoomTables, room: int) -> NDArray[np.int32]:
     attempt = tables._attempts[room]
-    effect = np.where(attempt.over[:, None], 0, attempt.effect)
-    leads = effect << STATUS_BITS | _status(attempt)[effect]
-    leads += tables.start[room] << STATUS_BITS
-    return leads[:, tables.rooms[room].layout.role_actions()].ravel()
+    effect = np.where(attempt.over[:, None], 0, attempt.effect).astype(np.int32)
+    actions = effect[:, tables.rooms[room].layout.role_actions()]
+    waits = np.arange(len(effect), dtype=np.int32)
+    return (np.column_stack([actions, effect[:, -1], waits]) + np.int32(tables.start[room])).ravel()
 
 
 def _chance(tables: RoomTables, room: int) -> FloatArray:
-    chance = tables._attempts[room].chance
-    return chance[:, tables.rooms[room].layout.role_actions()].ravel()
-
-
-def _idle(tables: RoomTables, room: int) -> IntArray:
-    attempt = tables._attempts[room]
-    return np.where(attempt.over, 0, attempt.effect[:, -1]) + tables.start[room]
+    chance = tables._attempts[room].chance[:, tables.rooms[room].layout.role_actions()]
+    return np.pad(chance, ((0, 0), (0, 2))).ravel()
 
 
 def _observation(tables: RoomTables, room: int) -> NDArray[np.int8]:
@@ -295,7 +248,6 @@ def _observation(tables: RoomTables, room: int) -> NDArray[np.int8]:
 
 
 _PARTS: dict[str, Part] = {
-    "idle": _idle,
     "observation": _observation,
     "over": _of_attempt(lambda attempt: attempt.over),
     "used": _of_attempt(lambda attempt: attempt.used),

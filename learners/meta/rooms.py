@@ -16,21 +16,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
 from causal_openlock.experiment.protocol import default_action_limit
+from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.fsm import BoolArray, IntArray
-from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import PAPER_POSITIONS, Layout, action_names
 from causal_openlock.world.schema import Schema
-from causal_openlock.world.tables import ACTIONS_LEFT, UNLOCKED, RoomTables
+from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 
 POSITIONS = len(PAPER_POSITIONS)
-_KEPT = (
-    *("_schema", "_reward", "_listed_at", "_bits", "_trial", "_trials", "_attempt", "_found"),
-    *("_found_count", "_previous", "_row", "life_over"),
-)
+_KEPT = ("_schema", "_listed_at", "_bits", "_trial", "_trials", "life_over")
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,12 @@ class MetaRooms:
         self._tables = tables
         weights = np.array(distribution.weights, dtype=float)
         self._reached = np.cumsum(weights / weights.sum())
-        self._rewards = [RewardTable(find_reward(name), tables) for name in distribution.rewards]
+        self._batch = RoomBatch(
+            tables,
+            [find_reward(name) for name in distribution.rewards],
+            rooms,
+            distribution.attempt_limit,
+        )
         self._forbidden = np.zeros(1 << POSITIONS, dtype=bool)
         for places in distribution.excluded:
             self._forbidden[sum(1 << place for place in places)] = True
@@ -110,18 +113,12 @@ class MetaRooms:
         )
         self._everyone = np.arange(rooms)
         self._schema = np.zeros(rooms, dtype=np.int64)
-        self._reward = np.zeros(rooms, dtype=np.int64)
         # Which listed position stands at each of the room's, and by action.
         self._listed_at = np.zeros((rooms, POSITIONS), dtype=np.int64)
         self._bits = np.zeros((rooms, 2 * POSITIONS + 2), dtype=np.int64)
         self._bits[:, -2:] = 2 * POSITIONS, 2 * POSITIONS + 1
         self._trial = np.ones(rooms, dtype=np.int64)
         self._trials = np.ones(rooms, dtype=np.int64)
-        self._attempt = np.ones(rooms, dtype=np.int64)
-        self._found = np.zeros((rooms, int(tables.solutions.max())), dtype=bool)
-        self._found_count = np.zeros(rooms, dtype=np.int64)
-        self._previous = np.full(rooms, -1, dtype=np.int64)
-        self._row = np.zeros(rooms, dtype=np.int64)
         self._playing = np.ones(rooms, dtype=bool)
         self.life_over = np.zeros(rooms, dtype=bool)
         self.last_solved = np.zeros(rooms, dtype=bool)
@@ -148,10 +145,10 @@ class MetaRooms:
         changes = lives | (generator.random(len(who)) < known.change)
         schema = np.where(changes, np.minimum(drawn, len(self._levers) - 1), self._schema[who])
         length = generator.integers(least, most + 1, len(who))
-        reward = generator.integers(len(self._rewards), size=len(who))
+        reward = generator.integers(len(known.rewards), size=len(who))
         self._schema[who] = schema
         self._trials[who] = np.where(lives, length, self._trials[who])
-        self._reward[who] = np.where(lives, reward, self._reward[who])
+        self._batch.reward[who] = np.where(lives, reward, self._batch.reward[who])
         self._trial[who] = np.where(lives, 1, self._trial[who] + 1)
         places = self._places(self._levers[schema])
         listed_at = np.empty_like(places)
@@ -159,11 +156,7 @@ class MetaRooms:
         self._listed_at[who] = listed_at
         self._bits[who, :POSITIONS] = listed_at
         self._bits[who, POSITIONS : 2 * POSITIONS] = listed_at + POSITIONS
-        self._attempt[who] = 1
-        self._found[who] = False
-        self._found_count[who] = 0
-        self._previous[who] = -1
-        self._row[who] = self._tables.start[self._listed[schema]]
+        self._batch.begin_trials(who, self._listed[schema])
 
     def _places(self, levers: IntArray) -> IntArray:
         """``[n, 7]`` positions for rooms of so many levers, ``[n]``."""
@@ -183,73 +176,62 @@ class MetaRooms:
         return places
 
     def _perceive(self) -> View:
-        tables = self._tables
-        seen = np.take_along_axis(tables.observation.take(self._row, axis=0), self._bits, axis=1)
+        tables, batch = self._tables, self._batch
         return View(
-            observation=seen,
+            observation=self._seen(batch.row),
             console=Console(
-                solutions_left=tables.solutions[self._listed[self._schema]] - self._found_count,
-                solutions_found=self._found_count.copy(),
-                attempts_left=self.distribution.attempt_limit + 1 - self._attempt,
-                actions_left=tables.status.take(self._row) & ACTIONS_LEFT,
+                solutions_left=batch.solutions - batch.found_count,
+                solutions_found=batch.found_count.copy(),
+                attempts_left=self.distribution.attempt_limit + 1 - batch.attempt,
+                actions_left=tables.status.take(batch.row) & ACTIONS_LEFT,
             ),
             trial=self._trial.copy(),
-            attempt=self._attempt.copy(),
+            attempt=batch.attempt.copy(),
             playing=self._playing,
         )
 
+    def _seen(self, row: IntArray) -> NDArray[np.int8]:
+        """What is seen at these rows, with the levers where they stand in each room."""
+        return np.take_along_axis(self._tables.observation.take(row, axis=0), self._bits, axis=1)
+
     def step(self, action: IntArray) -> Step:
         """Take one action, ``[B]``, in each room."""
-        tables, view = self._tables, self.view
-        # The door's bit stands behind all levers, where the actions have the door itself.
+        view = self.view
+        # The door's bit is behind those of all levers, where the actions have the door itself.
         listed = self._bits[self._everyone, np.where(action == 2 * POSITIONS, -2, action)]
-        choice = tables.choice(self._row, listed)
-        luck = self.generator.random(len(action)) if tables.stochastic else None
-        after, status = tables.step(choice, luck)
-        experienced = np.flatnonzero((status >= UNLOCKED) & (self._found_count > 0))
-        history = choice, after, self._previous, self._found, experienced
-        paid = np.stack([reward.pay(*history) for reward in self._rewards])
-        paid = paid[self._reward, self._everyone]
-        outcome = np.take_along_axis(tables.observation.take(after, axis=0), self._bits, axis=1)
-        self._row, self._previous = after, listed
-        attempt_over = status & ACTIONS_LEFT == 0
-        ended = np.flatnonzero(attempt_over)
-        trial_over = np.zeros(len(action), dtype=bool)
-        new = np.zeros(len(action), dtype=bool)
-        if len(ended):
-            self._end_attempts(ended, trial_over, new)
+        luck = self.generator.random(len(action)) if self._tables.stochastic else None
+        taken = self._batch.step(listed, luck)
+        outcome = self._seen(taken.after)
         self.last_schema = self._schema.copy()
-        self.last_solved = self._found_count == tables.solutions[self._listed[self._schema]]
-        self.life_over = trial_over & (self._trial >= self._trials)
-        over = np.flatnonzero(trial_over)
+        self.last_solved = self._batch.found_count == self._batch.solutions
+        self.life_over = taken.trial_over & (self._trial >= self._trials)
+        over = np.flatnonzero(taken.trial_over)
         if len(over):
             self._new_trials(over, self.life_over[over])
         self.view = self._perceive()
-        return Step(view, action, outcome, paid, attempt_over, trial_over, new, self.view)
-
-    def _end_attempts(self, ended: IntArray, trial_over: BoolArray, new: BoolArray) -> None:
-        tables, row = self._tables, self._row[ended]
-        solution = np.where(tables.opened[row], tables.solution[row], -1)
-        is_new = (solution >= 0) & ~self._found[ended, solution]
-        new[ended] = is_new
-        self._found[ended[is_new], solution[is_new]] = True
-        self._found_count[ended] += is_new
-        room = self._listed[self._schema[ended]]
-        trial_over[ended] = (self._attempt[ended] >= self.distribution.attempt_limit) | (
-            self._found_count[ended] == tables.solutions[room]
+        return Step(
+            view=view,
+            action=action,
+            outcome=outcome,
+            reward=taken.reward,
+            attempt_over=taken.attempt_over,
+            trial_over=taken.trial_over,
+            new_solution=taken.new_solution,
+            next=self.view,
         )
-        self._attempt[ended] += 1
-        self._row[ended] = tables.start[room]
-        self._previous[ended] = -1
 
     def state_dict(self) -> dict[str, Any]:
         """Where every room stands, and what draws the next ones."""
-        kept: dict[str, Any] = {name: getattr(self, name).copy() for name in _KEPT}
-        return kept | {"generator": self.generator.bit_generator.state}
+        kept = {name: array.copy() for name, array in self._arrays().items()}
+        return {**kept, "generator": self.generator.bit_generator.state}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        for name in _KEPT:
-            getattr(self, name)[:] = state[name]
+        for name, array in self._arrays().items():
+            array[:] = state[name]
         self.generator.bit_generator.state = state["generator"]
         self.view = self._perceive()
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        own = {name: getattr(self, name) for name in _KEPT}
+        return own | self._batch.arrays()

@@ -8,6 +8,7 @@ import numpy as np
 
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.room import Layout
 from causal_openlock.world.schema import DOOR, Schema
@@ -54,10 +55,15 @@ def pay(
     action: Sequence[int] | np.ndarray,
     previous: Sequence[int] | np.ndarray,
     found: np.ndarray,
+    luck: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The rows after some actions that take effect, and the rewards for them."""
+    """The rows after some actions, which take effect without ``luck``, and the rewards for them."""
     tables = table.tables
-    choice = tables.choice(row, np.asarray(action))
-    after, _ = tables.step(choice, np.zeros(len(choice)))
-    experienced = np.flatnonzero(tables.unlocked[after] & found.any(axis=1))
-    return after, table.pay(choice, after, np.asarray(previous), found, experienced)
+    batch = RoomBatch(tables, [table.reward], len(row), attempt_limit=2, put_back=False)
+    batch.begin_trials(slice(None), tables.room[row])
+    batch.row = row.copy()
+    batch.previous[:] = previous
+    batch.found[:] = found
+    batch.found_count[:] = found.sum(axis=1)
+    taken = batch.step(np.array(action), np.zeros(len(row)) if luck is None else luck)
+    return taken.after, taken.reward

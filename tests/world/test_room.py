@@ -31,6 +31,7 @@ from causal_openlock.world.schema import DOOR, Schema
 from causal_openlock.world.tables import RoomTables
 from support.places import DATA
 from support.strategies import schemas
+from support.table_steps import step
 
 BUNDLED = bundled_schemas()
 BEHAVIOUR = DATA / "behaviour.csv.gz"
@@ -60,7 +61,7 @@ def walk(room: Room, sequences: NDArray[np.int64], limit: int = 3) -> NDArray[np
     row = tables.start[index].repeat(len(sequences))
     seen = [tables.observation[row]]
     for action in sequences.T:
-        row, _ = tables.step(tables.choice(row, action))
+        row = step(tables, row, action)
         seen.append(tables.observation[row])
     return np.stack(seen, axis=1)
 

@@ -16,11 +16,11 @@ from causal_openlock.world.room import Layout, Room
 from causal_openlock.world.schema import DOOR, Gate, Schema
 from causal_openlock.world.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
 from support.strategies import schemas
+from support.table_steps import step
 
 BUNDLED = bundled_schemas()
 Stacked = tuple[Schema, Layout, int]
 PER_ROW = (
-    "idle",
     "observation",
     "over",
     "used",
@@ -65,7 +65,7 @@ def test_rooms_stacked_in_one_go_or_one_by_one_are_the_same_table(rooms: list[St
     at_once, index = stacked(rooms)
     one_by_one = RoomTables(7)
     assert [int(one_by_one.add([room])[0]) for room in rooms] == index.tolist()
-    names = (*PER_ROW, "chance", "room", "start", "solutions", "action_limit", "twin")
+    names = (*PER_ROW, "effect", "chance", "room", "start", "solutions", "action_limit", "twin")
     for name in names:
         assert np.array_equal(getattr(at_once, name), getattr(one_by_one, name)), name
         assert getattr(at_once, name).dtype == getattr(one_by_one, name).dtype
@@ -73,8 +73,6 @@ def test_rooms_stacked_in_one_go_or_one_by_one_are_the_same_table(rooms: list[St
     assert at_once.rows == one_by_one.rows
     everywhere = np.arange(at_once.rows)
     assert np.array_equal(at_once.begins(everywhere), one_by_one.begins(everywhere))
-    everything = np.arange(15 * at_once.rows)
-    assert np.array_equal(at_once.effect(everything), one_by_one.effect(everything))
     assert at_once.nbytes == one_by_one.nbytes
 
 
@@ -87,10 +85,9 @@ def test_a_room_behaves_among_others_as_it_does_alone(rooms: list[Stacked]) -> N
         first, count = tables.start[which], alone.rows
         mine = slice(first, first + count)
         for name in PER_ROW:
-            shift = first if name == "idle" else 0
-            assert np.array_equal(getattr(tables, name)[mine], getattr(alone, name) + shift), name
-        choices = np.arange(first * 15, (first + count) * 15)
-        assert np.array_equal(tables.effect(choices), alone.effect(choices - first * 15) + first)
+            assert np.array_equal(getattr(tables, name)[mine], getattr(alone, name)), name
+        choices = np.arange(first * 17, (first + count) * 17)
+        assert np.array_equal(tables.effect[choices], alone.effect + first)
         if alone.stochastic:
             assert np.array_equal(tables.chance[choices], alone.chance)
         elif tables.stochastic:
@@ -156,7 +153,7 @@ def test_a_room_of_twelve_levers_takes_a_few_megabytes(
     took = []
     for _ in range(3):
         tables.add([(schema, Layout.random(schema, generator, 12), 13)])
-        rewards.table()
+        rewards.fill()
         took.append(tables.nbytes + rewards.nbytes)
     assert tables.rows > 3 * 8192
     assert np.diff(took).max() < megabytes * 1e6
@@ -169,7 +166,7 @@ def test_rooms_that_obey_keep_no_chances() -> None:
     tables, _ = stacked([(BUNDLED["CC4"], Layout((0, 1, 2, 3)), 3)])
     assert len(tables.chance) == 0
     tables.add([(NOISY, Layout((0, 1, 2)), 3)])
-    assert len(tables.chance) == 15 * tables.rows
+    assert len(tables.chance) == 17 * tables.rows
 
 
 @pytest.mark.parametrize(
@@ -212,8 +209,7 @@ def test_stepping_many_rooms_at_once_is_stepping_the_machine_of_each(
         # The same luck for all: what differs is the room.
         luck = generator.random(subjects)
         over = tables.over[row]
-        row, status = tables.step(tables.choice(row, action), luck)
-        assert np.array_equal(status, tables.status[row])
+        row = step(tables, row, action, luck)
         for subject in range(subjects):
             schema, layout, limit = rooms[subject % len(rooms)]
             room = Room.of(schema, layout)
@@ -243,10 +239,10 @@ def test_a_batch_and_a_single_subject_take_the_same_steps() -> None:
     single = [row[subject : subject + 1].copy() for subject in range(3)]
     for _ in range(60):
         action, luck = generator.integers(0, 15, 3), generator.random(3)
-        row, _ = tables.step(tables.choice(row, action), luck)
+        row = step(tables, row, action, luck)
         for subject in range(3):
             me = slice(subject, subject + 1)
-            single[subject], _ = tables.step(tables.choice(single[subject], action[me]), luck[me])
+            single[subject] = step(tables, single[subject], action[me], luck[me])
         assert np.array_equal(row, np.concatenate(single))
 
 
@@ -306,12 +302,12 @@ def test_luck_decides_with_the_stated_probability(
     tables, _ = stacked([(NOISY, Layout((0, 1, 2)), 6)])
     row = np.zeros(1, dtype=np.int64)
     for done in before:
-        row, _ = tables.step(tables.choice(row, np.array([done])), np.zeros(1))
-    choice = tables.choice(row, np.array([action]))
+        row = step(tables, row, np.array([done]), np.zeros(1))
+    choice = row * tables.columns + action
     assert tables.chance[choice] == pytest.approx(chance)
     trials = 4000
     luck = np.random.default_rng(7).random(trials)
-    after, _ = tables.step(choice.repeat(trials), luck)
+    after = step(tables, row.repeat(trials), np.full(trials, action), luck)
     moved = tables.state[after] != tables.state[row]
     assert (tables.used[after] == len(before) + 1).all()
     if chance in (0.0, 1.0):
@@ -320,18 +316,17 @@ def test_luck_decides_with_the_stated_probability(
         assert stats.binomtest(int(moved.sum()), trials, chance).pvalue > 0.001
         assert np.array_equal(moved, luck < tables.chance[choice])
         # A push that fails only costs the action.
-        assert (after[~moved] == tables.idle[row]).all()
+        assert (after[~moved] == tables.effect[row * tables.columns + tables.failed]).all()
 
 
 def test_an_unlocked_door_gives_way_by_chance_and_unlocks_for_sure() -> None:
     tables, _ = stacked([(NOISY, Layout((0, 1, 2)), 6)])
     row = np.zeros(1, dtype=np.int64)
     for done in (0, 2):
-        row, _ = tables.step(tables.choice(row, np.array([done])), np.zeros(1))
+        row = step(tables, row, np.array([done]), np.zeros(1))
     assert tables.unlocked[row].all()
-    door = tables.choice(row, np.array([14]))
-    assert tables.chance[door] == pytest.approx(0.25)
-    after, _ = tables.step(door.repeat(2), np.array([0.24, 0.26]))
+    assert tables.chance[row * tables.columns + 14] == pytest.approx(0.25)
+    after = step(tables, row.repeat(2), np.full(2, 14), np.array([0.24, 0.26]))
     assert tables.opened[after].tolist() == [True, False]
     assert tables.over[after].tolist() == [True, False]
 
@@ -340,12 +335,12 @@ def test_rooms_that_leave_something_to_chance_ask_for_luck_and_others_do_not() -
     certain, _ = stacked([(BUNDLED["CC3"], Layout((0, 1, 2)), 3)])
     row = np.zeros(2, dtype=np.int64)
     assert not certain.stochastic
-    first, _ = certain.step(certain.choice(row, np.array([0, 1])))
+    first = step(certain, row, np.array([0, 1]))
     assert certain.state[first].tolist() == [1, 0]
     certain.add([(NOISY, Layout((0, 1, 2)), 3)])
     assert certain.stochastic
     with pytest.raises(ValueError, match="pass luck"):
-        certain.step(certain.choice(row, np.array([0, 1])))
+        step(certain, row, np.array([0, 1]))
     # Luck is nothing to the rooms that leave nothing to it.
-    worst, _ = certain.step(certain.choice(row, np.array([0, 1])), np.full(2, 1 - 1e-12))
+    worst = step(certain, row, np.array([0, 1]), np.full(2, 1 - 1e-12))
     assert certain.state[worst].tolist() == [1, 0]

@@ -51,7 +51,7 @@ def test_its_rooms_are_as_the_environment_in_the_same_layouts() -> None:
     def beside(room: int) -> OpenLockEnv:
         schema = schemas[rooms.schema[room]]
         places = [rooms.layout[room].tolist().index(lever) for lever in range(len(schema.levers))]
-        reward = REWARDS[rooms._reward[room]]
+        reward = REWARDS[rooms._batch.reward[room]]
         env = OpenLockEnv(schema, Layout(tuple(places)), reward, "trial", attempt_limit=4)
         observation, _ = env.reset(seed=0)
         assert observation.tolist() == rooms.view.observation[room].tolist()

@@ -115,7 +115,7 @@ def _replayed(spec: LearnerSpec, material: Material) -> Trace | None:
         subject=int(first["subject"]),
         seed=int(first["seed"]),
         # A user's own code is not run to read results; learners with beliefs ignore rewards.
-        reward=PAPER_REWARD if spec.reward.heeds_everything else spec.reward,
+        reward=PAPER_REWARD if spec.reward.depends_on_everything else spec.reward,
         label=spec.name,
     )
     return trace if _done(trace) == _recorded(material.record, first) else None

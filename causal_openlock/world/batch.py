@@ -1,0 +1,230 @@
+"""Many rooms in the middle of their trials: what sessions, environments and meta-training step.
+
+An action leads a room to another row of its table and pays a reward. An attempt is over when the
+door is open or no action is left. A trial is over when every solution is found or no attempt is
+left; which trial follows is for the caller to say (:meth:`RoomBatch.begin_trials`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.reward_events import RewardFunction
+from causal_openlock.world.reward_table import IF_FOUND, IF_REPEATED, RewardTable
+from causal_openlock.world.tables import RoomTables
+
+_NO_LUCK: FloatArray = np.zeros(0)
+
+
+class BatchStep(NamedTuple):
+    """What one action in each of B rooms led to.
+
+    Attributes:
+        after: ``[B]`` the row that the action led to.
+        actions_left: ``[B]`` actions left then; where rooms are put back, in the next attempt.
+        reward: ``[B]`` what was paid.
+        attempt_over: ``[B]`` whether the attempt ended.
+        trial_over: ``[B]`` whether the trial ended with it.
+        new_solution: ``[B]`` whether it found a solution for the first time in the trial.
+        attempts: How many attempts ended.
+        trials: How many trials ended.
+        new: How many solutions were new.
+    """
+
+    after: IntArray
+    actions_left: NDArray[np.uint8]
+    reward: FloatArray
+    attempt_over: BoolArray
+    trial_over: BoolArray
+    new_solution: BoolArray
+    attempts: int
+    trials: int
+    new: int
+
+
+class RoomBatch:
+    """B rooms, each somewhere in an attempt and a trial.
+
+    Args:
+        tables: The rooms there are; more can be added at any time.
+        rewards: Reward functions; each room is paid by one of them.
+        size: B.
+        attempt_limit: Attempts in a trial.
+        stop_when_solved: Whether a trial is over once all solutions are found.
+        put_back: Whether a room is put back as soon as its attempt is over; otherwise its next
+            action does nothing else.
+
+    Attributes:
+        room: ``[B]`` index of each room in the tables.
+        row: ``[B]`` where it is; a new array after every step.
+        found: ``[B, K]`` which solutions are found.
+        attempt: ``[B]`` number of the attempt, from 1.
+        found_count: ``[B]`` solutions found.
+        solutions: ``[B]`` solutions that the room has.
+        previous: ``[B]`` the action before in the attempt, -1 for none; only kept up to date if a
+            reward depends on what went before.
+        reward: ``[B]`` index of the reward function.
+
+    Example:
+        >>> from causal_openlock import Layout, find_schema
+        >>> from causal_openlock.world.rewards import find_reward
+        >>> tables = RoomTables(positions=7)
+        >>> rooms = tables.add([(find_schema("CC3"), Layout((0, 1, 2)), 3)])
+        >>> batch = RoomBatch(tables, [find_reward("basic")], size=1, attempt_limit=30)
+        >>> batch.begin_trials([0], rooms)
+        >>> [batch.step(np.array([action])).reward.item() for action in (0, 1, 14)]
+        [0.0, 10.0, 50.0]
+    """
+
+    def __init__(
+        self,
+        tables: RoomTables,
+        rewards: Sequence[RewardFunction],
+        size: int,
+        attempt_limit: int,
+        *,
+        stop_when_solved: bool = True,
+        put_back: bool = True,
+    ) -> None:
+        self.attempt_limit = attempt_limit
+        self.stop_when_solved = stop_when_solved
+        self.put_back = put_back
+        self._functions = tuple(rewards)
+        self._history = any(one.depends_on_found for one in rewards) * IF_FOUND
+        self._history += any(one.depends_on_repeats for one in rewards) * IF_REPEATED
+        self.use(tables)
+        self.room = np.zeros(size, dtype=np.int64)
+        self.row = np.zeros(size, dtype=np.int64)
+        self.found = np.zeros((size, 0), dtype=bool)
+        self._counts = np.zeros((5, size), dtype=np.int64)
+        self.attempt, self.found_count, self.solutions, self.previous, self.reward = self._counts
+        self._judged = np.zeros((2, size), dtype=np.int64)
+
+    def use(self, tables: RoomTables) -> None:
+        """Take rooms from these tables from now on."""
+        self.tables = tables
+        self._rewards = [RewardTable(function, tables) for function in self._functions]
+        self._rooms = 0
+
+    def begin_trials(self, which: IntArray | Sequence[int] | slice, room: IntArray) -> None:
+        """Begin a trial for some of the rooms.
+
+        Args:
+            which: Indices of n of the B rooms.
+            room: ``[n]`` the rooms of the tables in which their trials are.
+        """
+        self._widen()
+        self.room[which] = room
+        self.row = self.row.copy()
+        self.row[which] = self.tables.start[room]
+        self.found[which] = False
+        self.attempt[which] = 1
+        self.found_count[which] = 0
+        self.solutions[which] = self.tables.solutions[room]
+        self.previous[which] = -1
+
+    def _widen(self) -> None:
+        """Make place for as many solutions as the room with the most of them has."""
+        size, known = self.found.shape
+        if (most := int(self.tables.solutions.max(initial=0))) > known:
+            self.found = np.hstack([self.found, np.zeros((size, most - known), dtype=bool)])
+
+    def step(self, action: IntArray, luck: FloatArray | None = None) -> BatchStep:
+        """Take one action in each room.
+
+        Args:
+            action: ``[B]`` actions; ``tables.wait`` leaves a room as it is.
+            luck: ``[B]`` numbers in [0, 1), needed if ``tables.stochastic``: an action takes effect
+                if its chance is above the number.
+        """
+        from causal_openlock.world.kernel import step
+
+        tables, row, size = self.tables, self.row, len(self.row)
+        if tables.stochastic and luck is None:
+            raise ValueError("these rooms leave something to chance; pass luck")
+        if self._rooms < len(tables.rooms):
+            self._take_in_rooms()
+        after = np.empty(size, dtype=np.int64)
+        self.row = np.empty(size, dtype=np.int64) if self.put_back else after
+        actions_left = np.empty(size, dtype=np.uint8)
+        reward = np.empty(size)
+        attempt_over, trial_over, new_solution = (np.zeros(size, dtype=bool) for _ in range(3))
+        attempts, trials, new, judged = step(
+            row,
+            action,
+            _NO_LUCK if luck is None else luck,
+            tables.effect,
+            tables.status,
+            tables.chance,
+            self._paid,
+            self._matters,
+            tables.solution,
+            self._counts,
+            self.found,
+            after,
+            self.row,
+            actions_left,
+            reward,
+            attempt_over,
+            trial_over,
+            new_solution,
+            self._judged,
+            self.attempt_limit,
+            self.stop_when_solved,
+            self.put_back,
+            self._history,
+        )
+        if judged:
+            self._judge(judged, row, action, after, new_solution, reward)
+        return BatchStep(
+            after,
+            actions_left,
+            reward,
+            attempt_over,
+            trial_over,
+            new_solution,
+            attempts,
+            trials,
+            new,
+        )
+
+    def _take_in_rooms(self) -> None:
+        self._widen()
+        for table in self._rewards:
+            table.fill()
+        self._paid, self._matters = (
+            arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
+            for arrays in zip(*[(each.paid, each.matters) for each in self._rewards], strict=True)
+        )
+        self._rooms = len(self.tables.rooms)
+
+    def _judge(
+        self,
+        many: int,
+        row: IntArray,
+        action: IntArray,
+        after: IntArray,
+        new: BoolArray,
+        reward: FloatArray,
+    ) -> None:
+        """Ask the reward functions where what went before matters."""
+        which, repeated = self._judged[:, :many]
+        found = self.found[which]
+        fresh = np.flatnonzero(new[which])
+        found[fresh, self.tables.solution[after[which[fresh]]]] = False  # before this action
+        by = self.reward[which]
+        for index, table in enumerate(self._rewards):
+            own = slice(None) if len(self._rewards) == 1 else np.flatnonzero(by == index)
+            rooms: Any = which[own]
+            reward[rooms] = table.judge(
+                row[rooms], action[rooms], after[rooms], repeated[own] == 1, found[own]
+            )
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Where every room is; for a checkpoint, to be copied from and into."""
+        return {"room": self.room, "row": self.row, "found": self.found, "counts": self._counts}
