@@ -35,11 +35,12 @@ from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, TABLE_BYTES
 from causal_openlock.belief.hypotheses import Space
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
 from causal_openlock.belief.posterior import Belief
-from causal_openlock.belief.prior import Count, Prior, Share
+from causal_openlock.belief.prior import Prior
 from causal_openlock.belief.sampling import DRAWS, LISTED_CAUSES, ROUNDS
 from causal_openlock.belief.structures import behaviour_bytes
 from causal_openlock.belief.thompson import sample_solution
 from causal_openlock.contract.learner import Brief, Step, View
+from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.experiment.expected_cost import Cost
 from causal_openlock.world.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, pick

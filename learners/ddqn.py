@@ -22,6 +22,7 @@ import numpy as np
 from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
+from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
 from learners.networks.checkpointed import Checkpointed
@@ -33,9 +34,6 @@ if TYPE_CHECKING:
 
     from learners.networks.double_q import StackedDoubleQ
     from learners.networks.replay_buffer import PrioritisedReplayBuffer, ReplayBuffer
-
-Share = Annotated[float, Field(ge=0, le=1)]
-Count = Annotated[int, Field(ge=1)]
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ import numpy as np
 from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.errors import LearnerError
 from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams
-from learners.ddqn import Count, Share
 from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
 from learners.networks.perception import Perception

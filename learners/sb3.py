@@ -30,11 +30,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.contract.parameters import Count
 from causal_openlock.contract.probes import GlobalRandomness
 from causal_openlock.errors import LearnerError
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import IntArray
-from learners.ddqn import Count
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")
 OURS = ("policy", "env", "seed", "_init_setup_model")

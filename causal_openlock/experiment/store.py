@@ -394,13 +394,27 @@ class Store:
             made_with.append(versions_of(table, path))
             table = table.replace_schema_metadata(None)
             tables.append(compact(table) if small else table)
+        record = pa.concat_tables(tables)
+        self._check_labels(record, "learner", [spec.name for spec in experiment.learners])
+        self._check_labels(record, "condition", [one.name for one in experiment.conditions])
         missing = tuple(path.stem for path in absent)
-        return pa.concat_tables(tables), replace(
+        return record, replace(
             experiment,
             versions=merged_versions(made_with),
             missing=missing,
             failures=self.failures(missing),
         )
+
+    def _check_labels(self, record: pa.Table, column: str, known: Sequence[str]) -> None:
+        """Refuse cells that are of something else than ``experiment.json`` lists."""
+        if column not in record.column_names:
+            return
+        there = record[column].unique().to_pylist()
+        if strange := sorted(set(map(str, there)) - set(known)):
+            raise StoreError(
+                f"{self.folder} holds cells of the {column} {strange[0]!r}, which its "
+                "experiment.json does not list; give compare another --out"
+            )
 
     def files(self) -> tuple[list[Path], list[Path]]:
         """The files of the cells that are there, in order, and of those that are not.

@@ -1,6 +1,8 @@
 """Schemas as text.
 
-:mod:`~causal_openlock.formats.schema_file` (the project's YAML),
-:mod:`~causal_openlock.formats.graphs` (JSON, GML, DOT, DAGitty, BIF, and pgmpy networks) and
-:mod:`~causal_openlock.formats.dot` (the parser of DOT and DAGitty).
+=============== ===================================================================================
+``schema_file`` YAML in and out, with the line of every fault; schemas by name.
+``graphs``      Node-link JSON, GML, DOT, DAGitty; Bayesian networks of pgmpy.
+``dot``         The text of DOT and DAGitty.
+=============== ===================================================================================
 """

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.errors import ExperimentError, LayoutError
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
@@ -16,7 +17,6 @@ from causal_openlock.wording import nearest
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import PAPER_POSITIONS
-from learners.ddqn import Count, Share
 from learners.meta.random_schemas import random_schemas
 from learners.meta.rooms import Distribution
 from learners.networks.recurrent_policy import Sizes

@@ -274,6 +274,16 @@ def test_a_description_of_another_form_is_a_sentence_or_does_no_harm(
     assert run(*words)[0] in (0, 2)
 
 
+def test_cells_of_what_the_description_does_not_list_are_refused(folder: Path) -> None:
+    def rename(held: dict[str, Any]) -> None:
+        held["conditions"][0]["name"] = "elsewhere"
+
+    forge(folder, rename)
+    status, output = run("report", str(folder))
+    assert status == 2
+    assert "does not list" in output
+
+
 def test_compare_says_once_which_file_runs_before_it_does(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,20 @@
+"""Types of hyper-parameters with the ranges that an experiment file is held to.
+
+>>> from typing import Annotated
+>>> from dataclasses import dataclass
+>>> @dataclass(frozen=True)
+... class Parameters:
+...     lapse: Annotated[Share, "share of actions that are random"] = 0.0
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+Share = Annotated[float, Field(ge=0, le=1)]
+OpenShare = Annotated[float, Field(gt=0, lt=1)]
+"""A share that is neither none nor all."""
+Positive = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
