@@ -1,5 +1,6 @@
-"""The learners that come with causal_openlock.
+"""The learners that come with causal_openlock, a file for each.
 
-Each module holds one learner and its idea. They are found through the entry-point group
-``causal_openlock.learners``, exactly as learners of other packages are.
+They are found through the entry-point group ``causal_openlock.learners``, exactly as learners of
+other packages are. ``networks`` has the networks that deep learners train, ``meta`` the training of
+the network of ``rl2``, and ``checkpoints`` its weights.
 """

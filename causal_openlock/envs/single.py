@@ -280,6 +280,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
     def _end_attempt(
         self, listed: _Listed, after: int, reward: float
     ) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
+        # The rule of world/batch.py, for one room.
         solution = listed.solution[after]
         if solution >= 0 and solution not in self._found:
             self._found.add(solution)

@@ -1,8 +1,8 @@
 """A session: B subjects walk through a condition, and everything they do is recorded.
 
-The session steps all subjects at once, whatever trial each of them is in; it hands a learner what
-a subject perceives and nothing else; it decides what is a new solution, when an attempt and when a
-trial is over, and it keeps the record. It is the only place that knows the latent truth.
+The session steps all subjects at once, whatever trial each of them is in, hands a learner what a
+subject perceives and nothing else, and keeps the record. When attempts and trials end, and which
+solutions are new, is decided by :mod:`causal_openlock.world.batch`.
 
 :meth:`Session.play` runs a learner to the end. :meth:`Session.view` and :meth:`Session.step` are
 the same loop by hand, for a notebook or a person.

@@ -6,4 +6,7 @@
 ``as_minari`` The record as a Minari data set, for offline reinforcement learning.
 ``bundle``    Everything that it takes to run an experiment again, in one file.
 ============= ====================================================================================
+
+``experiment_file`` writes an experiment as YAML again, and ``local_modules`` finds what a learner's
+file imports from beside it.
 """

@@ -2,7 +2,7 @@
 
 =============== ===================================================================================
 ``schema_file`` YAML in and out, with the line of every fault; schemas by name.
-``graphs``      Node-link JSON, GML, DOT, DAGitty; Bayesian networks of pgmpy.
+``graphs``      All formats (``FORMATS``): JSON, GML, DOT, DAGitty, BIF; networks of pgmpy.
 ``dot``         The text of DOT and DAGitty.
 =============== ===================================================================================
 """

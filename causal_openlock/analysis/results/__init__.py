@@ -1,7 +1,7 @@
-"""The results of an experiment as tables of values.
+"""Tables that are computed from a record.
 
 ===================== ===========================================================================
-``reading``           Results folders as one record and its experiment.
+``reading``           The columns that analysis needs; ``experiment.store`` opens the folders.
 ``counting``          The trials of a record and the categories of its attempts.
 ``summary``           Every trial, and the headline, with published results beside them.
 ``scores``            Scores of subjects in each condition, and what training was worth.
