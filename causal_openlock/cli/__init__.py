@@ -1,9 +1,10 @@
 """The command line: ``causal-openlock``.
 
 Each command is one file, a few lines over the library; to add one, write a module here and register
-it below. ``options``, ``terminal``, ``progress``, ``stopping``, ``encoding`` and ``one_trial`` serve
-them all, and ``report_difference`` is part of ``report``. A mistake of the user is one sentence on
-standard error, with exit status 2; everything heavy is loaded only by the command that needs it.
+it below. ``options``, ``terminal``, ``progress``, ``stopping``, ``encoding`` and ``one_trial``
+serve them all, and ``report_difference`` is part of ``report``. A mistake of the user is one
+sentence on standard error, with exit status 2; everything heavy is loaded only by the command that
+needs it.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ Each person walks through a condition in a
 (:mod:`~causal_openlock.play.game`), so that what they see, what they may do and what is recorded is
 what it is for a learner; schema, layout and solutions never leave the server. Every accepted click
 is on file before it is answered (:mod:`~causal_openlock.play.log`), and a restarted server
-reads that file and continues where the last one stopped (:mod:`~causal_openlock.play.people`). Reaction times are kept
-beside the record (:mod:`~causal_openlock.play.reactions`); the page itself is in ``static/``.
+reads that file and continues where the last one stopped (:mod:`~causal_openlock.play.people`).
+Reaction times are kept beside the record (:mod:`~causal_openlock.play.reactions`); the page itself
+is in ``static/``.
 """
