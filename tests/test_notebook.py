@@ -192,7 +192,7 @@ def test_a_learner_shows_its_parameters_and_those_that_were_changed_bold() -> No
     assert rows["lapse"] == ("0.25", "share of actions that are random")
     assert rows["policy"][0] == "solve_and_learn"
     assert bold(html) == ["0.25"]
-    assert "Plays by a belief about the causal structure of the room." in page.text
+    assert "Acts on a posterior over the causal structure of the room." in page.text
 
 
 def test_a_learner_for_one_subject_shows_itself(tmp_path: Any, monkeypatch: Any) -> None:

@@ -310,7 +310,10 @@ def ordered(names: Iterable[str], first: Sequence[str] = PAPER_CONDITIONS) -> tu
     ('CC4', 'CE4', 'mine')
     """
     have = set(names)
-    return (*(name for name in first if name in have), *sorted(have.difference(first)))
+    return (
+        *(name for name in dict.fromkeys(first) if name in have),
+        *sorted(have.difference(first)),
+    )
 
 
 def _starts(columns: Iterable[NDArray[Any]]) -> IntArray:

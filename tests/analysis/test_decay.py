@@ -138,7 +138,7 @@ def test_expected_random_actions_are_those_of_the_learner(
             step = Led()
             step.attempt_over = np.array([action % limit == 0])  # type: ignore[attr-defined]
             step.trial_over = np.array([action == attempts * limit])  # type: ignore[attr-defined]
-            learner._cool_down(step)  # type: ignore[arg-type]
+            learner._decay_epsilon(step)  # type: ignore[arg-type]
         sums.append(explored)
     assert random_actions(vars(parameters), attempts, limit) == pytest.approx(tuple(sums))
 

@@ -25,7 +25,6 @@ from causal_openlock.analysis.results.scores import (
 from causal_openlock.analysis.results.summary import headline_table, judged
 from causal_openlock.wording import file_names
 from support.fabricated_records import table, trial_rows
-from support.made_up_experiments import NOBODY
 from support.paper_play import material, play, same, scattered
 
 
@@ -139,7 +138,14 @@ def test_the_section_shows_people_first_and_says_who_is_helped(played: Material)
 
 def test_published_scores_stand_beside_nobody_who_did_something_else(played: Material) -> None:
     section = transfer.section(
-        Material(played.record, NOBODY, played.trials, played.learners, frozenset(), {})
+        Material(
+            played.record,
+            played.experiment,
+            played.trials,
+            played.learners,
+            frozenset(),
+            {},
+        )
     )
     assert section is not None
     assert section.tables[0].frame["learner"].tolist() == ["good", "never", "always"]

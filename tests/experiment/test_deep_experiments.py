@@ -110,7 +110,7 @@ def test_reward_study_has_every_reward_and_the_papers_combinations(
     full = "authors_2018_negative_immovable_partial_action_seq_solution_multiplier"
     assert ladders - {full} <= played
     assert "authors_2018" in played  # the same ladder by its short name
-    terms = [reward_terms(one) for one in rewards_of(experiment.as_dict()).values()]
+    terms = [reward_terms(one) for one in rewards_of(experiment).values()]
     assert BEST_OF_PAPER in terms
     assert BEST_OF_PAPER | {"unique_solutions"} in terms
     assert actions(experiment.learners[0], experiment.conditions[0]) == 9_000
@@ -119,7 +119,7 @@ def test_reward_study_has_every_reward_and_the_papers_combinations(
 def test_exploration_decay_has_peoples_decays_in_every_way(
     experiments: dict[str, Experiment],
 ) -> None:
-    found = schedules(experiments["exploration_decay"].as_dict())
+    found = schedules(experiments["exploration_decay"])
     ways = set(found[["decay", "shrinks_with"]].itertuples(index=False, name=None))
     for decay in (0.548, 0.743):
         assert {(decay, way) for way in ("action", "attempt", "trial")} <= ways

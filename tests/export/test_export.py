@@ -272,13 +272,13 @@ def test_a_data_set_has_its_name_once_it_is_whole(
     left = tmp_path / ".data-out-trial-v0.unfinished" / "data"
     left.mkdir(parents=True)
     (left / "main_data.hdf5").write_text("of an export that was killed")
-    there, about = [], as_minari._about
+    there, environment = [], as_minari._environment
 
     def looking(*told: Any) -> Any:
         there.append([path.name for path in tmp_path.iterdir() if path.name[0] != "."])
-        return about(*told)
+        return environment(*told)
 
-    monkeypatch.setattr(as_minari, "_about", looking)
+    monkeypatch.setattr(as_minari, "_environment", looking)
     folder, _ = write_minari(store, tmp_path, learners=["oracle"])
     assert there == [[]]
     assert list(tmp_path.iterdir()) == [folder]

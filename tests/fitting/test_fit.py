@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from pydantic import Field
 
+from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.results.people.human_likeness import (
     POINT,
     distance,
@@ -57,6 +58,7 @@ from causal_openlock.testing import LearnerContract
 from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams
 from learners.oracle import Oracle
+from support.command import EVERY_KIND
 
 ME = "test_fit:Careless"
 
@@ -321,7 +323,8 @@ def test_a_candidate_without_its_parameters_is_refused(tmp_path, chosen):
 # -- what comes of it -----------------------------------------------------------------------------
 
 
-def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path):
+def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(style, "KINDS", EVERY_KIND)
     fitted, trials = fit(plan(candidates=2), tmp_path)
     found = fitted_learner(fitted, trials)
     files = write_fitted_learner(fitted, found, tmp_path)

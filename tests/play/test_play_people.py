@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.play.people import OutOfTurn, TooManyPeople, UnknownPerson
 from causal_openlock.play.person import LEARNER
 from causal_openlock.play.reactions import read_reactions
+from support.made_up_experiments import NOBODY, condition_called, spec
 from support.play_clients import people, solving, walk_through
 
 HUMAN = PROTOCOLS["human"]
@@ -352,11 +354,12 @@ def test_a_report_shows_a_person_beside_learners(tmp_path: Path) -> None:
 def test_results_that_contradict_each_other_stand_in_no_report(tmp_path: Path) -> None:
     table = pa.table({"learner": ["a"]})
 
-    def result(learner: str, condition: dict[str, Any]) -> Any:
-        said = {"learners": [{"name": learner}], "conditions": [condition], "versions": {}}
-        return table, said
+    def result(learner: str, condition: Condition) -> Any:
+        known = {"learners": (spec(learner),), "conditions": (condition,)}
+        return table, replace(NOBODY, **known)
 
-    one, other = {"name": "CC4", "train": []}, {"name": "CC4", "train": [1]}
+    one = condition_called("CC4")
+    other = replace(one, train=one.train[:0], test=one.train)
     assert beside([result("a", one), result("b", one)])[0].num_rows == 2
     with pytest.raises(StoreError, match="learner a"):
         beside([result("a", one), result("a", one)])

@@ -287,9 +287,8 @@ def test_results_are_told_apart_by_the_code_and_read_without_it(
 def test_code_that_has_changed_since_is_not_taken_for_what_it_was() -> None:
     reward = replace(own_reward(f"{__name__}:eager"), source="test_own_rewards.py 0123456789abcdef")
     condition = Condition.named("CC3", find_schema)
-    session = Session(condition, PROTOCOLS["human"], 1, reward=reward)
     with pytest.raises(RewardError, match=r"was test_own_rewards.py 0123.* and is .*bring back"):
-        session.play(create("random"))
+        Session(condition, PROTOCOLS["human"], 1, reward=reward)
 
 
 def test_weights_and_functions_are_played_in_a_comparison(tmp_path: Path) -> None:
