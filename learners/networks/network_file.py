@@ -33,8 +33,8 @@ BUNDLED = Path(__file__).parents[1] / "checkpoints" / "rl2.npz"
 """The checkpoint that comes with the package."""
 
 
-class About(StrictModel, extra="allow"):
-    """The description in a file: what is needed to make the network, and anything else."""
+class About(StrictModel, extra="ignore"):
+    """What is needed of the description in a file to make its network; there may be more."""
 
     format: Literal[1]
     sizes: Sizes
