@@ -77,8 +77,9 @@ def origin(name: str) -> str:
 
 
 def is_ours(name: str) -> bool:
-    """Whether a learner comes with the toolkit, by its registered name or ``module:Class``."""
-    return origin(name).startswith("causal-openlock ")
+    """Whether a registered learner comes with the toolkit; ``module:Class`` never counts."""
+    entry = registry().get(name)
+    return entry is not None and entry.dist is not None and entry.dist.name == "causal-openlock"
 
 
 def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:

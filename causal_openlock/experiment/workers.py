@@ -70,14 +70,12 @@ class Processes:
         if process.is_spent or (alone and process.has_worked):
             process.close()
             process = _Process()
-        process.has_worked, process.is_spent = True, alone
         try:
-            future = process.pool.submit(job, *arguments)
+            future = process.submit(job, *arguments, alone=alone)
         except BrokenExecutor:  # it died while it was idle
             process.close()
             process = _Process()
-            process.has_worked, process.is_spent = True, alone
-            future = process.pool.submit(job, *arguments)
+            future = process.submit(job, *arguments, alone=alone)
         self._busy[future] = process
         return future
 
@@ -127,12 +125,15 @@ class _Process:
     has_worked = is_spent = False
 
     def __init__(self) -> None:
-        # Fresh processes: a forked torch or Arrow may hang.
-        context = multiprocessing.get_context("spawn")
-        self.pool = ProcessPoolExecutor(1, mp_context=context, initializer=start_alone)
+        self.pool = _spawning_pool(1, start_alone)
         others = set(multiprocessing.active_children())
         self._hello = self.pool.submit(os.getpid)
         self._started = _new(others)  # more than one if another thread starts processes, too
+
+    def submit(self, job: Callable[..., Result], *arguments: Any, alone: bool) -> Future[Result]:
+        """Have it do a job, and no other one after a job that is done alone."""
+        self.has_worked, self.is_spent = True, alone
+        return self.pool.submit(job, *arguments)
 
     @property
     def process(self) -> BaseProcess:
@@ -217,8 +218,7 @@ def crew(executor: Executor | None, workers: int) -> Iterator[Crew]:
 def worker_pool(workers: int) -> Iterator[Executor]:
     """A pool of so many processes of this machine with one thread each."""
     with _one_thread():
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=start_worker)
+        pool = _spawning_pool(workers, start_worker)
         others = set(multiprocessing.active_children())
         try:
             yield pool
@@ -228,6 +228,12 @@ def worker_pool(workers: int) -> Iterator[Executor]:
                 worker.terminate()
             raise
         pool.shutdown()
+
+
+def _spawning_pool(workers: int, initializer: Callable[[], None]) -> ProcessPoolExecutor:
+    # Fresh processes: a forked torch or Arrow may hang.
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=initializer)
 
 
 @contextmanager

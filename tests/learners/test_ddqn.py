@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -18,7 +17,7 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.world.room import Layout
 from learners.ddqn import DDQN, DDQNParameters
-from support.checkpoints import same
+from support.checkpoints import kept_and_resumed, same
 from support.plain_ddqn import PlainDDQN, distance, plain_network
 
 CC3 = find_schema("CC3")
@@ -311,20 +310,7 @@ def test_a_checkpoint_resumed_gives_the_same_weights(prioritised: bool) -> None:
     protocol = replace(HUMAN, attempt_limit=12, stop_when_solved=False)
     sessions = [Session(one_room(), protocol, 3) for _ in range(2)]
     first, second = (DDQN(settings) for _ in sessions)
-    first.begin(sessions[0].brief)
-    second.begin(sessions[1].brief)
-    for _ in range(30):
-        action = first.act(sessions[0].view)
-        first.learn(sessions[0].step(action))
-        sessions[1].step(action)
-    kept = first.state_dict()
-    untouched = copy.deepcopy(kept)
-    second.load_state_dict(kept)
-    for learner, session in ((first, sessions[0]), (second, sessions[1])):
-        while not session.over:
-            learner.learn(session.step(learner.act(session.view)))
-    assert same(first.state_dict(), second.state_dict())
-    assert same(kept, untouched)
+    kept = kept_and_resumed(first, second, sessions, steps=30)
     assert not same(kept, first.state_dict())
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +20,7 @@ from learners.networks.perception import Perception
 from learners.networks.recurrent_q import RecurrentDoubleQ, StackedRecurrentNetwork
 from learners.networks.sequence_buffer import Sequences
 from learners.recurrent import Recurrent, RecurrentParameters
-from support.checkpoints import same
+from support.checkpoints import kept_and_resumed, same
 from support.plain_recurrent import PlainNetwork, PlainRecurrent
 
 CC3 = find_schema("CC3")
@@ -360,20 +359,8 @@ def test_a_subject_that_has_finished_learns_no_more() -> None:
 def test_a_checkpoint_resumed_gives_the_same_weights(cell: Any) -> None:
     sessions = [Session(one_room(), PROTOCOL, 3) for _ in range(2)]
     first, second = (Recurrent(replace(SMALL, cell=cell)) for _ in sessions)
-    first.begin(sessions[0].brief)
-    second.begin(sessions[1].brief)
-    for _ in range(29):  # in the midst of an attempt, between two gradient steps
-        action = first.act(sessions[0].view)
-        first.learn(sessions[0].step(action))
-        sessions[1].step(action)
-    kept = first.state_dict()
-    untouched = copy.deepcopy(kept)
-    second.load_state_dict(kept)
-    for learner, session in ((first, sessions[0]), (second, sessions[1])):
-        while not session.over:
-            learner.learn(session.step(learner.act(session.view)))
-    assert same(first.state_dict(), second.state_dict())
-    assert same(kept, untouched)
+    # In the midst of an attempt, between two gradient steps.
+    kept = kept_and_resumed(first, second, sessions, steps=29)
     assert not same(kept["q"], first.state_dict()["q"])
 
 
