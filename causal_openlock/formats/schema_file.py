@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -258,6 +259,8 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
     collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
     for folder in [*folders, *collections]:
         if _is_file(folder / f"{text}.yaml"):
+            if folder == collections[-1]:
+                return _bundled_schema(text)
             return read_schema(folder / f"{text}.yaml")
     known = {path.stem for folder in collections for path in folder.glob("*.yaml")}
     raise OpenLockError(
@@ -272,14 +275,17 @@ def _is_file(path: Path) -> bool:
         return False
 
 
+@cache
+def _bundled_schema(name: str) -> Schema:
+    return read_schema(bundled("schemas") / f"{name}.yaml")
+
+
 def bundled_schemas() -> dict[str, Schema]:
     """The schemas that come with the package by name, the paper's four first."""
     names = sorted(path.stem for path in bundled("schemas").glob("*.yaml"))
     paper = ["CC3", "CE3", "CC4", "CE4"]
-    return {
-        name: read_schema(bundled("schemas") / f"{name}.yaml")
-        for name in [*paper, *(name for name in names if name not in paper)]
-    }
+    ordered = [*paper, *(name for name in names if name not in paper)]
+    return {name: _bundled_schema(name) for name in ordered}
 
 
 def json_schema() -> dict[str, Any]:

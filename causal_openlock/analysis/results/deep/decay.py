@@ -102,7 +102,7 @@ def _least_squares(form: str, values: Sequence[float] | FloatArray, with_offset:
 
     low, high = _SEARCHED[0], _BELOW_ONE if with_offset else _SEARCHED[1]
     grid = np.linspace(low, high, 300)
-    best = int(np.argmin([fit(float(decay)).error for decay in grid]))
+    best = int(np.argmin(_squared_errors(known, grid[:, None] ** trial, with_offset)))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
     nearest = minimize_scalar(
         lambda decay: fit(float(decay)).error,
@@ -111,6 +111,14 @@ def _least_squares(form: str, values: Sequence[float] | FloatArray, with_offset:
         options={"xatol": 1e-9},
     )
     return fit(float(nearest.x))
+
+
+def _squared_errors(known: FloatArray, curves: FloatArray, with_offset: bool) -> FloatArray:
+    """Of the best multiple of each curve, plus the best offset: simple linear regressions."""
+    if with_offset:
+        known, curves = known - known.mean(), curves - curves.mean(axis=1, keepdims=True)
+    scales = curves @ known / (curves**2).sum(axis=1)
+    return ((known - scales[:, None] * curves) ** 2).sum(axis=1)
 
 
 def _error(values: FloatArray, scale: float, decay: float, offset: float) -> float:
