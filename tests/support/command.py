@@ -1,7 +1,8 @@
 """The command line in this process, without the seconds that a process of its own takes to start.
 
-Workers are not started either: cells are played here, and figures are drawn as SVG alone, which is
-what a page shows. That workers and files of other kinds are as they should be is tested elsewhere.
+Workers are not started either: cells are played here, and figures are made but not drawn, which is
+half of the time of a report. That workers and files of figures are as they should be is tested
+elsewhere.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from causal_openlock.experiment.workers import Given
 EVERY_KIND = style.KINDS
 """The kinds of file in which the program draws figures, besides SVG."""
 
+NOT_DRAWN = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 432 216"></svg>'
+
 
 class AtOnce(Executor):
     """Plays cells where it is asked to, which is faster than to start processes for a few."""
@@ -46,14 +49,15 @@ def _at_once(executor: Executor | None, workers: int) -> Iterator[Given]:
 
 
 def play_here(patches: pytest.MonkeyPatch) -> None:
-    """Have cells played in this process, and figures drawn once."""
+    """Have cells played in this process."""
     patches.setattr(runner, "crew", _at_once)
-    draw_once(patches)
 
 
-def draw_once(patches: pytest.MonkeyPatch) -> None:
-    """Have figures drawn as SVG alone."""
+def draw_nothing(patches: pytest.MonkeyPatch) -> None:
+    """Have an empty picture saved in place of each figure."""
     patches.setattr(style, "KINDS", ())
+    patches.setattr(style, "_settle", lambda figure: None)
+    patches.setattr(style, "image", lambda figure, kind: NOT_DRAWN)
 
 
 @contextlib.contextmanager
@@ -89,16 +93,19 @@ def at_once(
         words: What follows ``causal-openlock``.
         cwd: Where; by default here.
         workers: Whether processes are started to play in.
-        figures: Whether figures are drawn as files of every kind.
+        figures: Whether figures are drawn, as files of every kind.
     """
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patches:
         patches.setattr(sys, "argv", ["causal-openlock", *map(str, words)])
         if cwd is not None:
             patches.chdir(cwd)
-        (draw_once if workers else play_here)(patches)
+        if not workers:
+            play_here(patches)
         if figures:
             patches.setattr(style, "KINDS", EVERY_KIND)
+        else:
+            draw_nothing(patches)
         try:
             with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
                 main()
