@@ -18,8 +18,7 @@ from itertools import chain, repeat
 
 from causal_openlock.physics.geometry import DOOR_SWING, Point, along, wrap
 from causal_openlock.physics.kinematics import Angles, reaching
-from causal_openlock.physics.levers import Lever
-from causal_openlock.physics.world import STEP, Pose, World
+from causal_openlock.physics.world import STEP, Lever, Pose, World
 
 BUDGET = 600
 """Steps that a movement may take. It takes about 120, and 250 at most."""
@@ -111,7 +110,7 @@ class Controller:
     def _move_lever(self, lever: Lever, place: int, goal: float) -> None:
         self._face(lever.track.start)
         began, was_pushed = lever.displacement, lever.pushed
-        self._reach(self._geometry.touching(place, began))
+        self._reach(self._geometry.at_lever(place, began))
         self._arm.grip(lever.body)
         way = (goal - began) * lever.track.travel
         if abs(goal - began) <= SEATED:  # it is there already: press against its stop

@@ -38,8 +38,6 @@ def geometry(positions: int) -> dict[str, Any]:
     :mod:`causal_openlock.physics.geometry`.
     """
     room, facts = RoomGeometry.of(positions), room_facts()
-    x, y = facts["button"]["centre"]
-    button = [x + facts["door"]["hinge"][0] * (room.stretch - 1), y]
     return {
         "names": [_spoken(name) for name in position_names(positions)],
         "tracks": [
@@ -61,7 +59,7 @@ def geometry(positions: int) -> dict[str, Any]:
             "swing": DOOR_SWING,
             "handle": HANDLE,
         },
-        "button": {"centre": button, "side": facts["button"]["side"]},
+        "button": {"centre": room.button, "side": facts["button"]["side"]},
     }
 
 

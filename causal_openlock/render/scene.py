@@ -206,10 +206,8 @@ def resting(positions: int) -> tuple[Point, ...]:
 
 def button(positions: int, pressed: bool = False) -> Shape:
     """The green button beside the door's hinge, darker while it is pressed."""
-    facts = room_facts()
-    x, y = facts["button"]["centre"]
-    x += RoomGeometry.of(positions).hinge[0] - facts["door"]["hinge"][0]
-    half = facts["button"]["side"] / 2
+    x, y = RoomGeometry.of(positions).button
+    half = room_facts()["button"]["side"] / 2
     return Shape(x, y, half, half, 0.0, 0.0, colour("button_pressed" if pressed else "button"))
 
 
