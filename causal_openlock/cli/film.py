@@ -52,8 +52,9 @@ def film(
     """Show a trial: the arm carries out what a learner did, with the console beside the room."""
     from causal_openlock.cli.terminal import Console, say
     from causal_openlock.errors import OpenLockError
-    from causal_openlock.render.film import STILLS, check_suffix, save_film
+    from causal_openlock.render.film import check_suffix, save_film
     from causal_openlock.render.filmed_trial import play_trial, recorded_trial
+    from causal_openlock.render.room import STILLS
     from causal_openlock.wording import counted
 
     path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))

@@ -32,8 +32,7 @@ def room(
     from causal_openlock.cli.terminal import say
     from causal_openlock.errors import LayoutError
     from causal_openlock.formats.schema_file import find_schema
-    from causal_openlock.render.film import save_still
-    from causal_openlock.render.stills import look_after
+    from causal_openlock.render.room import look_after, save_still
     from causal_openlock.wording import nearest
     from causal_openlock.world.room import (
         Layout,

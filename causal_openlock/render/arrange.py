@@ -21,6 +21,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from causal_openlock.world.schema import DOOR, Schema
 
@@ -166,20 +167,10 @@ def _upright(
                 pull = near[place] or [(place, 1.0)]
                 weights.append(sum(weight for _, weight in pull))
                 wish.append(sum(x[to] * weight for to, weight in pull) / weights[-1])
-            rising = _rising(np.array(wish) - offset, weights)
+            # The nearest places in the same order, at least their least distances apart.
+            rising = isotonic_regression(np.array(wish) - offset, weights=np.array(weights)).x
             x |= dict(zip(places, (rising + offset).tolist(), strict=True))
     return x
-
-
-def _rising(wish: Points, weights: Sequence[float]) -> Points:
-    """The sequence nearest to ``wish`` that never falls: runs that would fall get their mean."""
-    runs: list[tuple[float, float, int]] = []
-    for value, weight in zip(wish.tolist(), weights, strict=True):
-        runs.append((value, weight, 1))
-        while len(runs) > 1 and runs[-2][0] > runs[-1][0]:
-            (a, v, n), (b, w, m) = runs[-2:]
-            runs[-2:] = [((a * v + b * w) / (v + w), v + w, n + m)]
-    return np.repeat([mean for mean, _, _ in runs], [count for _, _, count in runs])
 
 
 # -- edges ----------------------------------------------------------------------------------------

@@ -1,24 +1,31 @@
-"""A room as it is perceived: a picture after the paper's Figure 2a, or a few lines of text.
+"""A room as a picture after the paper's Figure 2a, as a picture file, or as a few lines of text.
 
-Both show one observation and nothing else: which levers are pushed, which are grey, whether the
-door is locked, whether it is open. The arm is drawn at rest.
+The picture and the text of an observation show nothing else: which levers are pushed, which are
+grey, whether the door is locked, whether it is open. The arm is drawn at rest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from causal_openlock.render.panel import draw
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.atomic import replacing, write_text
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.physics.world import Pose
+from causal_openlock.render.panel import Panel, draw
 from causal_openlock.render.raster import Bytes
 from causal_openlock.render.scene import Look, bits_of
-from causal_openlock.world.room import position_coordinates
+from causal_openlock.render.svg import room_svg
+from causal_openlock.wording import nearest
+from causal_openlock.world.room import Room, position_coordinates
 
-if TYPE_CHECKING:
-    from causal_openlock.render.panel import Panel
+STILLS = (".png", ".svg")
 
 
 def draw_room(
@@ -48,7 +55,46 @@ def draw_room(
     return draw(Look.of_observation(observation, positions), size, panel)
 
 
-# -- text -----------------------------------------------------------------------------------------
+def look_after(room: Room, actions: Sequence[int] = (), part: float = 1.0) -> Look:
+    """What a room looks like after actions that the arm carries out from the start of an attempt.
+
+    Args:
+        room: The room; nothing is left to chance in it.
+        actions: The actions.
+        part: How much of the last movement is done, 0 to 1.
+    """
+    physical = PhysicalRoom(room.fsm, room.layout)
+    pose, pressed = physical.pose(), False
+    for action in actions:
+        poses: list[Pose] = [physical.pose()]
+        physical.watch = poses.append
+        physical.act(action)
+        pose = poses[round((len(poses) - 1) * part)]
+        pressed = part < 1.0 and action == 2 * room.positions
+    return Look.of_pose(pose, room.active.tolist(), pressed)
+
+
+def save_still(
+    look: Look, path: Path | str, size: int = 600, panel: Panel | None = None, title: str = ""
+) -> None:
+    """Write a picture of a room, PNG or SVG by the suffix; the file is replaced in one step.
+
+    Raises:
+        OpenLockError: If the suffix is another or the file cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in STILLS:
+        raise OpenLockError(
+            f"{path}: a picture of a room cannot be saved as {suffix!r}; {nearest(suffix, STILLS)}"
+        )
+    if suffix == ".svg":
+        write_text(path, room_svg(look, panel, title or "An OpenLock room"))
+        return
+    from PIL import Image
+
+    with replacing(path) as file:
+        Image.fromarray(draw(look, size, panel)).save(file, "png")
 
 
 def room_text(observation: ArrayLike, positions: int = 7) -> str:
