@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from causal_openlock.cli.options import Workers
+from causal_openlock.cli.progress import resumable
+from causal_openlock.errors import LearnerError, StoreError
+from causal_openlock.files.atomic import PARTIAL
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from causal_openlock.cli.terminal import Console
+    from causal_openlock.cli.console import Console
     from causal_openlock.fitting.outcome import FittedLearner
     from causal_openlock.fitting.study import Fit, Plan
 
@@ -55,10 +58,8 @@ def fit(
     ] = None,
 ) -> None:
     """Search a learner's parameters for the best likeness to people; goes on where it was."""
-    from causal_openlock.cli.stopping import resumable
-    from causal_openlock.cli.terminal import Console
+    from causal_openlock.cli.console import Console
     from causal_openlock.contract.registry import learner_class
-    from causal_openlock.errors import LearnerError
     from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.objective import conditions_to_fit
     from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
@@ -89,8 +90,6 @@ def fit(
 
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
-    from causal_openlock.errors import StoreError
-    from causal_openlock.files.atomic import PARTIAL
     from causal_openlock.fitting.study import FILE
 
     for place in (folder, *folder.parents):
@@ -154,7 +153,7 @@ def _fit(plan: Plan, folder: Path, workers: int, console: Console) -> tuple[Fit,
 def print_fit(fitted: Fit, found: FittedLearner, console: Console) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from causal_openlock.analysis.plots.points import CLEAR, signs
-    from causal_openlock.cli.terminal import plain_table
+    from causal_openlock.cli.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.outcome import entry
 
