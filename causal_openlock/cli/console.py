@@ -48,12 +48,7 @@ class Console(RichConsole):
 
 
 def plain_table(*heads: str, left: int = 1) -> Table:
-    """An empty table without lines.
-
-    Args:
-        heads: The heads of its columns.
-        left: How many of them, from the first on, are aligned left; the others are aligned right.
-    """
+    """An empty table without lines; columns are aligned right, but for the first ``left``."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     for number, head in enumerate(heads):
         table.add_column(head, justify="left" if number < left else "right", no_wrap=True)

@@ -75,13 +75,7 @@ class Hanging:
 
 
 class Lines:
-    """Progress of a comparison in lines of text.
-
-    Args:
-        name: Name of the comparison.
-        say: Writes a line.
-        clock: Returns the time in seconds.
-    """
+    """Progress of a comparison in lines of text."""
 
     def __init__(
         self, name: str, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic

@@ -60,13 +60,7 @@ def report(
 
 
 def report_store(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
-    """Write the report of a results folder, and print its headline.
-
-    Args:
-        store: The folder.
-        console: Where to print.
-        others: Folders whose learners or people the report shows as well.
-    """
+    """Write the report of a results folder, perhaps beside others, and print its headline."""
     from causal_openlock.analysis.report.missing import missing_cells
     from causal_openlock.analysis.report.sections import columns_of
     from causal_openlock.analysis.report.writing import make_report
@@ -151,14 +145,7 @@ def _number(attempts: float) -> str:
 
 
 def report_difference(first: Path, second: Path, out: Path, console: Console) -> None:
-    """Compare two results folders: a page, and the same on the terminal.
-
-    Args:
-        first: What ``compare`` wrote to.
-        second: Another such folder.
-        out: The folder to write the page to.
-        console: Where to print.
-    """
+    """Compare two results folders: a page in a folder, and the same on the terminal."""
     from causal_openlock.analysis.report.difference_page import (
         sentence_on_changes,
         sentence_on_noise,

@@ -130,11 +130,7 @@ def write_minari(
 
 
 def require_minari() -> None:
-    """Make sure that data sets can be written.
-
-    Raises:
-        OpenLockError: If a package is not installed.
-    """
+    """Make sure that the packages that write data sets are installed."""
     missing = [name for name in ("minari", "h5py") if importlib.util.find_spec(name) is None]
     if missing:
         raise OpenLockError(
@@ -207,13 +203,7 @@ def _buffer(steps: Steps, which: slice, terminated: bool, put_back: bool) -> dic
 
 
 def why_no_environment(store: Store, episodes: str, learners: Sequence[str] = ()) -> str | None:
-    """Why ``recover_environment()`` of a data set does not work; ``None`` if it does.
-
-    Args:
-        store: The results folder that it is made from.
-        episodes: ``trial`` or ``attempt``.
-        learners: Labels of the learners that are in it; by default all.
-    """
+    """Why ``recover_environment()`` of a data set of these learners does not work, or ``None``."""
     specs = _chosen(store.experiment().learners, learners, "learner")
     going_on = [name for name, one in specs.items() if not one.protocol.stop_when_solved]
     if episodes == "trial" and going_on:

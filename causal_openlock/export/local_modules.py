@@ -33,11 +33,9 @@ class LocalModules:
 
 
 def local_modules(module: str, beside: Iterable[Path] = ()) -> LocalModules:
-    """The files of a module and of all that it imports from beside it.
+    """The files of a module, which is not imported, and of all that it imports from beside it.
 
-    Args:
-        module: Its name; it is not imported.
-        beside: Folders in which it is looked for after all others.
+    The folders ``beside`` are searched after all others.
 
     Raises:
         OpenLockError: If it has no source file, or a file that it imports is no Python.

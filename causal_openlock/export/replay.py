@@ -55,13 +55,7 @@ class Steps:
 def replay(
     record: pa.Table, condition: Condition, protocol: Protocol, reward: RewardFunction
 ) -> Steps:
-    """Carry out the attempts of a record once more.
-
-    Args:
-        record: Attempts in one condition under one protocol, sorted by subject and time.
-        condition: The condition.
-        protocol: The protocol.
-        reward: What each action pays.
+    """Carry out the attempts of a record of one condition, sorted by subject and time, once more.
 
     Raises:
         StoreError: If something else comes of it than is on record.

@@ -72,13 +72,10 @@ class OutOfTimeError(Exception):
 class Controller:
     """Moves the arm of a world.
 
-    Args:
-        world: The world.
-        changed: Called when a lever has passed the middle of its track.
-
     Attributes:
         budget: Steps that a movement may take.
         watch: Called with the pose after every step, if it is set.
+        changed: Called when a lever has passed the middle of its track.
     """
 
     def __init__(self, world: World, changed: Callable[[], None] = lambda: None) -> None:
@@ -87,7 +84,7 @@ class Controller:
         self.budget = BUDGET
         self._arm = world.arm
         self._geometry = world.geometry
-        self._changed = changed
+        self.changed = changed
         self._last_step = 0
 
     def carry_out(self, action: int) -> Movement:
@@ -123,7 +120,7 @@ class Controller:
             if lever.pushed != was_pushed:
                 was_pushed = not was_pushed
                 lever.latch()
-                self._changed()
+                self.changed()
             if abs(goal - now) <= SEATED and number >= len(path):
                 break
             if lever.locked and number >= STALL and abs(now - began) < MOVED:

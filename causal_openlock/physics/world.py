@@ -234,12 +234,8 @@ class Pose:
 class World:
     """A room's bodies: the arm in the posture in which it begins, all levers pulled, all locked.
 
-    Args:
-        geometry: Where everything is.
-        active: Positions of the levers that can move.
-
     Attributes:
-        levers: The lever at each position.
+        levers: The lever at each position; only the active ones can move.
         indicator: Whether the door is shown as locked.
         steps: Steps simulated so far.
     """

@@ -191,13 +191,7 @@ class People:
             return self._take(person, {})
 
     def act(self, name: str, turn: int, action: int, reaction: int | None) -> Answer:
-        """Carry out a person's action.
-
-        Args:
-            name: The session id.
-            turn: The turn that the action is meant for.
-            action: Its index.
-            reaction: Milliseconds that the person took, if the page sends them.
+        """Carry out a person's action, after so many milliseconds if the page sends them.
 
         Raises:
             UnknownPerson: If there is no such session.
@@ -288,11 +282,9 @@ class People:
         self._log.sync()
 
     def keep(self, pause: float = 0.0, ended_only: bool = False) -> None:
-        """Write the record of every person who has acted since theirs was last written.
+        """Write the record of every person who has acted, or ended a trial, since the last time.
 
-        Args:
-            pause: Seconds to wait after each person, so that clicks are answered in between.
-            ended_only: Whether to leave out people who have ended no trial since then.
+        After each person it pauses some seconds, so that clicks are answered in between.
 
         Raises:
             StoreError: If it cannot be written; the log still has everything.

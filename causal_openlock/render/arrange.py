@@ -203,13 +203,7 @@ def distance_to_node(drawing: Arrangement, node: str, points: Points) -> float:
 
 
 def _curve(drawing: Arrangement, path: Sequence[Place], steepest: float) -> Points:
-    """A smooth line through the places of a path, nowhere flatter at its ends than allowed.
-
-    Args:
-        drawing: Where the places are.
-        path: A cause, slots, an effect.
-        steepest: Largest angle to the vertical at which the line may leave or reach a place.
-    """
+    """A smooth line through the places of a path, at most so steep to the vertical at its ends."""
     at = [drawing.centre[place] for place in path]
 
     def lean(start: Points, end: Points) -> float:

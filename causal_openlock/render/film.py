@@ -55,14 +55,7 @@ class Shot:
 def shots(
     trial: FilmedTrial, fps: int = 25, speed: float = 1.0, attempts: int | None = None
 ) -> Iterator[Shot]:
-    """A trial as a film.
-
-    Args:
-        trial: What was played.
-        fps: Frames per second.
-        speed: How many times faster than one unit of simulated time per second.
-        attempts: How many attempts to show at most; ``None`` shows all.
-    """
+    """A trial as a film; ``speed`` is in units of simulated time per second."""
     shown = trial.attempts[:attempts]
     room = trial.room
     console = _Console(trial, room)

@@ -170,16 +170,7 @@ def font(pixels: int, bold: bool) -> Any:
 
 
 def draw(look: Look, size: int, panel: Panel | None = None) -> Bytes:
-    """A picture of a room, the console beside it if there is one to show.
-
-    Args:
-        look: The room.
-        size: Height of the picture in pixels.
-        panel: The console.
-
-    Returns:
-        ``[size, width, 3]`` red, green, blue; a new array each time.
-    """
+    """A new ``[size, width, 3]`` picture of a room, with the console beside it if there is one."""
     room = draw_room(look, size)
     return room if panel is None else np.hstack([room, panel_picture(panel, size)])
 

@@ -44,15 +44,7 @@ THINNEST = 0.8
 
 
 def draw_room(look: Look, size: int) -> Bytes:
-    """A picture of a room.
-
-    Args:
-        look: The room.
-        size: Height of the picture in pixels.
-
-    Returns:
-        ``[size, width, 3]`` red, green, blue; a new array each time.
-    """
+    """A new ``[size, width, 3]`` picture of a room, ``size`` pixels high: red, green, blue."""
     positions, shown = look.positions, frame(look.positions, size)
     picture = _empty_room(positions, size, look.pressed).copy()
     flat = picture.reshape(-1, 3)

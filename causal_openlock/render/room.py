@@ -56,12 +56,9 @@ def draw_room(
 
 
 def look_after(room: Room, actions: Sequence[int] = (), part: float = 1.0) -> Look:
-    """What a room looks like after actions that the arm carries out from the start of an attempt.
+    """What a room looks like after actions from the start of an attempt, none of which fails.
 
-    Args:
-        room: The room; nothing is left to chance in it.
-        actions: The actions.
-        part: How much of the last movement is done, 0 to 1.
+    Of the last movement only a ``part`` is carried out, 0 to 1.
     """
     physical = PhysicalRoom(room.fsm, room.layout)
     pose, pressed = physical.pose(), False
@@ -98,44 +95,28 @@ def save_still(
 
 
 def room_text(observation: ArrayLike, positions: int = 7) -> str:
-    """A room in a few lines of plain text, each lever where it stands.
+    """A room in a few lines of plain text, each lever where it stands; arguments as for a picture.
 
     A lever is its position's index and its bar: ``3[#]`` is grey and pushed, ``3[ ]`` grey and
     pulled; inactive levers have round brackets. The door is on the right.
-
-    Args:
-        observation: As in :func:`draw_room`.
-        positions: P, 7 to 12.
-
-    Raises:
-        ValueError: If the observation has another length.
     """
     bits = bits_of(observation, positions)
-    canvas: dict[tuple[int, int], str] = {}
-
-    def write(row: int, column: int, text: str) -> None:
-        canvas.update({(row, column + offset): letter for offset, letter in enumerate(text)})
-
-    for place, (column, row) in enumerate(_text_cells(positions)):
+    cells = _text_cells(positions)
+    right = max(column for column, _ in cells) + 8
+    canvas = [[" "] * (right + 40) for _ in range(max(row for _, row in cells) + 1)]
+    for place, (column, row) in enumerate(cells):
         pushed, grey = bits[place], bits[positions + place]
         mark = "#" if pushed else " "
-        write(row, column, f"{place:2}" + (f"[{mark}]" if grey else f"({mark})"))
-    rows = [row for row, _ in canvas]
-    middle = (min(rows) + max(rows)) // 2
-    right = max(column for _, column in canvas) + 4
+        canvas[row][column : column + 5] = f"{place:2}" + (f"[{mark}]" if grey else f"({mark})")
     lock = "locked" if bits[-2] else "unlocked"
-    shape = (
+    door = (
         ("o__", "   ", f"    door open, {lock}")
         if bits[-1]
         else ("o", "|", f"|  door closed, {lock}")
     )
-    for offset, text in enumerate(shape):
-        write(middle - 1 + offset, right, text)
-    lines = []
-    for row in range(min(rows), max(rows) + 1):
-        columns = [column for at, column in canvas if at == row]
-        width = max(columns, default=-1) + 1
-        lines.append("".join(canvas.get((row, column), " ") for column in range(width)).rstrip())
+    for row, text in enumerate(door, (len(canvas) - 1) // 2 - 1):
+        canvas[row][right : right + len(text)] = text
+    lines = ["".join(letters).rstrip() for letters in canvas]
     legend = "[ ] grey  ( ) inactive  # pushed"
     return "\n".join([*lines, legend]) + "\n"
 

@@ -58,11 +58,7 @@ class Frame(NamedTuple):
 
 @cache
 def frame(positions: int, size: int) -> Frame:
-    """What a picture of a room shows.
-
-    Args:
-        positions: P, 7 to 12.
-        size: Height of the picture in pixels; it is about a quarter wider.
+    """What a picture of a room shows, ``size`` pixels high and about a quarter wider.
 
     Raises:
         LayoutError: If no room has so many positions.
@@ -151,12 +147,8 @@ class Look:
     def of_observation(cls, observation: ArrayLike, positions: int) -> Look:
         """A symbolic room: nothing is between two states, and the arm is at rest.
 
-        Args:
-            observation: ``[2P + 2]`` bits: levers pushed, levers grey, door locked, door open.
-            positions: P.
-
         Raises:
-            ValueError: If the observation has another length.
+            ValueError: If the observation does not have ``2P + 2`` bits.
         """
         bits = bits_of(observation, positions)
         return cls(

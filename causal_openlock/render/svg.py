@@ -21,13 +21,7 @@ INCHES = 3.3
 
 
 def room_svg(look: Look, panel: Panel | None = None, title: str = "An OpenLock room") -> str:
-    """A room as an SVG file.
-
-    Args:
-        look: The room.
-        panel: The console to show beside it, if any.
-        title: What the picture is, for those who cannot see it.
-    """
+    """A room as an SVG file, a console beside it if there is one; the title is its description."""
     shown = frame(look.positions, UNIT)
     high = UNIT * UNIT / shown.scale  # of the room, in the SVG's units
     wide = high * shown.width / shown.height

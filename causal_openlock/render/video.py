@@ -31,13 +31,7 @@ LONGEST = 0xFFFF
 
 
 def write_gif(file: BinaryIO, pictures: Iterable[tuple[Bytes, int]], fps: int) -> None:
-    """Write a film that repeats for ever.
-
-    Args:
-        file: What to write to.
-        pictures: Pictures, each with the number of frames for which it is shown.
-        fps: Frames per second.
-    """
+    """Write a film of pictures, each with its number of frames; it repeats for ever."""
     shown: Image.Image | None = None
     part, corner = Image.new("P", (1, 1)), (0, 0)
     frames = written = 0
@@ -109,12 +103,7 @@ def load_ffmpeg() -> Any:
 
 
 def write_mp4(file: BinaryIO, pictures: Iterable[tuple[Bytes, int]], fps: int) -> None:
-    """Write a film.
-
-    Args:
-        file: What to write to, once the film is whole.
-        pictures: Pictures, each with the number of frames for which it is shown.
-        fps: Frames per second.
+    """Write a film of pictures, each with its number of frames.
 
     Raises:
         OpenLockError: If ffmpeg does not make it.
