@@ -184,11 +184,7 @@ class People:
 
     def proceed(self, name: str, turn: int) -> Answer:
         """Let a person leave the practice room; refused as :meth:`act` is."""
-        person = self._find(name)
-        with person.lock:
-            if turn != person.game.turn or person.game.stage != "practice":
-                raise OutOfTurn(person.game.view())
-            return self._take(person, {})
+        return self._turn(name, turn, {})
 
     def act(self, name: str, turn: int, action: int, reaction: int | None) -> Answer:
         """Carry out a person's action, after so many milliseconds if the page sends them.
@@ -198,17 +194,17 @@ class People:
             OutOfTurn: If this is not the turn, there is no such action, or the person has finished.
             StoreError: If it cannot be written to the log; nothing has changed then.
         """
+        return self._turn(name, turn, {"action": action, "reaction": reaction})
+
+    def _turn(self, name: str, turn: int, what: LogEntry) -> Answer:
         person = self._find(name)
         with person.lock:
             game = person.game
-            if turn != game.turn or not game.can_act or not 0 <= action < game.actions:
+            if turn != game.turn or not game.allows(what.get("action")):
                 raise OutOfTurn(game.view())
-            return self._take(person, {"action": action, "reaction": reaction})
-
-    def _take(self, person: _Person, what: LogEntry) -> Answer:
-        entry = {"of": person.number, "turn": person.game.turn, "at": self._clock(), **what}
-        self._log.append(entry)  # first it is on file, then it is done, then it is answered
-        return person.take(entry)
+            entry = {"of": person.number, "turn": turn, "at": self._clock(), **what}
+            self._log.append(entry)  # first it is on file, then it is done, then it is answered
+            return person.take(entry)
 
     def _find(self, name: str) -> _Person:
         person = self._people.get(_key(name))
@@ -255,11 +251,7 @@ class People:
             game = self._order[entry["of"]].game
             if entry["turn"] != game.turn:
                 raise self._log.fault(number, "a turn is missing before this one")
-            if "action" in entry:
-                possible = game.can_act and entry["action"] < game.actions
-            else:
-                possible = game.stage == "practice"
-            if not possible:
+            if not game.allows(entry.get("action")):
                 raise self._log.fault(number, "this was not possible then")
             self._order[entry["of"]].take(entry)
         self._log.entries = []

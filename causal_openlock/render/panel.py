@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from causal_openlock.render.raster import Bytes, draw_room, paint
+from causal_openlock.render.raster import Bytes, paint, room_pixels
 from causal_openlock.render.scene import Colour, Frame, Look, Shape, rod
 
 WIDTH, HEIGHT = 5.1, 7.6
@@ -171,7 +171,7 @@ def font(pixels: int, bold: bool) -> Any:
 
 def draw(look: Look, size: int, panel: Panel | None = None) -> Bytes:
     """A new ``[size, width, 3]`` picture of a room, with the console beside it if there is one."""
-    room = draw_room(look, size)
+    room = room_pixels(look, size)
     return room if panel is None else np.hstack([room, panel_picture(panel, size)])
 
 

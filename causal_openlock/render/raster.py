@@ -43,7 +43,7 @@ THINNEST = 0.8
 """The least width of an outline, in pixels."""
 
 
-def draw_room(look: Look, size: int) -> Bytes:
+def room_pixels(look: Look, size: int) -> Bytes:
     """A new ``[size, width, 3]`` picture of a room, ``size`` pixels high: red, green, blue."""
     positions, shown = look.positions, frame(look.positions, size)
     picture = _empty_room(positions, size, look.pressed).copy()
