@@ -13,11 +13,9 @@ from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.files.atomic import PARTIAL
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from causal_openlock.cli.console import Console
     from causal_openlock.fitting.outcome import FittedLearner
-    from causal_openlock.fitting.study import Fit, Plan
+    from causal_openlock.fitting.study import Fit
 
 
 def fit(
@@ -58,6 +56,8 @@ def fit(
     ] = None,
 ) -> None:
     """Search a learner's parameters for the best likeness to people; goes on where it was."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
     from causal_openlock.cli.console import Console
     from causal_openlock.contract.registry import learner_class
     from causal_openlock.experiment.workers import available_cores
@@ -65,6 +65,7 @@ def fit(
     from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
     from causal_openlock.fitting.search import bundled_search, changed, read_search
     from causal_openlock.fitting.study import Plan, require_optuna
+    from causal_openlock.fitting.study import fit as run
 
     require_optuna()
     learner_class(learner)  # fails at once if there is none
@@ -79,8 +80,22 @@ def fit(
     conditions_to_fit(hold_out)  # fails at once if there is no such way
     plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed)
     console = Console()
-    with resumable():
-        fitted, trials = _fit(plan, folder, workers or available_cores(), console)
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("candidates"),
+        TimeElapsedColumn(),
+        console=console,
+    )
+    with resumable(), bar:
+        task = bar.add_task("searching", total=plan.candidates)
+
+        def report(done: int, total: int, what: str) -> None:
+            bar.update(task, completed=done, total=total, description=what)
+
+        cores = workers or available_cores()
+        fitted, trials = run(plan, folder, workers=cores, report=report)
     found = fitted_learner(fitted, trials)
     files = write_fitted_learner(fitted, found, folder)
     print_fit(fitted, found, console)
@@ -125,29 +140,6 @@ def _nothing_searched(learner: str) -> str:
         f"nothing is searched, as {learner} has no search space of its own; give one with --space, "
         f"or ranges such as --search {name}={low:g}:{high:g}"
     )
-
-
-def _fit(plan: Plan, folder: Path, workers: int, console: Console) -> tuple[Fit, pd.DataFrame]:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeElapsedColumn as Elapsed
-
-    from causal_openlock.fitting.study import fit as run
-
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("candidates"),
-        Elapsed(),
-        console=console,
-    )
-    with bar:
-        task = bar.add_task("searching", total=plan.candidates)
-
-        def report(done: int, total: int, what: str) -> None:
-            bar.update(task, completed=done, total=total, description=what)
-
-        return run(plan, folder, workers=workers, report=report)
 
 
 def print_fit(fitted: Fit, found: FittedLearner, console: Console) -> None:
