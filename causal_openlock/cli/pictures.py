@@ -26,7 +26,7 @@ from causal_openlock.wording import counted, nearest
 def room(
     schema: Annotated[str, typer.Argument(help="Name of a schema, or path of a file.")],
     layout: Annotated[
-        str | None, typer.Option(help="Where its levers stand, such as trial7.")
+        str | None, typer.Option(help="The layout of its levers, such as trial7.")
     ] = None,
     after: Annotated[
         list[str] | None,

@@ -198,7 +198,7 @@ _GUIDE = """\
 #   levers  the active levers; a lever that no edge leads to moves freely
 #   edges   cause: [effects]; the effect `door` is the door. Where a push does not always take
 #           effect, write L0: {L1: {strength: 0.8}}
-#   gates   how a node combines its causes: any (if nothing is said), all, {at_least: 2}
+#   gates   how a node combines its causes: any (the default), all, {at_least: 2}
 #   inert   levers that move but lead nowhere
 """
 

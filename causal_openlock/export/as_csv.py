@@ -2,7 +2,7 @@
 
 One line for each attempt, with the columns of
 :func:`causal_openlock.experiment.record.record_schema`. What an attempt has several of, its actions
-and whether each moved something, stands in one cell, separated by spaces: ``0 1 14`` and ``1 1 0``.
+and whether each moved something, is in one cell, separated by spaces: ``0 1 14`` and ``1 1 0``.
 A name that a spreadsheet would take for a formula has an apostrophe in front. The file is written
 cell by cell, so that a long record needs no more memory than a short one.
 """

@@ -77,10 +77,10 @@ def write_minari(
             )
     positions = {name: max(map(positions_for, one.schemas)) for name, one in played.items()}
     if len(set(positions.values())) > 1:
-        said = ", ".join(f"{name} {number}" for name, number in positions.items())
+        numbers = ", ".join(f"{name} {number}" for name, number in positions.items())
         raise OpenLockError(
-            f"rooms of one data set have equally many positions, and these have not ({said}); "
-            "choose some of them with --condition"
+            f"all rooms of a data set need the same number of positions, and these differ "
+            f"({numbers}); choose some of them with --condition"
         )
     (width,) = set(positions.values())
     label = f"{re.sub(r'[^A-Za-z0-9_-]+', '-', experiment.name)}-{episodes}-v0"

@@ -1,8 +1,8 @@
 """The modules that a learner's file imports: those beside it, which have to go where it goes.
 
 Imports are read from the source and not carried out: those inside functions are found as well, and
-nothing runs. What a module loads in another way (``importlib``, a file that it opens) cannot be
-told. A file counts if it is Python, and if it is in the folder that the module is imported from,
+nothing runs. What a module loads in another way (``importlib``, a file that it opens) is not
+found. A file counts if it is Python, and if it is in the folder that the module is imported from,
 also where a link leads to it.
 """
 

@@ -171,7 +171,7 @@ class Controller:
                 return
 
     def _follow(self, path: Path) -> Iterator[Angles]:
-        """Follow a path and hold the arm at its end; tell where it is after each step.
+        """Follow a path and hold the arm at its end; yields its joint angles after each step.
 
         Raises:
             OutOfTimeError: When the budget of the movement is spent.

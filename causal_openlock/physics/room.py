@@ -32,7 +32,7 @@ class PhysicalRoom:
 
     Args:
         fsm: The machine that locks and unlocks.
-        layout: Where the levers stand.
+        layout: The positions of the levers.
 
     Attributes:
         geometry: Where everything is.

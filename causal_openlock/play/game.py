@@ -28,7 +28,7 @@ EXPERIMENT = "people"
 PRACTICE = Schema("practice", ["L0"], {"L0": ["door"]})
 """One free lever unlocks the door: enough to learn what a click does, and no more."""
 PRACTICE_PLACE = 2
-"""Where the only grey lever of the practice room stands."""
+"""Position of the only grey lever of the practice room."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ def geometry(positions: int) -> dict[str, Any]:
     """
     room, facts = RoomGeometry.of(positions), room_facts()
     return {
-        "names": [_spoken(name) for name in position_names(positions)],
+        "names": [_in_words(name) for name in position_names(positions)],
         "tracks": [
             {"start": track.start, "outward": track.outward, "travel": track.travel}
             for track in room.tracks
@@ -63,8 +63,8 @@ def geometry(positions: int) -> dict[str, Any]:
     }
 
 
-def _spoken(name: str) -> str:
-    """``UPPERRIGHT`` as it is said: ``upper right``."""
+def _in_words(name: str) -> str:
+    """``UPPERRIGHT`` in words: ``upper right``."""
     for start in ("UPPER", "LOWER"):
         if name.startswith(start) and name != start:
             return f"{start} {name.removeprefix(start)}".lower()

@@ -15,8 +15,8 @@ A session id travels as ``Authorization: Bearer ID``, which no other site's page
 is), 400 requests that the page never makes. None of these changes anything.
 
 Starlette routes the requests and uvicorn speaks HTTP; the work for a request is done in a thread,
-so that nobody waits while another person's click is written. The server listens on loopback unless
-told otherwise, and then refuses requests under another name than this machine's own: those of a
+so that nobody waits while another person's click is written. By default the server listens on
+loopback, and then refuses requests under another name than this machine's own: those of a
 foreign page whose host name was made to point here. Behind a reverse proxy it also accepts the
 address that people use, which it has to be given.
 """

@@ -106,7 +106,7 @@ def arrange(schema: Schema) -> Arrangement:
 def _with_few_crossings(
     rows: list[list[Place]], links: Sequence[tuple[Place, Place]]
 ) -> list[list[Place]]:
-    """Order each row by where its neighbours stand, sweep by sweep; the best order seen is kept."""
+    """Order each row by the mean place of its neighbours, in sweeps, and keep the best order."""
     above: dict[Any, list[Any]] = {place: [] for places in rows for place in places}
     below: dict[Any, list[Any]] = {place: [] for place in above}
     for cause, effect in links:
@@ -177,7 +177,7 @@ def _upright(
 
 
 def _route(drawing: Arrangement, paths: Paths) -> bool:
-    """Draw every edge as straight as it can be; tell whether all of them keep clear of nodes."""
+    """Draw every edge as straight as possible; whether all of them keep clear of nodes."""
     clear = True
     for edge, path in paths.items():
         for steepest in (60.0, 45.0, 30.0, 15.0, 0.0):
@@ -250,7 +250,7 @@ def _place_labels(schema: Schema, drawing: Arrangement, paths: Paths) -> None:
     for edge, points in drawing.edges.items():
         if schema.graph.edges[edge]["strength"] == 1.0:
             continue
-        # Only where the edge is on its own does a label tell which edge is meant.
+        # A label is clear only where no other edge runs along.
         pieces = [i for i, link in enumerate(pairwise(paths[edge])) if used[link] == 1]
         candidates = [
             points[i * (PIECE - 1) + at] for i in pieces for at in (11, 9, 13, 7, 15, 5, 17)

@@ -1,7 +1,7 @@
 """A film of a trial: the physical room carries out what was done, the console beside it.
 
 A film is a sequence of *shots*. While the arm moves there is one for each frame; before and after a
-movement the film stands still for a while, which is one shot of several frames. The record says
+movement the film pauses, which is one shot of several frames. The record says
 what was done and what came of it; the bodies show how.
 """
 
@@ -27,7 +27,7 @@ from causal_openlock.world.room import Room, action_names, published_layouts
 
 FILMS = (".gif", ".mp4")
 BEFORE, AFTER, BETWEEN, END = 0.6, 0.5, 1.0, 2.5
-"""Seconds for which the film stands still: before an attempt, after an action, after the last
+"""Seconds for which the film pauses: before an attempt, after an action, after the last
 action of an attempt, at the end."""
 
 

@@ -58,7 +58,7 @@ class FilmedTrial:
         trial: Number of the trial in the whole condition, from 1.
         trials: How many trials the condition has.
         schema: The schema of the room.
-        layout: Where its levers stand.
+        layout: The positions of its levers.
         attempts: The attempts.
     """
 

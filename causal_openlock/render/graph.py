@@ -146,7 +146,7 @@ def _draw_nodes(ax: Axes, schema: Schema, drawing: Arrangement, points: float) -
         gate = _gate_mark(schema, node)
         text: Any = {"ha": "center", "zorder": 4, "color": "0.35" if inert else "black"}
         size = (0.235 if node == DOOR else 0.28) * points
-        # Set by the baseline, so that names with and without descenders stand alike.
+        # Set by the baseline, so that names with and without descenders are level.
         ax.text(x, y - 0.095 + (0.09 if gate else 0), node, fontsize=size, va="baseline", **text)
         if gate:
             style = {"fontsize": 0.185 * points, "style": "italic", "va": "baseline"}

@@ -63,11 +63,11 @@ class ShownAction:
 
 @dataclass(frozen=True)
 class Panel:
-    """What stands beside a room.
+    """What is shown beside a room.
 
     Attributes:
         solutions: For each solution how it was found, such as ``LEFT, UPPER, door``; empty for
-            each that is not found yet. ``None`` for found ones of which nothing is to be said.
+            each that is not found yet. ``None`` for found ones without a description.
         attempts_left: Attempts left in the trial, the present one included; ``None`` once it is
             solved and over.
         actions_left: Actions left in the attempt.

@@ -1,12 +1,12 @@
 """Shapes as pixels, smooth at any size.
 
-How much of a pixel a shape covers is told by the pixel's distance to the shape's border, which for
+How much of a pixel a shape covers follows from its distance to the shape's border, which for
 a bar with rounded corners is a short formula. So nothing is drawn larger and shrunk, and a shape
 costs as much as the pixels around it.
 
 Most of a picture is the same as in the one before. A lever, the door and the lock change pixels of
 their own, so what each of them changes is painted once for each state and kept; a picture is a copy
-of the empty room with a few of these pieces on top. An arm that is not at rest lies above them and
+of the empty room with a few of these pieces on top. An arm that is not at rest is above them and
 is painted anew.
 """
 
@@ -38,7 +38,7 @@ Bytes = NDArray[np.uint8]
 Piece = tuple[NDArray[np.int32], Bytes]
 
 STEPS = 256
-"""How finely the places of levers and the door are told apart: parts of a track, or of a radian."""
+"""Resolution of the places of levers and the door: parts of a track, or of a radian."""
 THINNEST = 0.8
 """The least width of an outline, in pixels."""
 

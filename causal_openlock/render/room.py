@@ -33,7 +33,7 @@ def draw_room(
 ) -> Bytes:
     """A picture of a room.
 
-    A lever's bar lies across its track. Pulled, it rests on the end toward the arm; pushed, it has
+    A lever's bar is across its track. Pulled, it rests on the end toward the arm; pushed, it has
     slid to the outer end. Active levers are grey, inactive ones light. A closed door is a vertical
     bar on the right, with a black circle at its lower end while it is locked; an open one has
     swung outward.
@@ -95,7 +95,7 @@ def save_still(
 
 
 def room_text(observation: ArrayLike, positions: int = 7) -> str:
-    """A room in a few lines of plain text, each lever where it stands; arguments as for a picture.
+    """A room in a few lines of plain text, each lever in its place; arguments as for a picture.
 
     A lever is its position's index and its bar: ``3[#]`` is grey and pushed, ``3[ ]`` grey and
     pulled; inactive levers have round brackets. The door is on the right.

@@ -82,7 +82,7 @@ class Shape(NamedTuple):
         angle: Direction of its length, in radians.
         corner: Radius of its corners.
         fill: Its colour.
-        line: Width of its black outline, which lies half inside and half outside; 0 for none.
+        line: Width of its black outline, half inside and half outside; 0 for none.
     """
 
     x: float

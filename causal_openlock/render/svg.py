@@ -17,7 +17,7 @@ from causal_openlock.world.room import position_names
 UNIT = 100
 """Units of the SVG's own coordinates in an arm link."""
 INCHES = 3.3
-"""How high the figure is where nothing else is said."""
+"""Height of the figure."""
 
 
 def room_svg(look: Look, panel: Panel | None = None, title: str = "An OpenLock room") -> str:

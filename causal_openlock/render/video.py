@@ -134,7 +134,7 @@ def write_mp4(file: BinaryIO, pictures: Iterable[tuple[Bytes, int]], fps: int) -
                     film.send(even.tobytes())
                 frames += many
             film.close()
-            # imageio-ffmpeg does not tell whether ffmpeg has succeeded; the film does.
+            # imageio-ffmpeg does not report whether ffmpeg succeeded; the film shows it.
             if ffmpeg.count_frames_and_secs(path)[0] != frames:
                 raise RuntimeError
         except (OSError, RuntimeError) as error:
