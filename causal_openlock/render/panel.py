@@ -27,16 +27,7 @@ MOST_SOLUTIONS = 5
 
 
 class Label(NamedTuple):
-    """A line of text.
-
-    Attributes:
-        x: Where it begins.
-        y: Its baseline.
-        text: What it says.
-        height: Height of the type.
-        colour: Its colour.
-        bold: Whether it is bold.
-    """
+    """A line of text; it begins at ``x``, its baseline is ``y``, and its type is so high."""
 
     x: float
     y: float

@@ -75,10 +75,8 @@ class Shape(NamedTuple):
     """A bar, perhaps turned and rounded; lengths in arm links, y up.
 
     Attributes:
-        x: Of its centre.
-        y: Of its centre.
-        length: Half of it.
-        width: Half of it.
+        x, y: Its centre.
+        length, width: Half of its length and of its width.
         angle: Direction of its length, in radians.
         corner: Radius of its corners.
         fill: Its colour.
