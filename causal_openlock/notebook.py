@@ -2,7 +2,7 @@
 
 IPython keeps formatters by the name of a type and loads nothing for them, so nothing else in the
 package knows about display: importing :mod:`causal_openlock` where IPython runs registers what
-stands here (:func:`register_formatters`). A record is an Arrow table; other tables stay as they
+is here (:func:`register_formatters`). A record is an Arrow table; other tables stay as they
 are. Everything shown is one piece of HTML: pictures are inline SVG, nothing is loaded from
 elsewhere.
 """
@@ -41,21 +41,21 @@ def schema_html(schema: Schema) -> str:
     lines = [escape(" ".join([*levers, "door"])) for levers in solutions[:MOST_SOLUTIONS]]
     if len(solutions) > MOST_SOLUTIONS:
         lines.append(f"and {len(solutions) - MOST_SOLUTIONS} more")
-    said = f"{counted(len(solutions), 'solution')}:<br>" + "<br>".join(lines)
+    listed = f"{counted(len(solutions), 'solution')}:<br>" + "<br>".join(lines)
     title = schema.name if schema.title == schema.name else f"{schema.name}: {schema.title}"
-    return _card(title, _schema_svg(schema), f"<div>{said}</div>")
+    return _card(title, _schema_svg(schema), f"<div>{listed}</div>")
 
 
 def room_html(room: Room) -> str:
-    """A room at the start of an attempt, and which lever stands where."""
+    """A room at the start of an attempt, and the position of each lever."""
     from causal_openlock.render.scene import Look
     from causal_openlock.render.svg import room_svg
 
     title = f"{room.schema.name} in {room.layout.name}"
     look = Look.of_observation(room.observation[0], room.positions)
     places = room.layout.as_mapping(room.schema).items()
-    said = ", ".join(f"{lever} {place}" for lever, place in places)
-    return _card(title, _inline(room_svg(look, title=title)), f"<div>{escape(said)}</div>")
+    listed = ", ".join(f"{lever} {place}" for lever, place in places)
+    return _card(title, _inline(room_svg(look, title=title)), f"<div>{escape(listed)}</div>")
 
 
 def record_html(record: pa.Table) -> str | None:
@@ -116,9 +116,9 @@ def experiment_html(experiment: Experiment) -> str:
     ]
     names = ", ".join(condition.name for condition in experiment.conditions)
     cells = counted(len([*experiment.cells()]), "cell")
-    said = f"conditions {names}; seed {experiment.seed}; {cells}"
+    summary = f"conditions {names}; seed {experiment.seed}; {cells}"
     title = experiment.title or experiment.name
-    return _card(title, _table(heads, rows), f"<div>{escape(said)}</div>")
+    return _card(title, _table(heads, rows), f"<div>{escape(summary)}</div>")
 
 
 def _changed(entry: LearnerSpec) -> dict[str, Any]:
@@ -172,7 +172,7 @@ def register_formatters() -> None:
 
 
 def _card(title: str, *parts: str) -> str:
-    """A heading and what stands below it, dark on white whatever the notebook's colours are."""
+    """A heading and what is below it, dark on white whatever the notebook's colours are."""
     return f'<div style="{_CARD}"><b>{escape(title)}</b>{"".join(parts)}</div>'
 
 

@@ -1,10 +1,9 @@
 """The command line: ``causal-openlock``.
 
-Each command is one file, a few lines over the library; to add one, write a module here and register
-it below. ``options``, ``terminal``, ``progress``, ``stopping``, ``encoding`` and ``one_trial``
-serve them all, and ``report_difference`` is part of ``report``. A mistake of the user is one
-sentence on standard error, with exit status 2; everything heavy is loaded only by the command that
-needs it.
+Each command is a function, a few lines over the library; to add one, write a module here and
+register it below. ``options``, ``terminal``, ``console`` and ``progress`` serve them all. A mistake
+of the user is one sentence on standard error, with exit status 2; everything heavy is loaded only
+by the command that needs it.
 """
 
 from __future__ import annotations
@@ -14,20 +13,10 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli import (
-    bundle,
-    compare,
-    export,
-    film,
-    fit,
-    learners,
-    play,
-    report,
-    room,
-    schema,
-    trace,
-)
-from causal_openlock.cli.encoding import write_anything
+from causal_openlock.cli import compare, export, fit, learners, pictures, play, report, schema
+from causal_openlock.cli.terminal import complain, say, write_anything
+from causal_openlock.errors import OpenLockError
+from causal_openlock.version import __version__
 
 app = typer.Typer(
     name="causal-openlock",
@@ -38,23 +27,24 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(schema.app, name="schema")
-app.command()(learners.learners)
-app.command()(compare.compare)
-app.command()(report.report)
-app.command()(export.export)
-app.command()(bundle.bundle)
-app.command()(fit.fit)
-app.command()(trace.trace)
-app.command()(film.film)
-app.command()(room.room)
-app.command()(play.play)
+for _command in (
+    learners.learners,
+    compare.compare,
+    report.report,
+    export.export,
+    export.bundle,
+    fit.fit,
+    pictures.trace,
+    pictures.film,
+    pictures.room,
+    play.play,
+):
+    app.command()(_command)
 
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from causal_openlock.version import __version__
-
-        typer.echo(__version__)
+        say(__version__)
         raise typer.Exit
 
 
@@ -69,8 +59,6 @@ def _options(
 
 def main() -> None:
     """Run the command line; the entry point ``causal-openlock``."""
-    from causal_openlock.errors import OpenLockError
-
     write_anything()
     try:
         app()
@@ -82,7 +70,5 @@ def main() -> None:
 
 
 def _fail(message: str, status: int) -> None:
-    from causal_openlock.cli.terminal import complain
-
     complain(message)
     sys.exit(status)

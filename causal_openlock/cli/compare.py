@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from causal_openlock.cli.options import ProtocolName, Seed, Workers
-
-if TYPE_CHECKING:
-    from causal_openlock.cli.terminal import Console
-    from causal_openlock.experiment.experiment import Cell, Experiment
-    from causal_openlock.experiment.store import Store
-    from causal_openlock.experiment.worker import Watching
+from causal_openlock.cli.progress import resumable, shown
+from causal_openlock.cli.report import report_store
+from causal_openlock.errors import CellsFailed, OpenLockError
 
 
 def compare(
@@ -60,12 +57,10 @@ def compare(
     Exit status: 0 if everything was played, 1 if cells failed and all others were played, 2 if what
     was asked for cannot be done, 130 or 143 if it was stopped.
     """
-    from causal_openlock.cli.report import report_store
-    from causal_openlock.cli.stopping import resumable
-    from causal_openlock.cli.terminal import Console
-    from causal_openlock.errors import CellsFailed, OpenLockError
+    from causal_openlock.cli.console import Console
     from causal_openlock.experiment.expected_cost import cost_cautions
     from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+    from causal_openlock.experiment.runner import run
     from causal_openlock.experiment.store import Store
     from causal_openlock.experiment.worker import Watching
 
@@ -79,49 +74,29 @@ def compare(
         chosen = replace(chosen, name=name)
     for caution in [*chosen.cautions(), *cost_cautions(chosen)]:
         console.warn(caution)
+    before: list[bool] = []
     with resumable():
-        watching = Watching(checkpoint_every, str(tensorboard) if tensorboard else None)
         try:
-            store = _run(chosen, folder, workers, watching, time_limit, console)
+            with shown(chosen.name, console) as show:
+                run(
+                    chosen,
+                    folder,
+                    workers=workers,
+                    done=lambda cell, was_there: before.append(was_there),
+                    failed=lambda cell, why: console.warn(why),
+                    warn=console.warn,
+                    progress=show,
+                    watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
+                    time_limit=time_limit,
+                )
         except CellsFailed as failed:
             if len(failed.reasons) == failed.cells:  # there is nothing to report
                 raise
             report_store(Store(folder), console)
-            error = OpenLockError(failed.summary)  # which they are stands above
+            error = OpenLockError(failed.summary)  # which cells they are was printed above
             error.status = failed.status
             raise error from None
-        report_store(store, console)
-
-
-def _run(
-    experiment: Experiment,
-    folder: Path,
-    workers: int | None,
-    watching: Watching,
-    time_limit: float | None,
-    console: Console,
-) -> Store:
-    from causal_openlock.cli.progress import shown
-    from causal_openlock.experiment.runner import run
-
-    known = 0
-
-    def done(cell: Cell, before: bool) -> None:
-        nonlocal known
-        known += before
-
-    with shown(experiment.name, console) as show:
-        store = run(
-            experiment,
-            folder,
-            workers=workers,
-            done=done,
-            failed=lambda cell, why: console.warn(why),
-            warn=console.warn,
-            progress=show,
-            watching=watching,
-            time_limit=time_limit,
-        )
-    if known:
-        console.print(f"{known} of {len(list(experiment.cells()))} cells were there already")
-    return store
+        if any(before):
+            there, all_cells = sum(before), len(list(chosen.cells()))
+            console.print(f"{there} of {all_cells} cells were there already")
+        report_store(Store(folder), console)

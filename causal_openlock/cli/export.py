@@ -1,4 +1,4 @@
-"""``causal-openlock export``: the record for other programs."""
+"""``causal-openlock export`` and ``bundle``: results for other programs and other people."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from typing import Annotated
 import typer
 
 from causal_openlock.cli.options import ResultsFolder
+from causal_openlock.cli.terminal import say
+from causal_openlock.errors import OpenLockError
+from causal_openlock.wording import counted, nearest
 
 
 def export(
@@ -35,10 +38,7 @@ def export(
     ] = None,
 ) -> None:
     """Write the record in another format."""
-    from causal_openlock.cli.terminal import say
-    from causal_openlock.errors import OpenLockError
     from causal_openlock.experiment.store import Store
-    from causal_openlock.wording import counted, nearest
 
     store = Store(folder)
     if missing := store.files()[1]:
@@ -71,3 +71,23 @@ def export(
     say(f"With MINARI_DATASETS_PATH={root} it is loaded by: minari.load_dataset({data.name!r})")
     if why := why_no_environment(store, kind, learner or ()):
         say(f"recover_environment() finds none: {why}")
+
+
+def bundle(
+    folder: ResultsFolder,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="ZIP file to write; default: FOLDER.zip."),
+    ] = None,
+) -> None:
+    """Put an experiment, its record and its report into one file that anyone can run again."""
+    from causal_openlock.cli.console import Console
+    from causal_openlock.experiment.store import Store
+    from causal_openlock.export.bundle import write_bundle
+
+    whole = folder.resolve()
+    path = out or whole.with_name(f"{whole.name}.zip")  # a dot in the name begins no suffix
+    for caution in write_bundle(Store(folder), path):
+        Console(stderr=True).warn(caution)
+    size = path.stat().st_size / 1e6
+    say(f"{path} written, {size:.1f} MB; its README.md says how to run it again")

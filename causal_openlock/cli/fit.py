@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from causal_openlock.cli.options import Workers
+from causal_openlock.cli.progress import resumable
+from causal_openlock.errors import LearnerError, StoreError
+from causal_openlock.files.atomic import PARTIAL
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from causal_openlock.cli.terminal import Console
+    from causal_openlock.cli.console import Console
     from causal_openlock.fitting.outcome import FittedLearner
-    from causal_openlock.fitting.study import Fit, Plan
+    from causal_openlock.fitting.study import Fit
 
 
 def fit(
@@ -55,15 +56,16 @@ def fit(
     ] = None,
 ) -> None:
     """Search a learner's parameters for the best likeness to people; goes on where it was."""
-    from causal_openlock.cli.stopping import resumable
-    from causal_openlock.cli.terminal import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from causal_openlock.cli.console import Console
     from causal_openlock.contract.registry import learner_class
-    from causal_openlock.errors import LearnerError
     from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.objective import conditions_to_fit
     from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
     from causal_openlock.fitting.search import bundled_search, changed, read_search
     from causal_openlock.fitting.study import Plan, require_optuna
+    from causal_openlock.fitting.study import fit as run
 
     require_optuna()
     learner_class(learner)  # fails at once if there is none
@@ -78,8 +80,22 @@ def fit(
     conditions_to_fit(hold_out)  # fails at once if there is no such way
     plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed)
     console = Console()
-    with resumable():
-        fitted, trials = _fit(plan, folder, workers or available_cores(), console)
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("candidates"),
+        TimeElapsedColumn(),
+        console=console,
+    )
+    with resumable(), bar:
+        task = bar.add_task("searching", total=plan.candidates)
+
+        def report(done: int, total: int, what: str) -> None:
+            bar.update(task, completed=done, total=total, description=what)
+
+        cores = workers or available_cores()
+        fitted, trials = run(plan, folder, workers=cores, report=report)
     found = fitted_learner(fitted, trials)
     files = write_fitted_learner(fitted, found, folder)
     print_fit(fitted, found, console)
@@ -89,8 +105,6 @@ def fit(
 
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
-    from causal_openlock.errors import StoreError
-    from causal_openlock.files.atomic import PARTIAL
     from causal_openlock.fitting.study import FILE
 
     for place in (folder, *folder.parents):
@@ -128,33 +142,10 @@ def _nothing_searched(learner: str) -> str:
     )
 
 
-def _fit(plan: Plan, folder: Path, workers: int, console: Console) -> tuple[Fit, pd.DataFrame]:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeElapsedColumn as Elapsed
-
-    from causal_openlock.fitting.study import fit as run
-
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("candidates"),
-        Elapsed(),
-        console=console,
-    )
-    with bar:
-        task = bar.add_task("searching", total=plan.candidates)
-
-        def report(done: int, total: int, what: str) -> None:
-            bar.update(task, completed=done, total=total, description=what)
-
-        return run(plan, folder, workers=workers, report=report)
-
-
 def print_fit(fitted: Fit, found: FittedLearner, console: Console) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from causal_openlock.analysis.plots.points import CLEAR, signs
-    from causal_openlock.cli.terminal import plain_table
+    from causal_openlock.cli.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.outcome import entry
 

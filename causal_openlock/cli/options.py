@@ -1,11 +1,17 @@
-"""Arguments and options that several commands have."""
+"""Arguments and options that several commands have, and the trial that some of them name."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from causal_openlock.cli.terminal import say
+
+if TYPE_CHECKING:
+    from causal_openlock.contract.learner import Learner
+    from causal_openlock.experiment.protocol import Condition, Protocol
 
 ConditionName = Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4, my.yaml, ...")]
 ResultsFolder = Annotated[Path, typer.Argument(help="Folder that compare or play wrote to.")]
@@ -24,3 +30,31 @@ ExperimentName = Annotated[
 ]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")]
 PictureSize = Annotated[int, typer.Option(min=120, max=2160, help="Height in pixels.")]
+
+
+def one_trial(
+    condition: str,
+    learner: str,
+    trial: int,
+    subject: int,
+    seed: int | None,
+    protocol: str | None,
+    experiment: str,
+) -> tuple[tuple[Learner, Condition, Protocol], dict[str, Any]]:
+    """The arguments of ``play_trial`` and ``trace_trial``: positional ones, and named ones."""
+    from causal_openlock.contract.registry import create
+    from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+
+    changes = Changes([condition], [learner], protocol, None, seed)
+    chosen = read_experiment(
+        find_experiment(experiment), changes, lambda line: say(line, error=True)
+    )
+    (entry,), (played,) = chosen.learners, chosen.conditions
+    who = (create(entry.learner, entry.parameters), played, entry.protocol)
+    return who, {
+        "trial": trial,
+        "subject": subject,
+        "seed": chosen.seed,
+        "reward": entry.reward,
+        "label": entry.name,
+    }

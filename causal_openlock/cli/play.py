@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import shlex
+import signal
+import sys
+import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from causal_openlock.play.server import PlayServer
+from causal_openlock.wording import counted
 
 
 def play(
@@ -46,8 +49,7 @@ def play(
     ] = True,
 ) -> None:
     """Let people play, in a browser; people in a folder that exists go on where they were."""
-    import shlex
-
+    from causal_openlock.cli.console import Console
     from causal_openlock.experiment.protocol import Condition, find_protocol
     from causal_openlock.formats.schema_file import find_schema
     from causal_openlock.play.people import People
@@ -70,36 +72,24 @@ def play(
     except BaseException:
         people.close()
         raise
-    _serve(server, browser)
-
-
-def _serve(server: PlayServer, browser: bool) -> None:
-    import signal
-    import sys
-    import webbrowser
-
-    from causal_openlock.cli.terminal import Console
-    from causal_openlock.wording import counted
-
     console = Console()
 
     def joined() -> str:
-        return counted(server.people.number, "person has", "people have")
+        return counted(people.number, "person has", "people have")
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, stop)
     sys.setswitchinterval(0.001)  # so that no click waits for a record that is being written
-    folder = server.people.store.folder
     console.print_line(f"play at {server.url}")
     if server.address:
         console.print_line(f"people reach it at {server.address}, through the proxy")
-    if server.people.number:
+    if people.number:
         console.print_line(f"{joined()} joined before; they go on where they were")
     if not server.loopback:
         console.print_line("warning: everybody who can reach this machine can play")
-    console.print_line(f"what people do is kept in {folder}; stop with Ctrl-C")
+    console.print_line(f"what people do is kept in {out}; stop with Ctrl-C")
     try:
         if browser:
             webbrowser.open(server.url)
@@ -108,4 +98,4 @@ def _serve(server: PlayServer, browser: bool) -> None:
         pass
     finally:
         server.finish()
-    console.print_line(f"{joined()} joined; causal-openlock report {folder}")
+    console.print_line(f"{joined()} joined; causal-openlock report {out}")

@@ -1,16 +1,20 @@
-"""Progress of a comparison: a bar on a terminal, and lines where the output is a file."""
+"""Long work: its progress, as a bar on a terminal or as lines in a file, and how it is stopped."""
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import TYPE_CHECKING
 
+from causal_openlock.errors import Interrupted, Terminated
 from causal_openlock.files.escaping import printable
 
 if TYPE_CHECKING:
-    from causal_openlock.cli.terminal import Console
+    from causal_openlock.cli.console import Console
     from causal_openlock.experiment.standing import Playing, Standing
 
 Show = Callable[["Standing"], None]
@@ -71,13 +75,7 @@ class Hanging:
 
 
 class Lines:
-    """Progress of a comparison in lines of text.
-
-    Args:
-        name: Name of the comparison.
-        say: Writes a line.
-        clock: Returns the time in seconds.
-    """
+    """Progress of a comparison in lines of text."""
 
     def __init__(
         self, name: str, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
@@ -130,3 +128,29 @@ def duration(seconds: float) -> str:
     if minutes < 90:
         return f"{minutes} min"
     return f"{minutes // 60} h {minutes % 60} min"
+
+
+@contextmanager
+def resumable() -> Iterator[None]:
+    """A block that can be stopped; the same command then resumes it.
+
+    Raises:
+        Interrupted: If it is stopped.
+    """
+    # Only the main thread can handle signals.
+    here = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, _terminated) if here else None
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        interrupted = Interrupted("stopped; the same command goes on where it was")
+        if isinstance(stopped, Terminated):
+            interrupted.status = 128 + signal.SIGTERM
+        raise interrupted from None
+    finally:
+        if here:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _terminated(number: int, frame: FrameType | None) -> None:
+    raise Terminated

@@ -9,17 +9,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from causal_openlock.cli.options import ResultsFolder
+from causal_openlock.errors import OpenLockError
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.text import Text
 
     from causal_openlock.analysis.report.missing import Missing
-    from causal_openlock.cli.terminal import Console
+    from causal_openlock.cli.console import Console
     from causal_openlock.experiment.store import Store
 
 MOST_MISSING = 40
 """Missing cells that are listed on the terminal; the report has them all."""
+MOST_ROWS = 40
+"""Changes and differences that are shown on the terminal; the page has them all."""
 
 
 def report(
@@ -38,9 +41,7 @@ def report(
     ] = None,
 ) -> None:
     """Write the report of a comparison anew, or of what people played, or compare two of them."""
-    from causal_openlock.cli.report_difference import report_difference
-    from causal_openlock.cli.terminal import Console
-    from causal_openlock.errors import OpenLockError
+    from causal_openlock.cli.console import Console
     from causal_openlock.experiment.store import Store
 
     console = Console()
@@ -59,13 +60,7 @@ def report(
 
 
 def report_store(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
-    """Write the report of a results folder, and print its headline.
-
-    Args:
-        store: The folder.
-        console: Where to print.
-        others: Folders whose learners or people the report shows as well.
-    """
+    """Write the report of a results folder, perhaps beside others, and print its headline."""
     from causal_openlock.analysis.report.missing import missing_cells
     from causal_openlock.analysis.report.sections import columns_of
     from causal_openlock.analysis.report.writing import make_report
@@ -100,7 +95,7 @@ def print_headline(
 ) -> None:
     """For each protocol, a table with a row for each learner and a column for each condition."""
     from causal_openlock.analysis.report.prose import Prose
-    from causal_openlock.cli.terminal import plain_table
+    from causal_openlock.cli.console import plain_table
 
     for protocol in table["protocol"].unique():
         rows = table[table["protocol"] == protocol]
@@ -147,3 +142,75 @@ def _cell(rows: pd.DataFrame) -> Text:
 
 def _number(attempts: float) -> str:
     return f"{attempts:.2f}" if attempts < 100 else f"{attempts:.0f}"
+
+
+def report_difference(first: Path, second: Path, out: Path, console: Console) -> None:
+    """Compare two results folders: a page in a folder, and the same on the terminal."""
+    from causal_openlock.analysis.report.difference_page import (
+        sentence_on_changes,
+        sentence_on_noise,
+        write_difference,
+    )
+    from causal_openlock.analysis.results.reading import read_results
+    from causal_openlock.experiment.store import Store
+
+    names = _names(first, second)
+    path = out / f"difference_{second.resolve().name}.html"
+    changed, table = write_difference(
+        read_results(Store(first)), read_results(Store(second)), path, names
+    )
+    if len(changed):
+        _print_changes(changed, names, console)
+    else:
+        console.print(sentence_on_changes(changed))
+    _print_differences(table, names, console)
+    console.print_line(sentence_on_noise(table))
+    console.print_line(f"report: {path}")
+
+
+def _names(first: Path, second: Path) -> tuple[str, str]:
+    """What to call the folders: their names, or paths if these are the same."""
+    short = first.resolve().name, second.resolve().name
+    return short if short[0] != short[1] else (str(first), str(second))
+
+
+def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Console) -> None:
+    from rich.table import Table
+
+    shown = Table("changed", *names, box=None, padding=(0, 2, 0, 0), highlight=False)
+    for row in changed.head(MOST_ROWS).itertuples(index=False):
+        shown.add_row(*map(str, row))
+    console.print_whole(shown)
+    if len(changed) > MOST_ROWS:
+        console.print(f"and {len(changed) - MOST_ROWS} more, on the page")
+
+
+def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Console) -> None:
+    from causal_openlock.analysis.report.difference_page import MORE
+    from causal_openlock.analysis.report.table_files import printed
+    from causal_openlock.cli.console import plain_table
+
+    console.print(f"\nMean attempts in {names[0]} and in {names[1]}", style="bold")
+    heads = ("learner", "condition", "protocol", *names, "difference", "95% interval", "p (Holm)")
+    shown = plain_table(*heads, left=3)
+    shown.add_column("", no_wrap=True)
+    # What is more than noise comes first, so that it is on the screen however much there is.
+    order = (table["verdict"] != MORE).sort_values(kind="stable").index
+    for row in table.loc[order].head(MOST_ROWS).to_dict("records"):
+        low, high = (printed(row[name], "+.2f") for name in ("ci_low", "ci_high"))
+        shown.add_row(
+            row["learner"],
+            row["condition"],
+            row["protocol"],
+            printed(row["attempts_first"], ".2f"),
+            printed(row["attempts_second"], ".2f"),
+            printed(row["difference"], "+.2f"),
+            f"{low} to {high}" if row["ci_low"] == row["ci_low"] else "",
+            printed(row["p_holm"], ".2g"),
+            row["verdict"],
+            style="bold" if row["verdict"] == MORE else "",
+        )
+    if len(table):
+        console.print_whole(shown)
+    if len(table) > MOST_ROWS:
+        console.print(f"and {len(table) - MOST_ROWS} more, on the page")

@@ -7,6 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from causal_openlock.cli.terminal import say
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.atomic import write_text
+from causal_openlock.wording import counted
+
 if TYPE_CHECKING:
     from causal_openlock.world.fsm import FSM
     from causal_openlock.world.schema import Schema
@@ -22,8 +27,7 @@ def list_schemas() -> None:
     """List the schemas that come with the package, and those in ./schemas."""
     from rich.table import Table
 
-    from causal_openlock.cli.terminal import Console
-    from causal_openlock.errors import OpenLockError
+    from causal_openlock.cli.console import Console
     from causal_openlock.formats.schema_file import bundled_schemas, read_schema
 
     table = Table("schema", "levers", "solutions", "actions", "title", box=None, pad_edge=False)
@@ -56,12 +60,11 @@ def show(
     ] = None,
 ) -> None:
     """Show a schema: its graph, its solutions, and the states that an attempt can reach."""
-    from causal_openlock.files.escaping import printable
     from causal_openlock.render.graph import schema_text
     from causal_openlock.world.fsm import compile_schema
 
     schema = _read(name)
-    typer.echo(printable(schema_text(schema)))
+    say(schema_text(schema))
     if layout is not None:
         _show_layout(schema, layout)
     _show_states(compile_schema(schema))
@@ -72,16 +75,16 @@ def _show_layout(schema: Schema, layout: str) -> None:
 
     room = Room.of(schema, layout)
     names = action_names(room.positions)
-    typer.echo(f"In {room.layout.name}:")
+    say(f"In {room.layout.name}:")
     for levers in schema.solutions:
-        typer.echo("  " + ", ".join(names[action] for action in room.action_of(levers)))
-    typer.echo("")
+        say("  " + ", ".join(names[action] for action in room.action_of(levers)))
+    say()
 
 
 def _show_states(fsm: FSM) -> None:
     from rich.table import Table
 
-    from causal_openlock.cli.terminal import Console
+    from causal_openlock.cli.console import Console
     from causal_openlock.experiment.protocol import default_action_limit
     from causal_openlock.world.fsm import NO_SOLUTION, unroll
 
@@ -100,12 +103,10 @@ def _show_states(fsm: FSM) -> None:
         solution = fsm.solution[state]
         mark = f"  = solution {solution + 1}" if solution != NO_SOLUTION else ""
         table.add_row(fsm.describe(state) + mark, ", ".join(does))
-    typer.echo(
-        f"{len(reached)} of {fsm.states} states can be reached in an attempt of {limit} actions:"
-    )
+    say(f"{len(reached)} of {fsm.states} states can be reached in an attempt of {limit} actions:")
     Console(soft_wrap=True).print(table, highlight=False)
     if len(reached) > len(shown):
-        typer.echo(f"and {len(reached) - len(shown)} more")
+        say(f"and {len(reached) - len(shown)} more")
 
 
 @app.command()
@@ -113,10 +114,8 @@ def check(
     names: Annotated[list[str], typer.Argument(help="Names of schemas, or paths of files.")],
 ) -> None:
     """Check schemas: faults with line and column, and which learners are slow on them."""
-    from causal_openlock.errors import OpenLockError
     from causal_openlock.experiment.expected_cost import expected_cost
     from causal_openlock.experiment.protocol import default_action_limit
-    from causal_openlock.wording import counted
 
     faults = []
     for name in names:
@@ -127,14 +126,14 @@ def check(
             continue
         levers = counted(len(schema.levers), "lever")
         solutions = counted(len(schema.solutions), "solution")
-        typer.echo(
+        say(
             f"{name}: good: {levers}, {solutions}, attempts of at least "
             f"{schema.least_action_limit} actions"
         )
         for learner in ("bayes", "ideal"):
             cost = expected_cost(learner, {}, schema, default_action_limit(schema))
             if cost is not None:
-                typer.echo(f"  the learner {learner} {cost}")
+                say(f"  the learner {learner} {cost}")
     if faults:
         raise OpenLockError("\n".join(faults))
 
@@ -147,7 +146,7 @@ def draw(name: SchemaName, out: Output = None) -> None:
     schema = _read(name)
     path = out or Path(f"{schema.name}.svg")
     save_schema_figure(schema, path)
-    typer.echo(f"{path} written")
+    say(f"{path} written")
 
 
 @app.command()
@@ -161,7 +160,6 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Write a schema in another format; files in these formats but bif can be given, too."""
-    from causal_openlock.errors import OpenLockError
     from causal_openlock.formats.graphs import export_schema, write_schema_as
 
     schema = _read(name)
@@ -169,9 +167,9 @@ def export(
         if out.exists() and not force:
             raise OpenLockError(f"{out} exists already; choose another name, or pass --force")
         write_schema_as(schema, out, format)
-        typer.echo(f"{out} written")
+        say(f"{out} written")
     else:
-        typer.echo(export_schema(schema, format or "yaml"), nl=False)
+        say(export_schema(schema, format or "yaml"), end="")
 
 
 @app.command()
@@ -181,8 +179,6 @@ def new(
     out: Output = None,
 ) -> None:
     """Begin a schema of one's own: a commented file to change."""
-    from causal_openlock.errors import OpenLockError
-    from causal_openlock.files.atomic import write_text
     from causal_openlock.formats.schema_file import dump_schema, schema_from_dict
 
     path = out or Path(f"{name}.yaml")
@@ -191,10 +187,10 @@ def new(
     start = _read(like)
     schema = schema_from_dict({**start.as_dict(), "name": name, "title": f"{name}, after {like}"})
     write_text(path, _GUIDE + dump_schema(schema))
-    typer.echo(f"{path} written; change it, then try:")
-    typer.echo(f"  causal-openlock schema check {path}")
-    typer.echo(f"  causal-openlock schema show {path}")
-    typer.echo(f"  causal-openlock compare --condition {path} --learner oracle --learner random")
+    say(f"{path} written; change it, then try:")
+    say(f"  causal-openlock schema check {path}")
+    say(f"  causal-openlock schema show {path}")
+    say(f"  causal-openlock compare --condition {path} --learner oracle --learner random")
 
 
 _GUIDE = """\
@@ -202,7 +198,7 @@ _GUIDE = """\
 #   levers  the active levers; a lever that no edge leads to moves freely
 #   edges   cause: [effects]; the effect `door` is the door. Where a push does not always take
 #           effect, write L0: {L1: {strength: 0.8}}
-#   gates   how a node combines its causes: any (if nothing is said), all, {at_least: 2}
+#   gates   how a node combines its causes: any (the default), all, {at_least: 2}
 #   inert   levers that move but lead nowhere
 """
 

@@ -1,64 +1,39 @@
-"""Printing: all text that a command prints goes through here.
+"""Printing of plain text: all text that a command prints goes through here or ``console``.
 
-Labels, titles and messages of exceptions may come from anybody. So text is printed as it is:
-nothing in it is markup (``[bold]``), an emoji's name or an escape sequence. A style is given beside
-the text, or with a :class:`rich.text.Text` that the program itself composes.
+Labels, titles and messages of exceptions may come from anybody, so control characters in them are
+spelled out. Messages have dashes and arrows in them, and labels and paths any characters. Where the
+system's encoding is ASCII (``LANG=C``, a batch system's log), printing them must not fail:
+characters that it does not have are replaced by plainer ones (:func:`write_anything`).
 """
 
 from __future__ import annotations
 
+import codecs
+import io
 import sys
-from typing import Any
-
-from rich.console import Console as RichConsole
-from rich.table import Table
-from rich.text import Text
 
 from causal_openlock.files.escaping import printable
 
-MOST_COLUMNS = 1000
-"""How wide a table may become that is wider than the terminal."""
-
-
-class Console(RichConsole):
-    """A console that prints text as it is; see the module."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(markup=False, emoji=False, **options)
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        """Text as it is shown, also in tables."""
-        return super().render_str(printable(text), **options)
-
-    def print_line(self, text: str, style: str | None = None) -> None:
-        """Print a line, neither wrapped nor highlighted."""
-        self.print(text, style=style, soft_wrap=True, highlight=False)
-
-    def warn(self, sentence: str) -> None:
-        """Print a warning."""
-        self.print_line(f"warning: {sentence}", "yellow")
-
-    def print_whole(self, table: Table) -> None:
-        """Print a table with all its columns, wider than the terminal if it must be."""
-        # A column that is cut off would be lost; a line that wraps is only ugly.
-        wide = self.measure(table, options=self.options.update(max_width=MOST_COLUMNS))
-        usual = self.width
-        self.width = max(usual, wide.maximum)
-        self.print(table, crop=False)
-        self.width = usual
-
-
-def plain_table(*heads: str, left: int = 1) -> Table:
-    """An empty table without lines.
-
-    Args:
-        heads: The heads of its columns.
-        left: How many of them, from the first on, are aligned left; the others are aligned right.
-    """
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for number, head in enumerate(heads):
-        table.add_column(head, justify="left" if number < left else "right", no_wrap=True)
-    return table
+PLAINER = str.maketrans(
+    {
+        **dict.fromkeys("‐‑‒–—―−─━╸╺", "-"),
+        **dict.fromkeys("‘’‚′", "'"),
+        **dict.fromkeys("“”„″", '"'),
+        **dict.fromkeys("•·", "*"),
+        **dict.fromkeys("\u00a0\u2009\u202f", " "),
+        "→": "->",
+        "←": "<-",
+        "↔": "<->",
+        "…": "...",
+        "×": "x",
+        "√": "sqrt",
+        "±": "+-",
+        "≤": "<=",
+        "≥": ">=",
+        "≠": "!=",
+        "│": "|",
+    }
+)
 
 
 def say(text: object = "", *, error: bool = False, end: str = "\n") -> None:
@@ -70,3 +45,18 @@ def complain(message: str) -> None:
     """Print an error on standard error, line by line."""
     for line in printable(message).split("\n"):
         say(f"error: {line}", error=True)
+
+
+def _plainer(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end].translate(PLAINER)
+    return text.encode("ascii", "backslashreplace").decode("ascii"), error.end
+
+
+def write_anything() -> None:
+    """Make standard output and standard error replace what they cannot encode."""
+    codecs.register_error("causal_openlock.plainer", _plainer)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="causal_openlock.plainer")

@@ -2,7 +2,7 @@
 
 One line for each attempt, with the columns of
 :func:`causal_openlock.experiment.record.record_schema`. What an attempt has several of, its actions
-and whether each moved something, stands in one cell, separated by spaces: ``0 1 14`` and ``1 1 0``.
+and whether each moved something, is in one cell, separated by spaces: ``0 1 14`` and ``1 1 0``.
 A name that a spreadsheet would take for a formula has an apostrophe in front. The file is written
 cell by cell, so that a long record needs no more memory than a short one.
 """
@@ -42,7 +42,7 @@ def write_csv(store: Store, path: Path | str) -> int:
     cells, _ = store.files()
     written = 0
     with replacing(path) as file:
-        sink: Any = gzip.GzipFile("", "wb", 6, file, 0) if _zipped(path) else file
+        sink: Any = gzip.GzipFile("", "wb", 6, file, 0) if Path(path).suffix == ".gz" else file
         for number, cell in enumerate(cells):
             table = flat(store.read(cell))
             csv.write_csv(table, sink, csv.WriteOptions(include_header=number == 0))
@@ -50,10 +50,6 @@ def write_csv(store: Store, path: Path | str) -> int:
         if sink is not file:
             sink.close()
     return written
-
-
-def _zipped(path: Path | str) -> bool:
-    return Path(path).suffix == ".gz"
 
 
 def flat(record: pa.Table) -> pa.Table:

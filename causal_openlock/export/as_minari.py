@@ -31,12 +31,10 @@ from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.room import positions_for
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from causal_openlock.experiment.store import Store
 
 EPISODES = ("trial", "attempt")
-TOLD = ("learner", "condition", "protocol", "subject", "phase", "loop", "trial", "schema", "layout")
+KEPT = ("learner", "condition", "protocol", "subject", "phase", "loop", "trial", "schema", "layout")
 """Columns of the record that are kept with every episode."""
 
 
@@ -79,10 +77,10 @@ def write_minari(
             )
     positions = {name: max(map(positions_for, one.schemas)) for name, one in played.items()}
     if len(set(positions.values())) > 1:
-        said = ", ".join(f"{name} {number}" for name, number in positions.items())
+        numbers = ", ".join(f"{name} {number}" for name, number in positions.items())
         raise OpenLockError(
-            f"rooms of one data set have equally many positions, and these have not ({said}); "
-            "choose some of them with --condition"
+            f"all rooms of a data set need the same number of positions, and these differ "
+            f"({numbers}); choose some of them with --condition"
         )
     (width,) = set(positions.values())
     label = f"{re.sub(r'[^A-Za-z0-9_-]+', '-', experiment.name)}-{episodes}-v0"
@@ -102,10 +100,10 @@ def write_minari(
             action_space=spaces.Discrete(2 * width + 1),
             env_spec=_environment(specs.values(), played.values(), episodes, width),
         )
-        made = _Made()
-        storage.update_episodes(made.episodes(store, specs, played, episodes))
-        if made.told:
-            storage.update_episode_metadata(made.told)
+        metadata: list[dict[str, Any]] = []
+        storage.update_episodes(_episodes(store, specs, played, episodes, metadata))
+        if metadata:
+            storage.update_episode_metadata(metadata)
         storage.update_metadata(
             {
                 "dataset_id": label,
@@ -115,7 +113,7 @@ def write_minari(
                 "requirements": [f"causal-openlock=={__version__}"],
             }
         )
-        if made.told:
+        if metadata:
             partial.rename(folder)
     except BaseException as error:
         shutil.rmtree(partial, ignore_errors=True)
@@ -125,18 +123,14 @@ def write_minari(
                 "choose another folder"
             ) from None
         raise
-    if not made.told:
+    if not metadata:
         shutil.rmtree(partial, ignore_errors=True)
         raise StoreError(f"{store.folder} holds nothing of what was chosen; run compare to the end")
-    return folder, len(made.told)
+    return folder, len(metadata)
 
 
 def require_minari() -> None:
-    """Make sure that data sets can be written.
-
-    Raises:
-        OpenLockError: If a package is not installed.
-    """
+    """Make sure that the packages that write data sets are installed."""
     missing = [name for name in ("minari", "h5py") if importlib.util.find_spec(name) is None]
     if missing:
         raise OpenLockError(
@@ -153,47 +147,38 @@ def _chosen(listed: Sequence[Any], names: Sequence[str], what: str) -> dict[str,
     return {name: one for name, one in known.items() if not names or name in names}
 
 
-class _Made:
-    """The episodes that were made, and what is told of each."""
+def _episodes(
+    store: Store,
+    specs: Mapping[str, LearnerSpec],
+    conditions: Mapping[str, Condition],
+    kind: str,
+    metadata: list[dict[str, Any]],
+) -> Iterator[Any]:
+    """The episodes of the chosen cells; the metadata of each is appended to a list."""
+    from minari.data_collector import EpisodeBuffer
 
-    def __init__(self) -> None:
-        self.told: list[dict[str, Any]] = []
-
-    def episodes(
-        self,
-        store: Store,
-        specs: Mapping[str, LearnerSpec],
-        conditions: Mapping[str, Condition],
-        kind: str,
-    ) -> Iterator[Any]:
-        for path in store.files()[0]:
-            record = store.read(path)
-            if not record.num_rows:
-                continue
-            names = [record[column][0].as_py() for column in ("learner", "condition")]
-            if names[0] in specs and names[1] in conditions:
-                yield from self._of_cell(record, specs[names[0]], conditions[names[1]], kind)
-
-    def _of_cell(
-        self, record: pa.Table, spec: LearnerSpec, condition: Condition, kind: str
-    ) -> Iterator[Any]:
-        from minari.data_collector import EpisodeBuffer
-
+    for path in store.files()[0]:
+        record = store.read(path)
+        if not record.num_rows:
+            continue
+        spec = specs.get(record["learner"][0].as_py())
+        condition = conditions.get(record["condition"][0].as_py())
+        if spec is None or condition is None:
+            continue
         steps = replay(record, condition, spec.protocol, spec.reward)
-        attempts = np.arange(record.num_rows)
-        number = trial_numbers(record) if kind == "trial" else attempts
+        number = trial_numbers(record) if kind == "trial" else np.arange(record.num_rows)
         starts = np.flatnonzero(np.diff(number, prepend=-1))
-        told = record.select([*TOLD, "attempt"]).take(starts).to_pylist()
+        rows = record.select([*KEPT, "attempt"]).take(starts).to_pylist()
         found, most, new = (
             record[name].to_numpy() for name in ("solutions_found", "solutions", "new_solution")
         )
         ends = np.append(starts[1:], record.num_rows)
-        for about, begin, end in zip(told, starts, ends, strict=True):
+        for row, begin, end in zip(rows, starts, ends, strict=True):
             solved = bool(found[end - 1] == most[end - 1])
             if kind == "trial":
-                del about["attempt"]
+                del row["attempt"]
             news = int(np.count_nonzero(new[begin:end]))
-            self.told.append({**about, "new_solutions": news, "solved": solved})
+            metadata.append({**row, "new_solutions": news, "solved": solved})
             over = kind == "attempt" or (solved and spec.protocol.stop_when_solved)
             yield EpisodeBuffer(**_buffer(steps, slice(begin, end), over, kind == "trial"))
 
@@ -218,13 +203,7 @@ def _buffer(steps: Steps, which: slice, terminated: bool, put_back: bool) -> dic
 
 
 def why_no_environment(store: Store, episodes: str, learners: Sequence[str] = ()) -> str | None:
-    """Why ``recover_environment()`` of a data set does not work; ``None`` if it does.
-
-    Args:
-        store: The results folder that it is made from.
-        episodes: ``trial`` or ``attempt``.
-        learners: Labels of the learners that are in it; by default all.
-    """
+    """Why ``recover_environment()`` of a data set of these learners does not work, or ``None``."""
     specs = _chosen(store.experiment().learners, learners, "learner")
     going_on = [name for name, one in specs.items() if not one.protocol.stop_when_solved]
     if episodes == "trial" and going_on:

@@ -34,6 +34,8 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jinja2 import Template
+
 from causal_openlock.analysis.report.writing import files_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
@@ -202,11 +204,7 @@ def _normal(package: str) -> str:
 
 
 def _files(spec: LearnerSpec) -> dict[str, tuple[str, bytes]]:
-    """Files that a learner's parameters name: by parameter, where it is in the bundle, and content.
-
-    Raises:
-        OpenLockError: If none of them is what the results were made with.
-    """
+    """Files that a learner's parameters name: by parameter, path in the bundle and content."""
     hashes = _HASH.findall(spec.origin.artifact_hash)
     named = {
         name: Path(value)
@@ -324,53 +322,15 @@ def _requirements(packages: Versions) -> str:
 
 
 def _readme(
-    experiment: StoredExperiment,
-    versions: Versions,
-    again: bool,
-    cautions: list[str],
+    experiment: StoredExperiment, versions: Versions, again: bool, cautions: list[str]
 ) -> str:
     """What the bundle says of itself."""
-    python = versions.get("Python", "3")
-    said = [f"# {' '.join((experiment.title or experiment.name).split())}", ""]
-    if again:
-        said += [
-            "This command, in this folder, runs the experiment again:",
-            "",
-            f"    {COMMAND}",
-            "",
-            "It writes the folder `again`. Its `summary.csv` is `results/summary.csv`, byte for "
-            "byte where the",
-            "packages are the same (and, for learners with neural networks, the kind of "
-            "processor);",
-            "`causal-openlock report results again` says whether it is, and if not, whether the "
-            "difference is",
-            "more than noise.",
-            "",
-            f"It was run with Python {python} and the packages in `requirements.txt`, which "
-            "`pip install -r",
-            "requirements.txt` installs.",
-            *(["", *cautions] if cautions else []),
-            "",
-            "- `experiment.yaml`: the experiment, every default written out",
-            "- `schemas/`: the schemas that it plays",
-        ]
-        if any(":" in spec.learner for spec in experiment.learners):
-            said += [
-                "- `*.py` and their packages: learners, and what these import from beside them; "
-                "not files",
-                "  that they open by themselves, nor modules that they load without an `import`",
-            ]
-    else:
-        said += [
-            "People played, and no command can make them do so again. The report is written anew "
-            "from their",
-            "record by `causal-openlock report results`.",
-            "",
-        ]
-    said += [
-        "- `results/report.html`: the report; open it in a browser",
-        "- `results/summary.csv`, `results/tables/`, `results/figures/`: its numbers and figures",
-        "- `results/cells/`: the record, one Parquet file for each cell",
-        "- `results/experiment.json`: what was run, as the results folder keeps it",
-    ]
-    return "\n".join(said) + "\n"
+    text = Path(__file__).with_name("README.md.j2").read_text("utf-8")
+    return Template(text, trim_blocks=True, keep_trailing_newline=True).render(
+        title=" ".join((experiment.title or experiment.name).split()),
+        again=again,
+        command=COMMAND,
+        python=versions.get("Python", "3"),
+        cautions=cautions,
+        own_learners=any(":" in spec.learner for spec in experiment.learners),
+    )

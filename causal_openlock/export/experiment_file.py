@@ -13,15 +13,10 @@ from causal_openlock.world.schema import Schema
 
 
 def experiment_file(experiment: Experiment, schemas: str = "schemas") -> dict[str, Any]:
-    """The experiment file of an experiment, as plain data.
+    """The experiment file of an experiment, as plain data to write as YAML.
 
-    Args:
-        experiment: The experiment.
-        schemas: The folder beside the file in which every schema is found as ``NAME.yaml``.
-
-    Returns:
-        What to write as YAML. Reading it gives an experiment of the same identity, where the
-        schemas, the learners and this package are the same.
+    Reading it gives an experiment of the same identity where the schemas, the learners and this
+    package are the same. The file names each schema as ``NAME.yaml`` in a folder beside it.
     """
     own = [one for one in experiment.protocols if PROTOCOLS.get(one.name) != one]
     return {

@@ -1,8 +1,8 @@
 """The modules that a learner's file imports: those beside it, which have to go where it goes.
 
 Imports are read from the source and not carried out: those inside functions are found as well, and
-nothing runs. What a module loads in another way (``importlib``, a file that it opens) cannot be
-told. A file counts if it is Python, and if it is in the folder that the module is imported from,
+nothing runs. What a module loads in another way (``importlib``, a file that it opens) is not
+found. A file counts if it is Python, and if it is in the folder that the module is imported from,
 also where a link leads to it.
 """
 
@@ -33,11 +33,9 @@ class LocalModules:
 
 
 def local_modules(module: str, beside: Iterable[Path] = ()) -> LocalModules:
-    """The files of a module and of all that it imports from beside it.
+    """The files of a module, which is not imported, and of all that it imports from beside it.
 
-    Args:
-        module: Its name; it is not imported.
-        beside: Folders in which it is looked for after all others.
+    The folders ``beside`` are searched after all others.
 
     Raises:
         OpenLockError: If it has no source file, or a file that it imports is no Python.

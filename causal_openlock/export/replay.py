@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 TRIAL = ("subject", "phase", "loop", "trial")
-"""What tells the trials of a cell apart."""
+"""The columns that identify a trial of a cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,7 @@ class Steps:
 def replay(
     record: pa.Table, condition: Condition, protocol: Protocol, reward: RewardFunction
 ) -> Steps:
-    """Carry out the attempts of a record once more.
-
-    Args:
-        record: Attempts in one condition under one protocol, sorted by subject and time.
-        condition: The condition.
-        protocol: The protocol.
-        reward: What each action pays.
+    """Carry out the attempts of a record of one condition, sorted by subject and time, once more.
 
     Raises:
         StoreError: If something else comes of it than is on record.
@@ -152,10 +146,10 @@ def _found_before(columns: Mapping[str, Any], most: int) -> BoolArray:
 
 
 def _disagreement(columns: Mapping[str, Any], row: int, condition: Condition) -> StoreError:
-    told = {name: columns[name][row].as_py() for name in ("learner", *TRIAL, "attempt")}
+    at = {name: columns[name][row].as_py() for name in ("learner", *TRIAL, "attempt")}
     return StoreError(
-        f"attempt {told['attempt']} of subject {told['subject']} of {told['learner']} in "
-        f"{condition.name} ({told['phase']} {told['trial']}, loop {told['loop']}) does not come to "
+        f"attempt {at['attempt']} of subject {at['subject']} of {at['learner']} in "
+        f"{condition.name} ({at['phase']} {at['trial']}, loop {at['loop']}) does not come to "
         "what is on record when it is played again; the record is damaged or another version’s: "
         "compare again"
     )

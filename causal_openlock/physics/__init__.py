@@ -7,9 +7,8 @@ are on. ``OpenLockEnv(physics=True)`` is that room as an environment.
 
 From plain numbers to the whole: :mod:`~causal_openlock.physics.geometry` (where everything is),
 :mod:`~causal_openlock.physics.kinematics` (which joint angles bring the arm's end to a point),
-:mod:`~causal_openlock.physics.arm`, :mod:`~causal_openlock.physics.levers` and
-:mod:`~causal_openlock.physics.door` (the bodies), :mod:`~causal_openlock.physics.world` (all of
-them in one space, and a :class:`~causal_openlock.physics.world.Pose` of them to draw),
+:mod:`~causal_openlock.physics.world` (the bodies, all in one space, and a
+:class:`~causal_openlock.physics.world.Pose` of them to draw),
 :mod:`~causal_openlock.physics.controller` (a movement), :mod:`~causal_openlock.physics.room` (a
 schema's room that is played by movements). Only these need pymunk, not geometry and kinematics.
 """

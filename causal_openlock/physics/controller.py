@@ -18,8 +18,7 @@ from itertools import chain, repeat
 
 from causal_openlock.physics.geometry import DOOR_SWING, Point, along, wrap
 from causal_openlock.physics.kinematics import Angles, reaching
-from causal_openlock.physics.levers import Lever
-from causal_openlock.physics.world import STEP, Pose, World
+from causal_openlock.physics.world import STEP, Lever, Pose, World
 
 BUDGET = 600
 """Steps that a movement may take. It takes about 120, and 250 at most."""
@@ -73,13 +72,10 @@ class OutOfTimeError(Exception):
 class Controller:
     """Moves the arm of a world.
 
-    Args:
-        world: The world.
-        changed: Called when a lever has passed the middle of its track.
-
     Attributes:
         budget: Steps that a movement may take.
         watch: Called with the pose after every step, if it is set.
+        changed: Called when a lever has passed the middle of its track.
     """
 
     def __init__(self, world: World, changed: Callable[[], None] = lambda: None) -> None:
@@ -88,7 +84,7 @@ class Controller:
         self.budget = BUDGET
         self._arm = world.arm
         self._geometry = world.geometry
-        self._changed = changed
+        self.changed = changed
         self._last_step = 0
 
     def carry_out(self, action: int) -> Movement:
@@ -111,7 +107,7 @@ class Controller:
     def _move_lever(self, lever: Lever, place: int, goal: float) -> None:
         self._face(lever.track.start)
         began, was_pushed = lever.displacement, lever.pushed
-        self._reach(self._geometry.touching(place, began))
+        self._reach(self._geometry.at_lever(place, began))
         self._arm.grip(lever.body)
         way = (goal - began) * lever.track.travel
         if abs(goal - began) <= SEATED:  # it is there already: press against its stop
@@ -124,7 +120,7 @@ class Controller:
             if lever.pushed != was_pushed:
                 was_pushed = not was_pushed
                 lever.latch()
-                self._changed()
+                self.changed()
             if abs(goal - now) <= SEATED and number >= len(path):
                 break
             if lever.locked and number >= STALL and abs(now - began) < MOVED:
@@ -175,7 +171,7 @@ class Controller:
                 return
 
     def _follow(self, path: Path) -> Iterator[Angles]:
-        """Follow a path and hold the arm at its end; tell where it is after each step.
+        """Follow a path and hold the arm at its end; yields its joint angles after each step.
 
         Raises:
             OutOfTimeError: When the budget of the movement is spent.

@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from itertools import pairwise
 
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.room import PAPER_POSITIONS, position_coordinates
 
 Point = tuple[float, float]
-Corners = tuple[Point, Point, Point, Point]
 
 BAR_LENGTH, BAR_WIDTH = 2.0, 0.2
 DOOR_SWING = math.radians(60)
@@ -71,12 +70,18 @@ class Track:
         x, y = centre[0] - self.start[0], centre[1] - self.start[1]
         return (x * self.outward[0] + y * self.outward[1]) / self.travel
 
-    def bar(self, displacement: float) -> Corners:
+    def bar(self, displacement: float) -> list[Point]:
         """The corners of the bar."""
         across = (-self.outward[1], self.outward[0])
         centre = self.centre(displacement)
-        half = BAR_LENGTH / 2
-        return bar(along(centre, across, -half), along(centre, across, half), BAR_WIDTH)
+        start, end = (along(centre, across, side * BAR_LENGTH / 2) for side in (-1, 1))
+        length = math.dist(start, end)
+        side = ((start[1] - end[1]) / length, (end[0] - start[0]) / length)
+        half = BAR_WIDTH / 2
+        return [
+            along(point, side, distance)
+            for point, distance in ((start, half), (end, half), (end, -half), (start, -half))
+        ]
 
     def line(self) -> tuple[Point, Point]:
         """Where the visible track begins and ends: the bar's inner edge and its outermost one."""
@@ -84,96 +89,66 @@ class Track:
         return along(self.start, self.outward, -half), along(self.end, self.outward, half)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RoomGeometry:
     """Where everything in a room of some size is.
 
     Attributes:
-        positions: Number of levers, 7 to 12.
+        stretch: How much larger the circle of levers is than the paper's, and so the arm.
+        tracks: The track at each position.
+        link: Length of each of the arm's links.
+        half_width: Half the width of a link, whose ends are round.
+        rest: The joint angles in which the arm begins, each relative to the link before.
+        ready: How far the arm's end is from its base while it swings round, clear of all levers.
+        hinge: The door's hinge, its upper end.
+        door_length: From the hinge to the lower end.
+        door_thickness: Thickness of the door.
+        button: Centre of the green button beside the door.
     """
 
-    positions: int
+    stretch: float
+    tracks: tuple[Track, ...]
+    link: float
+    half_width: float
+    rest: tuple[float, ...]
+    ready: float
+    hinge: Point
+    door_length: float
+    door_thickness: float
+    button: Point
 
     @classmethod
     @cache
     def of(cls, positions: int) -> RoomGeometry:
-        """The geometry of a room; the same object for the same size.
+        """The geometry of a room of 7 to 12 levers; the same object for the same number.
 
         Raises:
             LayoutError: If no room has so many positions.
         """
-        position_coordinates(positions)
-        return cls(positions)
-
-    @cached_property
-    def stretch(self) -> float:
-        """How much larger the circle of levers is than the paper's, and so the arm."""
-        return self.positions / len(PAPER_POSITIONS)
-
-    # -- levers ---------------------------------------------------------------------------------
-
-    @cached_property
-    def tracks(self) -> tuple[Track, ...]:
-        """The track at each position."""
-        travel = room_facts()["track"]["visible_outside_bar"]
+        facts = room_facts()
+        arm, door, travel = facts["arm"], facts["door"], facts["track"]["visible_outside_bar"]
         tracks = []
-        for x, y in position_coordinates(self.positions).tolist():
+        for x, y in position_coordinates(positions).tolist():
             radius = math.hypot(x, y)
             tracks.append(Track((x, y), (x / radius, y / radius), travel))
-        return tuple(tracks)
-
-    # -- arm ------------------------------------------------------------------------------------
-
-    @cached_property
-    def link(self) -> float:
-        """Length of each of the arm's links."""
-        return self.stretch * float(room_facts()["arm"]["link_length"])
-
-    @cached_property
-    def half_width(self) -> float:
-        """Half the width of a link, whose ends are round."""
-        return float(room_facts()["arm"]["width"]) / 2
-
-    @cached_property
-    def rest(self) -> tuple[float, ...]:
-        """The joint angles in which the arm begins, each relative to the link before."""
-        heading, angles = 0.0, []
-        for (x, y), (next_x, next_y) in pairwise(room_facts()["arm"]["joints"]):
-            direction = math.atan2(next_y - y, next_x - x)
-            angles.append(wrap(direction - heading))
-            heading = direction
-        return tuple(angles)
-
-    @cached_property
-    def ready(self) -> float:
-        """How far the arm's end is from its base while it swings round, clear of all levers."""
-        nearest = min(track.radius for track in self.tracks)
-        return nearest - BAR_WIDTH / 2 - self.half_width - CLEARANCE
-
-    def touching(self, place: int, displacement: float) -> Point:
-        """Where the arm's end is when it touches a lever from within."""
-        track = self.tracks[place]
-        back = BAR_WIDTH / 2 + self.half_width + GAP
-        return along(track.centre(displacement), track.outward, -back)
-
-    # -- door -----------------------------------------------------------------------------------
-
-    @cached_property
-    def hinge(self) -> Point:
-        """The door's hinge, its upper end."""
-        x, y = room_facts()["door"]["hinge"]
-        return x * self.stretch, y
-
-    @cached_property
-    def door_length(self) -> float:
-        """From the hinge to the lower end."""
-        facts = room_facts()["door"]
-        return float(facts["hinge"][1] - facts["lock_indicator"][1])
-
-    @cached_property
-    def door_thickness(self) -> float:
-        """Thickness of the door."""
-        return float(room_facts()["door"]["thickness"])
+        stretch = positions / len(PAPER_POSITIONS)
+        half_width = float(arm["width"]) / 2
+        steps = [(x - x0, y - y0) for (x0, y0), (x, y) in pairwise(arm["joints"])]
+        headings = [math.atan2(y, x) for x, y in steps]
+        hinge_x, hinge_y = door["hinge"]
+        x, y = facts["button"]["centre"]
+        return cls(
+            stretch=stretch,
+            tracks=tuple(tracks),
+            link=stretch * float(arm["link_length"]),
+            half_width=half_width,
+            rest=tuple(wrap(now - before) for before, now in pairwise([0.0, *headings])),
+            ready=min(track.radius for track in tracks) - BAR_WIDTH / 2 - half_width - CLEARANCE,
+            hinge=(hinge_x * stretch, hinge_y),
+            door_length=float(hinge_y - door["lock_indicator"][1]),
+            door_thickness=float(door["thickness"]),
+            button=(x + hinge_x * (stretch - 1), y),
+        )
 
     @property
     def lock(self) -> Point:
@@ -184,36 +159,22 @@ class RoomGeometry:
         """The door's free end."""
         return along(self.hinge, (math.sin(angle), -math.cos(angle)), self.door_length)
 
+    def at_lever(self, place: int, displacement: float) -> Point:
+        """Where the arm's end is when it touches a lever from within."""
+        track = self.tracks[place]
+        back = BAR_WIDTH / 2 + self.half_width + GAP
+        return along(track.centre(displacement), track.outward, -back)
+
     def at_door(self, angle: float) -> Point:
         """Where the arm's end is when it touches the door from within."""
         down, outward = (math.sin(angle), -math.cos(angle)), (math.cos(angle), math.sin(angle))
         back = self.door_thickness / 2 + self.half_width + GAP
         return along(along(self.hinge, down, HANDLE), outward, -back)
 
-    @cached_property
-    def size(self) -> float:
-        """No part of anything in the room is ever farther than this from the arm's base."""
-        doors = (math.hypot(*self.door_end(angle)) for angle in (0.0, DOOR_SWING, math.pi / 2))
-        levers = (math.hypot(*corner) for track in self.tracks for corner in track.bar(1.0))
-        return max(5 * self.link, *doors, *levers) + self.half_width
-
 
 def along(start: Point, direction: Point, distance: float) -> Point:
-    """The point that many lengths from another in some direction, a unit vector."""
+    """The point at a distance from another in some direction, a unit vector."""
     return start[0] + distance * direction[0], start[1] + distance * direction[1]
-
-
-def bar(start: Point, end: Point, width: float) -> Corners:
-    """The corners of a bar between two points."""
-    length = math.dist(start, end)
-    side = ((start[1] - end[1]) / length, (end[0] - start[0]) / length)
-    half = width / 2
-    return (
-        along(start, side, half),
-        along(end, side, half),
-        along(end, side, -half),
-        along(start, side, -half),
-    )
 
 
 def wrap(angle: float) -> float:

@@ -27,15 +27,7 @@ ROUNDING = 1e-9
 
 
 def joint_points(angles: Sequence[float], link: float = 1.0) -> tuple[Point, ...]:
-    """Where the arm's joints are (forward kinematics).
-
-    Args:
-        angles: The joint angles.
-        link: Length of a link.
-
-    Returns:
-        Six points: the base, the four joints, the free end.
-    """
+    """The base, the four joints and the free end of an arm (forward kinematics)."""
     x = y = heading = 0.0
     points = [(x, y)]
     for angle in angles:

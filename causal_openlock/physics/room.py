@@ -32,7 +32,7 @@ class PhysicalRoom:
 
     Args:
         fsm: The machine that locks and unlocks.
-        layout: Where the levers stand.
+        layout: The positions of the levers.
 
     Attributes:
         geometry: Where everything is.
@@ -74,12 +74,10 @@ class PhysicalRoom:
         self._set_locks()
 
     def act(self, action: int, yields: bool = True) -> Movement:
-        """Carry out an action.
+        """Carry out one of the room's ``2P + 1`` actions.
 
-        Args:
-            action: One of the room's ``2P + 1`` actions.
-            yields: Whether what the action aims at gives way, if the machine unlocks it; luck
-                decides that where a schema leaves something to chance.
+        What it aims at gives way if the machine unlocks it and ``yields`` is true; luck decides
+        that where a schema leaves something to chance.
         """
         positions = self._layout.positions
         door = action == 2 * positions

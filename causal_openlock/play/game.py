@@ -28,7 +28,7 @@ EXPERIMENT = "people"
 PRACTICE = Schema("practice", ["L0"], {"L0": ["door"]})
 """One free lever unlocks the door: enough to learn what a click does, and no more."""
 PRACTICE_PLACE = 2
-"""Where the only grey lever of the practice room stands."""
+"""Position of the only grey lever of the practice room."""
 
 
 @dataclass(frozen=True)
@@ -93,15 +93,12 @@ class Game:
             return "practice"
         return "end" if self.session.over else "room"
 
-    @property
-    def actions(self) -> int:
-        """How many actions there are."""
-        return self.session.brief.actions
-
-    @property
-    def can_act(self) -> bool:
-        """Whether an action can be taken now."""
-        return not (self._practice or self.session).over
+    def allows(self, action: int | None) -> bool:
+        """Whether an action is possible now; ``None`` leaves the practice room."""
+        if action is None:
+            return self._practice is not None
+        over = (self._practice or self.session).over
+        return not over and 0 <= action < self.session.brief.actions
 
     def view(self) -> Answer:
         """What the person may know now."""

@@ -38,10 +38,8 @@ def geometry(positions: int) -> dict[str, Any]:
     :mod:`causal_openlock.physics.geometry`.
     """
     room, facts = RoomGeometry.of(positions), room_facts()
-    x, y = facts["button"]["centre"]
-    button = [x + facts["door"]["hinge"][0] * (room.stretch - 1), y]
     return {
-        "names": [_spoken(name) for name in position_names(positions)],
+        "names": [_in_words(name) for name in position_names(positions)],
         "tracks": [
             {"start": track.start, "outward": track.outward, "travel": track.travel}
             for track in room.tracks
@@ -61,12 +59,12 @@ def geometry(positions: int) -> dict[str, Any]:
             "swing": DOOR_SWING,
             "handle": HANDLE,
         },
-        "button": {"centre": button, "side": facts["button"]["side"]},
+        "button": {"centre": room.button, "side": facts["button"]["side"]},
     }
 
 
-def _spoken(name: str) -> str:
-    """``UPPERRIGHT`` as it is said: ``upper right``."""
+def _in_words(name: str) -> str:
+    """``UPPERRIGHT`` in words: ``upper right``."""
     for start in ("UPPER", "LOWER"):
         if name.startswith(start) and name != start:
             return f"{start} {name.removeprefix(start)}".lower()

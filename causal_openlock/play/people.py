@@ -184,37 +184,27 @@ class People:
 
     def proceed(self, name: str, turn: int) -> Answer:
         """Let a person leave the practice room; refused as :meth:`act` is."""
-        person = self._find(name)
-        with person.lock:
-            if turn != person.game.turn or person.game.stage != "practice":
-                raise OutOfTurn(person.game.view())
-            return self._take(person, {})
+        return self._turn(name, turn, {})
 
     def act(self, name: str, turn: int, action: int, reaction: int | None) -> Answer:
-        """Carry out a person's action.
-
-        Args:
-            name: The session id.
-            turn: The turn that the action is meant for.
-            action: Its index.
-            reaction: Milliseconds that the person took, if the page sends them.
+        """Carry out a person's action, after so many milliseconds if the page sends them.
 
         Raises:
             UnknownPerson: If there is no such session.
             OutOfTurn: If this is not the turn, there is no such action, or the person has finished.
             StoreError: If it cannot be written to the log; nothing has changed then.
         """
+        return self._turn(name, turn, {"action": action, "reaction": reaction})
+
+    def _turn(self, name: str, turn: int, what: LogEntry) -> Answer:
         person = self._find(name)
         with person.lock:
             game = person.game
-            if turn != game.turn or not game.can_act or not 0 <= action < game.actions:
+            if turn != game.turn or not game.allows(what.get("action")):
                 raise OutOfTurn(game.view())
-            return self._take(person, {"action": action, "reaction": reaction})
-
-    def _take(self, person: _Person, what: LogEntry) -> Answer:
-        entry = {"of": person.number, "turn": person.game.turn, "at": self._clock(), **what}
-        self._log.append(entry)  # first it is on file, then it is done, then it is answered
-        return person.take(entry)
+            entry = {"of": person.number, "turn": turn, "at": self._clock(), **what}
+            self._log.append(entry)  # first it is on file, then it is done, then it is answered
+            return person.take(entry)
 
     def _find(self, name: str) -> _Person:
         person = self._people.get(_key(name))
@@ -261,11 +251,7 @@ class People:
             game = self._order[entry["of"]].game
             if entry["turn"] != game.turn:
                 raise self._log.fault(number, "a turn is missing before this one")
-            if "action" in entry:
-                possible = game.can_act and entry["action"] < game.actions
-            else:
-                possible = game.stage == "practice"
-            if not possible:
+            if not game.allows(entry.get("action")):
                 raise self._log.fault(number, "this was not possible then")
             self._order[entry["of"]].take(entry)
         self._log.entries = []
@@ -288,11 +274,9 @@ class People:
         self._log.sync()
 
     def keep(self, pause: float = 0.0, ended_only: bool = False) -> None:
-        """Write the record of every person who has acted since theirs was last written.
+        """Write the record of every person who has acted, or ended a trial, since the last time.
 
-        Args:
-            pause: Seconds to wait after each person, so that clicks are answered in between.
-            ended_only: Whether to leave out people who have ended no trial since then.
+        After each person it pauses some seconds, so that clicks are answered in between.
 
         Raises:
             StoreError: If it cannot be written; the log still has everything.

@@ -15,8 +15,8 @@ A session id travels as ``Authorization: Bearer ID``, which no other site's page
 is), 400 requests that the page never makes. None of these changes anything.
 
 Starlette routes the requests and uvicorn speaks HTTP; the work for a request is done in a thread,
-so that nobody waits while another person's click is written. The server listens on loopback unless
-told otherwise, and then refuses requests under another name than this machine's own: those of a
+so that nobody waits while another person's click is written. By default the server listens on
+loopback, and then refuses requests under another name than this machine's own: those of a
 foreign page whose host name was made to point here. Behind a reverse proxy it also accepts the
 address that people use, which it has to be given.
 """
@@ -24,17 +24,17 @@ address that people use, which it has to be given.
 from __future__ import annotations
 
 import asyncio
-import json
 import re
 import socket
 import sys
 import threading
 from collections.abc import Callable
 from ipaddress import ip_address
-from typing import Any
+from typing import Annotated, Any, TypeVar
 from urllib.parse import urlsplit
 
 import uvicorn
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
@@ -76,8 +76,6 @@ HEADERS = {
 }
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 ORIGIN = re.compile(r"https?://([^/?#@\s]+)")
-
-Body = dict[str, Any]
 
 
 class PlayServer:
@@ -199,28 +197,21 @@ class PlayServer:
         app = Starlette(
             routes=[
                 *(_file(path, *file) for path, file in static_files().items()),
-                _call("GET", "/brief", lambda request, body: self._brief()),
-                _call("GET", "/geometry/{size}", lambda request, body: geometry(_size(request))),
-                _call("GET", "/state", lambda request, body: people.view(_session(request))),
-                _call("POST", "/join", lambda request, body: {"id": people.join()}),
-                _call("POST", "/proceed", self._proceed),
-                _call("POST", "/act", self._act),
+                _get("/brief", lambda request: self._brief()),
+                _get("/geometry/{size}", lambda request: geometry(_size(request))),
+                _get("/state", lambda request: people.view(_session(request))),
+                _post("/join", _Body, lambda request, sent: {"id": people.join()}),
+                _post("/proceed", _Turn, lambda request, sent: people.proceed(
+                    _session(request), sent.turn)),
+                _post("/act", _Action, lambda request, sent: people.act(
+                    _session(request), sent.turn, sent.action, sent.reaction)),
             ],
             exception_handlers=dict.fromkeys(
-                (OpenLockError, ClientDisconnect, HTTPException), _refused
+                (OpenLockError, ValidationError, ClientDisconnect, HTTPException), _refused
             ),
-        )
+        )  # fmt: skip
         app.router.redirect_slashes = False
         return app
-
-    def _proceed(self, request: Request, body: Body) -> Any:
-        return self.people.proceed(_session(request), _whole(body, "turn", 2**31))
-
-    def _act(self, request: Request, body: Body) -> Any:
-        turn, action = _whole(body, "turn", 2**31), _whole(body, "action", 255)
-        timed = body.get("reaction") is not None
-        reaction = _whole(body, "reaction", LONGEST_REACTION) if timed else None
-        return self.people.act(_session(request), turn, action, reaction)
 
     def _brief(self) -> dict[str, Any]:
         experiment = self.people.experiment
@@ -311,12 +302,19 @@ def _file(path: str, kind: str, content: bytes) -> Route:
     return Route(path, answer)
 
 
-def _call(method: str, path: str, work: Callable[[Request, Body], Any]) -> Route:
+def _get(path: str, work: Callable[[Request], Any]) -> Route:
     async def answer(request: Request) -> Response:
-        body = _parsed(await request.body()) if method == "POST" else {}
-        return JSONResponse(await run_in_threadpool(work, request, body))
+        return JSONResponse(await run_in_threadpool(work, request))
 
-    return Route(path, answer, methods=[method])
+    return Route(path, answer, methods=["GET"])
+
+
+def _post(path: str, kind: type[Sent], work: Callable[[Request, Sent], Any]) -> Route:
+    async def answer(request: Request) -> Response:
+        sent = kind.model_validate_json(await request.body())
+        return JSONResponse(await run_in_threadpool(work, request, sent))
+
+    return Route(path, answer, methods=["POST"])
 
 
 def _invalid() -> Response:
@@ -347,8 +345,22 @@ def _warn(error: Exception) -> None:
 # -- what is in a request -------------------------------------------------------------------------
 
 
-class _Malformed(OpenLockError):  # noqa: N818 - an answer to the page
-    """The page makes no such request."""
+class _Body(BaseModel):
+    """The body of a request: a JSON object."""
+
+    model_config = ConfigDict(strict=True)
+
+
+class _Turn(_Body):
+    turn: Annotated[int, Field(ge=0, le=2**31)]
+
+
+class _Action(_Turn):
+    action: Annotated[int, Field(ge=0, le=255)]
+    reaction: Annotated[int, Field(ge=0, le=LONGEST_REACTION)] | None = None
+
+
+Sent = TypeVar("Sent", bound=_Body)
 
 
 def _is_clear(method: str, headers: Headers) -> bool:
@@ -363,16 +375,6 @@ def _is_clear(method: str, headers: Headers) -> bool:
     return int(headers.get("content-length", MOST_BYTES + 1)) <= MOST_BYTES
 
 
-def _parsed(sent: bytes) -> Body:
-    try:
-        body = json.loads(sent)
-    except (ValueError, RecursionError):
-        raise _Malformed from None
-    if not isinstance(body, dict):
-        raise _Malformed
-    return body
-
-
 def _session(request: Request) -> str:
     kind, _, name = request.headers.get("authorization", "").partition(" ")
     if kind != "Bearer" or not name.isascii():
@@ -384,10 +386,3 @@ def _size(request: Request) -> int:
     if not re.fullmatch("[0-9]{1,2}", request.path_params["size"]):
         raise HTTPException(404)
     return int(request.path_params["size"])
-
-
-def _whole(body: Body, key: str, most: int) -> int:
-    value = body.get(key)
-    if type(value) is not int or not 0 <= value <= most:
-        raise _Malformed
-    return value

@@ -2,9 +2,9 @@
 
 ================ ==================================================================================
 ``graph``        A schema as a figure or as text; ``arrange`` places its parts.
-``room``         A room as pixels or text; ``stills`` after some actions, ``svg`` for papers.
+``room``         A room as pixels, text or a file, also after actions; ``svg`` for papers.
 ``scene``        What a picture consists of; ``raster`` makes pixels of it, ``panel`` the console.
 ``filmed_trial`` The trial that a film shows, played now or recorded.
-``film``         A film of it, written by ``gif`` and ``mp4``.
+``film``         A film of it, written by ``video``.
 ================ ==================================================================================
 """

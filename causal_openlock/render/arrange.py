@@ -21,6 +21,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from causal_openlock.world.schema import DOOR, Schema
 
@@ -105,7 +106,7 @@ def arrange(schema: Schema) -> Arrangement:
 def _with_few_crossings(
     rows: list[list[Place]], links: Sequence[tuple[Place, Place]]
 ) -> list[list[Place]]:
-    """Order each row by where its neighbours stand, sweep by sweep; the best order seen is kept."""
+    """Order each row by the mean place of its neighbours, in sweeps, and keep the best order."""
     above: dict[Any, list[Any]] = {place: [] for places in rows for place in places}
     below: dict[Any, list[Any]] = {place: [] for place in above}
     for cause, effect in links:
@@ -166,27 +167,17 @@ def _upright(
                 pull = near[place] or [(place, 1.0)]
                 weights.append(sum(weight for _, weight in pull))
                 wish.append(sum(x[to] * weight for to, weight in pull) / weights[-1])
-            rising = _rising(np.array(wish) - offset, weights)
+            # The nearest places in the same order, at least their least distances apart.
+            rising = isotonic_regression(np.array(wish) - offset, weights=np.array(weights)).x
             x |= dict(zip(places, (rising + offset).tolist(), strict=True))
     return x
-
-
-def _rising(wish: Points, weights: Sequence[float]) -> Points:
-    """The sequence nearest to ``wish`` that never falls: runs that would fall get their mean."""
-    runs: list[tuple[float, float, int]] = []
-    for value, weight in zip(wish.tolist(), weights, strict=True):
-        runs.append((value, weight, 1))
-        while len(runs) > 1 and runs[-2][0] > runs[-1][0]:
-            (a, v, n), (b, w, m) = runs[-2:]
-            runs[-2:] = [((a * v + b * w) / (v + w), v + w, n + m)]
-    return np.repeat([mean for mean, _, _ in runs], [count for _, _, count in runs])
 
 
 # -- edges ----------------------------------------------------------------------------------------
 
 
 def _route(drawing: Arrangement, paths: Paths) -> bool:
-    """Draw every edge as straight as it can be; tell whether all of them keep clear of nodes."""
+    """Draw every edge as straight as possible; whether all of them keep clear of nodes."""
     clear = True
     for edge, path in paths.items():
         for steepest in (60.0, 45.0, 30.0, 15.0, 0.0):
@@ -212,13 +203,7 @@ def distance_to_node(drawing: Arrangement, node: str, points: Points) -> float:
 
 
 def _curve(drawing: Arrangement, path: Sequence[Place], steepest: float) -> Points:
-    """A smooth line through the places of a path, nowhere flatter at its ends than allowed.
-
-    Args:
-        drawing: Where the places are.
-        path: A cause, slots, an effect.
-        steepest: Largest angle to the vertical at which the line may leave or reach a place.
-    """
+    """A smooth line through the places of a path, at most so steep to the vertical at its ends."""
     at = [drawing.centre[place] for place in path]
 
     def lean(start: Points, end: Points) -> float:
@@ -265,7 +250,7 @@ def _place_labels(schema: Schema, drawing: Arrangement, paths: Paths) -> None:
     for edge, points in drawing.edges.items():
         if schema.graph.edges[edge]["strength"] == 1.0:
             continue
-        # Only where the edge is on its own does a label tell which edge is meant.
+        # A label is clear only where no other edge runs along.
         pieces = [i for i, link in enumerate(pairwise(paths[edge])) if used[link] == 1]
         candidates = [
             points[i * (PIECE - 1) + at] for i in pieces for at in (11, 9, 13, 7, 15, 5, 17)

@@ -1,7 +1,7 @@
 """A film of a trial: the physical room carries out what was done, the console beside it.
 
 A film is a sequence of *shots*. While the arm moves there is one for each frame; before and after a
-movement the film stands still for a while, which is one shot of several frames. The record says
+movement the film pauses, which is one shot of several frames. The record says
 what was done and what came of it; the bodies show how.
 """
 
@@ -13,21 +13,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.atomic import replacing, write_bytes, write_text
+from causal_openlock.files.atomic import replacing
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import STEP, Pose
 from causal_openlock.render.filmed_trial import FilmedAttempt, FilmedTrial
 from causal_openlock.render.panel import Panel, ShownAction, draw
 from causal_openlock.render.raster import Bytes
+from causal_openlock.render.room import STILLS, save_still
 from causal_openlock.render.scene import Look
-from causal_openlock.render.svg import room_svg
+from causal_openlock.render.video import load_ffmpeg, write_gif, write_mp4
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.room import Room, action_names, published_layouts
 
 FILMS = (".gif", ".mp4")
-STILLS = (".png", ".svg")
 BEFORE, AFTER, BETWEEN, END = 0.6, 0.5, 1.0, 2.5
-"""Seconds for which the film stands still: before an attempt, after an action, after the last
+"""Seconds for which the film pauses: before an attempt, after an action, after the last
 action of an attempt, at the end."""
 
 
@@ -55,18 +55,12 @@ class Shot:
 def shots(
     trial: FilmedTrial, fps: int = 25, speed: float = 1.0, attempts: int | None = None
 ) -> Iterator[Shot]:
-    """A trial as a film.
-
-    Args:
-        trial: What was played.
-        fps: Frames per second.
-        speed: How many times faster than one unit of simulated time per second.
-        attempts: How many attempts to show at most; ``None`` shows all.
-    """
+    """A trial as a film; ``speed`` is in units of simulated time per second."""
     shown = trial.attempts[:attempts]
-    story = _Story(trial)
-    grey = tuple(story.room.active.tolist())
-    physical = PhysicalRoom(story.room.fsm, story.room.layout)
+    room = trial.room
+    console = _Console(trial, room)
+    grey = tuple(room.active.tolist())
+    physical = PhysicalRoom(room.fsm, room.layout)
     poses: list[Pose] = []
     physical.watch = poses.append
     stride = speed / (fps * STEP)  # steps of the simulation in a frame
@@ -78,116 +72,87 @@ def shots(
 
     for number, attempt in enumerate(shown, 1):
         physical.reset()
-        yield still(BEFORE, number, 0, story.begin(number))
+        yield still(BEFORE, number, 0, console.panel(number, 0))
         last = number == len(shown)
         for index, action in enumerate(attempt.actions, 1):
             poses.clear()
             physical.act(action, yields=attempt.moved[index - 1] or trial.schema.deterministic)
-            panel = story.during(action)
+            panel = console.panel(number, index - 1, moving=True)
             pressed = action == 2 * trial.layout.positions
             for frame in range(1, math.ceil(len(poses) / stride) + 1):
                 pose = poses[min(round(frame * stride), len(poses)) - 1]
                 yield Shot(Look.of_pose(pose, grey, pressed), panel, 1, number, index, True)
             ended = index == len(attempt.actions)
-            panel = story.after(attempt, index)
+            panel = console.panel(number, index)
             if ended and last:
-                panel = replace(panel, remark=story.end(len(shown)))
+                panel = replace(panel, remark=console.remark(number))
             yield still((END if last else BETWEEN) if ended else AFTER, number, index, panel)
 
 
-class _Story:
-    """What the console shows as a trial goes on."""
+class _Console:
+    """What the console shows at each point of a trial."""
 
-    def __init__(self, trial: FilmedTrial) -> None:
-        self.room: Room = trial.room
-        self._trial = trial
+    def __init__(self, trial: FilmedTrial, room: Room) -> None:
+        self._trial, self._room = trial, room
         self._names = [name.replace("_", " ") for name in action_names(trial.layout.positions)]
-        self._found: dict[int, str] = {}
-        self._state = 0
-        self._panel = Panel((), 0, 0)
         layout = trial.layout.name
-        self._layout = f" in {layout}" * (layout in published_layouts(trial.schema))
+        layout = f" in {layout}" * (layout in published_layouts(trial.schema))
+        self._lines = (
+            f"{trial.condition}, protocol {trial.protocol.name}, subject {trial.subject}",
+            f"Trial {trial.trial} of {trial.trials}: {trial.schema.name}{layout}",
+        )
 
-    def begin(self, number: int) -> Panel:
-        """Before an attempt."""
-        trial = self._trial
+    def panel(self, number: int, done: int, moving: bool = False) -> Panel:
+        """After some actions of the attempt of some number, perhaps while the next is going on."""
+        trial, attempt = self._trial, self._trial.attempts[number - 1]
+        over = done == len(attempt.actions)
+        ended = trial.attempts[: number if over else number - 1]
+        found = [self._pushes(one.solution) for one in ended if one.new]
+        missing = len(trial.schema.solutions) - len(found)
+        solved = trial.protocol.stop_when_solved and not missing
         limit = trial.protocol.attempt_limit
-        self._state, self._number = 0, number
-        self._panel = Panel(
-            solutions=self._solutions(),
-            attempts_left=self._left(number),
-            actions_left=trial.action_limit,
+        actions = self._outcomes(attempt)[:done]
+        if moving:
+            actions.append(ShownAction(self._names[attempt.actions[done]]))
+        return Panel(
+            solutions=(*found, *[""] * missing),
+            attempts_left=None if solved else limit + 1 - number - over,
+            actions_left=0 if over else trial.action_limit - done,
             heading=trial.learner,
-            lines=(
-                f"{trial.condition}, protocol {trial.protocol.name}, subject {trial.subject}",
-                f"Trial {trial.trial} of {trial.trials}: {trial.schema.name}{self._layout}",
-                f"Attempt {number} of at most {limit}",
-            ),
-            actions=(),
+            lines=(*self._lines, f"Attempt {number} of at most {limit}"),
+            actions=tuple(actions),
         )
-        return self._panel
 
-    def during(self, action: int) -> Panel:
-        """While an action is carried out."""
-        done = (*(self._panel.actions or ()), ShownAction(self._names[action]))
-        self._panel = replace(self._panel, actions=done)
-        return self._panel
+    def _pushes(self, solution: int) -> str:
+        actions = self._room.action_of(self._room.schema.solutions[solution])
+        return ", ".join(self._names[a].removeprefix("push ") for a in actions[:-1])
 
-    def after(self, attempt: FilmedAttempt, index: int) -> Panel:
-        """After the action of some number in an attempt."""
-        action = attempt.actions[index - 1]
-        before = self._state
-        if attempt.moved[index - 1]:
-            self._state = int(self.room.next_state[before, action])
-        if index == len(attempt.actions) and attempt.new:
-            levers = self.room.schema.solutions[attempt.solution]
-            pushes = [self._names[a].removeprefix("push ") for a in self.room.action_of(levers)]
-            self._found[attempt.solution] = ", ".join(pushes[:-1])
-        outcome, good = self._outcome(attempt, before, self._state)
-        *earlier, last = self._panel.actions or ()
-        over = index == len(attempt.actions)
-        self._panel = replace(
-            self._panel,
-            solutions=self._solutions(),
-            attempts_left=self._left(self._number + over),
-            actions_left=0 if over else self._trial.action_limit - index,
-            actions=(*earlier, replace(last, outcome=outcome, good=good)),
-        )
-        return self._panel
+    def _outcomes(self, attempt: FilmedAttempt) -> list[ShownAction]:
+        """What came of each action, and whether it was progress."""
+        fsm, state, shown = self._room.fsm, 0, []
+        for action, moved in zip(attempt.actions, attempt.moved, strict=True):
+            before, state = state, int(self._room.next_state[state, action]) if moved else state
+            outcome, good = "the lever moves", False
+            if before == state:
+                outcome = "nothing moves"
+            elif fsm.opened[state]:
+                outcome = f"the door opens: {'a new solution' if attempt.new else 'nothing new'}"
+                good = attempt.new
+            elif fsm.unlocked[state] != fsm.unlocked[before]:
+                good = bool(fsm.unlocked[state])
+                outcome = "the door unlocks" if good else "the door locks again"
+            shown.append(ShownAction(self._names[action], outcome, good))
+        return shown
 
-    def _outcome(self, attempt: FilmedAttempt, before: int, after: int) -> tuple[str, bool]:
-        """What came of an action, and whether it was progress."""
-        fsm = self.room.fsm
-        if before == after:
-            return "nothing moves", False
-        if fsm.opened[after]:
-            news = "a new solution" if attempt.new else "nothing new"
-            return f"the door opens: {news}", attempt.new
-        if fsm.unlocked[after] == fsm.unlocked[before]:
-            return "the lever moves", False
-        unlocked = bool(fsm.unlocked[after])
-        return ("the door unlocks" if unlocked else "the door locks again"), unlocked
-
-    def end(self, shown: int) -> str:
-        """The last line of the film."""
-        more = len(self._trial.attempts) - shown
-        if more:
+    def remark(self, shown: int) -> str:
+        """The last line of a film that shows so many attempts."""
+        attempts = self._trial.attempts
+        left = len(self._trial.schema.solutions) - sum(one.new for one in attempts[:shown])
+        if more := len(attempts) - shown:
             return f"{counted(more, 'more attempt')} not shown"
-        left = len(self.room.schema.solutions) - len(self._found)
         if left:
             return f"{counted(left, 'solution')} not found"
         return f"All solutions found in {counted(shown, 'attempt')}"
-
-    def _left(self, number: int) -> int | None:
-        """How many attempts are left before that of some number; none are counted at the end."""
-        protocol = self._trial.protocol
-        if protocol.stop_when_solved and len(self._found) == len(self.room.schema.solutions):
-            return None
-        return protocol.attempt_limit + 1 - number
-
-    def _solutions(self) -> tuple[str, ...]:
-        missing = len(self.room.schema.solutions) - len(self._found)
-        return (*self._found.values(), *[""] * missing)
 
 
 def check_suffix(path: Path | str) -> Path:
@@ -204,8 +169,6 @@ def check_suffix(path: Path | str) -> Path:
             f"{nearest(suffix, FILMS + STILLS)}"
         )
     if suffix == ".mp4":
-        from causal_openlock.render.mp4 import load_ffmpeg
-
         load_ffmpeg()
     return path
 
@@ -244,10 +207,7 @@ def save_film(
         *_, last = sequence
         save_still(last.look, path, size, last.panel)
         return 1
-    if suffix == ".mp4":
-        from causal_openlock.render.mp4 import write_mp4 as write
-    else:
-        from causal_openlock.render.gif import write_gif as write
+    write = write_mp4 if suffix == ".mp4" else write_gif
     frames = 0
 
     def pictures() -> Iterator[tuple[Bytes, int]]:
@@ -260,29 +220,3 @@ def save_film(
     with replacing(path) as file:
         write(file, pictures(), fps)
     return frames
-
-
-def save_still(
-    look: Look, path: Path | str, size: int = 600, panel: Panel | None = None, title: str = ""
-) -> None:
-    """Write a picture of a room, PNG or SVG by the suffix; the file is replaced in one step.
-
-    Raises:
-        OpenLockError: If the suffix is another or the file cannot be written.
-    """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in STILLS:
-        raise OpenLockError(
-            f"{path}: a picture of a room cannot be saved as {suffix!r}; {nearest(suffix, STILLS)}"
-        )
-    if suffix == ".svg":
-        write_text(path, room_svg(look, panel, title or "An OpenLock room"))
-        return
-    import io
-
-    from PIL import Image
-
-    content = io.BytesIO()
-    Image.fromarray(draw(look, size, panel)).save(content, "png")
-    write_bytes(path, content.getvalue())

@@ -58,7 +58,7 @@ class FilmedTrial:
         trial: Number of the trial in the whole condition, from 1.
         trials: How many trials the condition has.
         schema: The schema of the room.
-        layout: Where its levers stand.
+        layout: The positions of its levers.
         attempts: The attempts.
     """
 
@@ -121,16 +121,22 @@ def play_trial(
     trials = session.brief.trials
     check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
     session.begin(learner)
-    informed = learner if isinstance(learner, InformedLearner) else None
     over = 0
     while over < trial:
         step = session.step(learner.act(session.view))
         learner.learn(step)
         over += bool(step.trial_over[0])
-        if informed and step.trial_over[0]:
-            informed.inform(session.truth)
-    rows = _trials(session.record())
-    return _filmed(rows, label, condition, protocol, subject, trial, trials)
+        if step.trial_over[0] and isinstance(learner, InformedLearner):
+            learner.inform(session.truth)
+    return _filmed(
+        _trials(session.record())[trial - 1],
+        condition,
+        learner=label,
+        protocol=protocol,
+        subject=subject,
+        trial=trial,
+        trials=trials,
+    )
 
 
 def recorded_trial(
@@ -175,7 +181,15 @@ def recorded_trial(
             f"{spec.subjects - 1}, and compare completes what is missing"
         )
     check_trial(trial, len(trials), f"subject {subject} of {learner} in {condition}")
-    return _filmed(trials, learner, played, spec.protocol, subject, trial, len(trials))
+    return _filmed(
+        trials[trial - 1],
+        played,
+        learner=learner,
+        protocol=spec.protocol,
+        subject=subject,
+        trial=trial,
+        trials=len(trials),
+    )
 
 
 def _named(parts: Sequence[Any], name: str, otherwise: str) -> Any:
@@ -191,33 +205,20 @@ def _trials(record: pa.Table) -> list[list[dict[str, Any]]]:
     return [list(run) for _, run in runs]
 
 
-def _filmed(
-    rows: Sequence[Sequence[dict[str, Any]]],
-    learner: str,
-    condition: Condition,
-    protocol: Protocol,
-    subject: int,
-    trial: int,
-    trials: int,
-) -> FilmedTrial:
-    attempts = rows[trial - 1]
+def _filmed(attempts: Sequence[dict[str, Any]], condition: Condition, **about: Any) -> FilmedTrial:
+    """The trial of these rows of a record."""
     schemas = {schema.name: schema for schema in condition.schemas}
     schema = schemas[attempts[0]["schema"]]
     positions = max(map(positions_for, schemas.values()))
-    layout = recorded_layout(schema, attempts[0]["layout"], positions)
     return FilmedTrial(
-        learner,
-        condition.name,
-        protocol,
-        subject,
-        trial,
-        trials,
-        schema,
-        layout,
-        tuple(
+        condition=condition.name,
+        schema=schema,
+        layout=recorded_layout(schema, attempts[0]["layout"], positions),
+        attempts=tuple(
             FilmedAttempt(
                 tuple(row["actions"]), tuple(row["moved"]), row["solution"], row["new_solution"]
             )
             for row in attempts
         ),
+        **about,
     )

@@ -7,7 +7,6 @@ of the axes decides how large a unit is drawn, and type and lines grow with it.
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.atomic import replacing
 from causal_openlock.render.arrange import RADIUS, Arrangement, arrange
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.schema import DOOR, Schema
@@ -77,12 +76,10 @@ def save_schema_figure(schema: Schema, path: Path | str) -> None:
             f"{path}: a figure cannot be saved as {suffix!r}; {nearest(suffix, SUFFIXES)}"
         )
     figure: Any = draw_schema(schema).figure
-    content = io.BytesIO()
     dates: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     settings: Any = {"svg.fonttype": "none", "svg.hashsalt": schema.name, "pdf.fonttype": 42}
-    with mpl.rc_context(settings):
-        figure.savefig(content, format=suffix[1:], dpi=200, metadata=dates.get(suffix))
-    write_bytes(path, content.getvalue())
+    with mpl.rc_context(settings), replacing(path) as file:
+        figure.savefig(file, format=suffix[1:], dpi=200, metadata=dates.get(suffix))
 
 
 # -- drawing --------------------------------------------------------------------------------------
@@ -149,7 +146,7 @@ def _draw_nodes(ax: Axes, schema: Schema, drawing: Arrangement, points: float) -
         gate = _gate_mark(schema, node)
         text: Any = {"ha": "center", "zorder": 4, "color": "0.35" if inert else "black"}
         size = (0.235 if node == DOOR else 0.28) * points
-        # Set by the baseline, so that names with and without descenders stand alike.
+        # Set by the baseline, so that names with and without descenders are level.
         ax.text(x, y - 0.095 + (0.09 if gate else 0), node, fontsize=size, va="baseline", **text)
         if gate:
             style = {"fontsize": 0.185 * points, "style": "italic", "va": "baseline"}

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from causal_openlock.render.raster import Bytes, draw_room, paint
+from causal_openlock.render.raster import Bytes, paint, room_pixels
 from causal_openlock.render.scene import Colour, Frame, Look, Shape, rod
 
 WIDTH, HEIGHT = 5.1, 7.6
@@ -27,16 +27,7 @@ MOST_SOLUTIONS = 5
 
 
 class Label(NamedTuple):
-    """A line of text.
-
-    Attributes:
-        x: Where it begins.
-        y: Its baseline.
-        text: What it says.
-        height: Height of the type.
-        colour: Its colour.
-        bold: Whether it is bold.
-    """
+    """A line of text; it begins at ``x``, its baseline is ``y``, and its type is so high."""
 
     x: float
     y: float
@@ -63,11 +54,11 @@ class ShownAction:
 
 @dataclass(frozen=True)
 class Panel:
-    """What stands beside a room.
+    """What is shown beside a room.
 
     Attributes:
         solutions: For each solution how it was found, such as ``LEFT, UPPER, door``; empty for
-            each that is not found yet. ``None`` for found ones of which nothing is to be said.
+            each that is not found yet. ``None`` for found ones without a description.
         attempts_left: Attempts left in the trial, the present one included; ``None`` once it is
             solved and over.
         actions_left: Actions left in the attempt.
@@ -86,78 +77,61 @@ class Panel:
     remark: str = ""
 
     def layout(self) -> tuple[list[Shape], list[Label]]:
-        """Everything on it; the origin is its lower left corner."""
-        return _Layout(self).result()
+        """Everything on it, from the top down; the origin is its lower left corner."""
+        shapes: list[Shape] = []
+        labels: list[Label] = []
+        y = HEIGHT - PADDING
 
+        def write(text: str, x: float = 0.0, **style: Any) -> None:
+            labels.append(_fitted(Label(PADDING + x, y + 0.1, text, **style)))
 
-class _Layout:
-    """Lays a panel out from the top."""
-
-    def __init__(self, panel: Panel) -> None:
-        self._panel = panel
-        self._shapes: list[Shape] = []
-        self._labels: list[Label] = []
-        self._y = HEIGHT - PADDING
-
-    def result(self) -> tuple[list[Shape], list[Label]]:
-        panel = self._panel
-        if panel.heading:
-            self._write(panel.heading, height=HEADING, bold=True, row=0.42)
-            for line in panel.lines:
-                self._write(line, colour=FAINT)
-            self._y -= SPACE
-        self._solutions()
-        self._y -= SPACE
-        left = "–" if panel.attempts_left is None else panel.attempts_left
-        self._write(f"Attempts left: {left}", bold=True)
-        self._y += ROW
-        self._write(f"Actions left: {panel.actions_left}", x=WIDTH / 2 + 0.2, bold=True)
-        if panel.actions is not None:
-            self._y -= SPACE
-            self._actions(panel.actions)
-        if panel.remark:
-            self._labels.append(_fitted(Label(PADDING, PADDING, panel.remark, bold=True)))
-        return self._shapes, self._labels
-
-    def _write(self, text: str, *, x: float = PADDING, row: float = ROW, **style: Any) -> None:
-        self._y -= row
-        self._labels.append(_fitted(Label(x, self._y + 0.1, text, **style)))
-
-    def _solutions(self) -> None:
-        solutions = self._panel.solutions
-        found = [how for how in solutions if how != ""]
-        self._write(f"Solutions found: {len(found)} of {len(solutions)}", bold=True)
+        if self.heading:
+            y -= 0.42
+            write(self.heading, height=HEADING, bold=True)
+            for line in self.lines:
+                y -= ROW
+                write(line, colour=FAINT)
+            y -= SPACE
+        found = [how for how in self.solutions if how != ""]
+        y -= ROW
+        write(f"Solutions found: {len(found)} of {len(self.solutions)}", bold=True)
         # Those found last, and a few boxes that are still empty.
-        first = max(0, min(len(found) - MOST_SOLUTIONS + 1, len(solutions) - MOST_SOLUTIONS))
-        boxes = [*found, *[""] * (len(solutions) - len(found))]
+        boxes = [*found, *[""] * (len(self.solutions) - len(found))]
+        first = max(0, min(len(found) - MOST_SOLUTIONS + 1, len(boxes) - MOST_SOLUTIONS))
         for how in boxes[first : first + MOST_SOLUTIONS]:
-            self._y -= ROW
-            self._box(how != "")
+            y -= ROW
+            shapes += _box(y, ticked=how != "")
             if how:
-                text = Label(PADDING + 0.42, self._y + 0.1, how, TEXT, DONE)
-                self._labels.append(_fitted(text))
+                write(how, 0.42, colour=DONE)
+        y -= SPACE + ROW
+        left = "–" if self.attempts_left is None else self.attempts_left
+        write(f"Attempts left: {left}", bold=True)
+        write(f"Actions left: {self.actions_left}", WIDTH / 2 + 0.2 - PADDING, bold=True)
+        if self.actions is not None:
+            y -= SPACE + ROW
+            write("This attempt", bold=True)
+            # As many as there is room for above the last line, the latest ones.
+            most = int((y - PADDING - ROW) / (2 * ROW))
+            first = max(0, len(self.actions) - most)
+            for number, action in enumerate(self.actions[first:], first + 1):
+                y -= ROW
+                write(str(number), bold=not action.outcome)
+                write(action.name, 0.36, bold=not action.outcome)
+                y -= ROW
+                outcome = action.outcome or "..."
+                write(outcome, 0.36, colour=DONE if action.good else FAINT)
+        if self.remark:
+            labels.append(_fitted(Label(PADDING, PADDING, self.remark, bold=True)))
+        return shapes, labels
 
-    def _box(self, ticked: bool) -> None:
-        left, bottom, side = PADDING + 0.02, self._y + 0.07, 0.23
-        middle = bottom + side / 2
-        self._shapes.append(rod((left, middle), (left + side, middle), side, (255, 255, 255)))
-        if ticked:
-            low = left + 0.10, bottom + 0.06
-            for end in ((left + 0.03, bottom + 0.14), (left + 0.25, bottom + 0.28)):
-                self._shapes.append(rod(low, end, 0.055, DONE, rounded=True, line=0.0))
 
-    def _actions(self, actions: tuple[ShownAction, ...]) -> None:
-        self._write("This attempt", bold=True)
-        # As many as there is room for above the last line, the latest ones.
-        most = int((self._y - PADDING - ROW) / (2 * ROW))
-        first = max(0, len(actions) - most)
-        for number, action in enumerate(actions[first:], first + 1):
-            running = not action.outcome
-            self._write(str(number), bold=running)
-            self._y += ROW
-            self._write(action.name, x=PADDING + 0.36, bold=running)
-            said = action.outcome or "..."
-            self._write(said, x=PADDING + 0.36, colour=DONE if action.good else FAINT)
+def _box(y: float, ticked: bool) -> list[Shape]:
+    left, bottom, side = PADDING + 0.02, y + 0.07, 0.23
+    middle, low = bottom + side / 2, (left + 0.10, bottom + 0.06)
+    box = [rod((left, middle), (left + side, middle), side, (255, 255, 255))]
+    for end in ((left + 0.03, bottom + 0.14), (left + 0.25, bottom + 0.28)):
+        box += [rod(low, end, 0.055, DONE, rounded=True, line=0.0)] * ticked
+    return box
 
 
 def _fitted(label: Label) -> Label:
@@ -187,17 +161,8 @@ def font(pixels: int, bold: bool) -> Any:
 
 
 def draw(look: Look, size: int, panel: Panel | None = None) -> Bytes:
-    """A picture of a room, the console beside it if there is one to show.
-
-    Args:
-        look: The room.
-        size: Height of the picture in pixels.
-        panel: The console.
-
-    Returns:
-        ``[size, width, 3]`` red, green, blue; a new array each time.
-    """
-    room = draw_room(look, size)
+    """A new ``[size, width, 3]`` picture of a room, with the console beside it if there is one."""
+    room = room_pixels(look, size)
     return room if panel is None else np.hstack([room, panel_picture(panel, size)])
 
 

@@ -1,20 +1,21 @@
 """Shapes as pixels, smooth at any size.
 
-How much of a pixel a shape covers is told by the pixel's distance to the shape's border, which for
+How much of a pixel a shape covers follows from its distance to the shape's border, which for
 a bar with rounded corners is a short formula. So nothing is drawn larger and shrunk, and a shape
 costs as much as the pixels around it.
 
 Most of a picture is the same as in the one before. A lever, the door and the lock change pixels of
 their own, so what each of them changes is painted once for each state and kept; a picture is a copy
-of the empty room with a few of these pieces on top. An arm that is not at rest lies above them and
+of the empty room with a few of these pieces on top. An arm that is not at rest is above them and
 is painted anew.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,40 +31,36 @@ from causal_openlock.render.scene import (
     frame,
     lever,
     resting,
+    resting_arm,
 )
 
 Bytes = NDArray[np.uint8]
 Piece = tuple[NDArray[np.int32], Bytes]
 
 STEPS = 256
-"""How finely the places of levers and the door are told apart: parts of a track, or of a radian."""
+"""Resolution of the places of levers and the door: parts of a track, or of a radian."""
 THINNEST = 0.8
 """The least width of an outline, in pixels."""
 
 
-def draw_room(look: Look, size: int) -> Bytes:
-    """A picture of a room.
-
-    Args:
-        look: The room.
-        size: Height of the picture in pixels.
-
-    Returns:
-        ``[size, width, 3]`` red, green, blue; a new array each time.
-    """
-    positions = look.positions
+def room_pixels(look: Look, size: int) -> Bytes:
+    """A new ``[size, width, 3]`` picture of a room, ``size`` pixels high: red, green, blue."""
+    positions, shown = look.positions, frame(look.positions, size)
     picture = _empty_room(positions, size, look.pressed).copy()
     flat = picture.reshape(-1, 3)
-    for place, (slid, grey) in enumerate(zip(look.levers, look.grey, strict=True)):
-        where, colours = _lever(positions, size, place, round(slid * STEPS), grey)
+    parts: list[tuple[Any, ...]] = [
+        (lever, place, round(slid * STEPS) / STEPS, grey)
+        for place, (slid, grey) in enumerate(zip(look.levers, look.grey, strict=True))
+    ]
+    parts.append((door, round(look.door * STEPS) / STEPS, look.locked))
+    at_rest = look.joints == resting(positions)
+    if at_rest:
+        parts.append((resting_arm,))
+    for part, *state in parts:
+        where, colours = _piece(positions, size, part, *state)
         flat[where] = colours
-    where, colours = _door(positions, size, round(look.door * STEPS), look.locked)
-    flat[where] = colours
-    if look.joints == resting(positions):
-        where, colours = _resting_arm(positions, size)
-        flat[where] = colours
-    else:
-        paint(picture, arm(look.joints), frame(positions, size))
+    if not at_rest:
+        paint(picture, arm(look.joints), shown)
     return picture
 
 
@@ -102,9 +99,6 @@ def _paint(picture: Bytes, shape: Shape, shown: Frame) -> None:
     under[:] = under * (1 - whole) + np.array(shape.fill, np.float32) * inner + np.float32(0.5)
 
 
-# -- what is kept ---------------------------------------------------------------------------------
-
-
 @lru_cache(maxsize=16)
 def _empty_room(positions: int, size: int, pressed: bool) -> Bytes:
     picture = _blank(frame(positions, size))
@@ -112,25 +106,12 @@ def _empty_room(positions: int, size: int, pressed: bool) -> Bytes:
     return picture
 
 
-@lru_cache(maxsize=512)
-def _lever(positions: int, size: int, place: int, slid: int, grey: bool) -> Piece:
-    return _piece(lever(positions, place, slid / STEPS, grey), frame(positions, size))
-
-
-@lru_cache(maxsize=128)
-def _door(positions: int, size: int, angle: int, locked: bool) -> Piece:
-    return _piece(door(positions, angle / STEPS, locked), frame(positions, size))
-
-
-@lru_cache(maxsize=16)
-def _resting_arm(positions: int, size: int) -> Piece:
-    return _piece(arm(resting(positions)), frame(positions, size))
-
-
-def _piece(shapes: Iterable[Shape], shown: Frame) -> Piece:
-    """Which pixels of an empty picture shapes change, and to what."""
+@lru_cache(maxsize=768)
+def _piece(positions: int, size: int, part: Callable[..., list[Shape]], *state: Any) -> Piece:
+    """Which pixels of an empty picture a part of the room in some state changes, and to what."""
+    shown = frame(positions, size)
     picture = _blank(shown)
-    paint(picture, shapes, shown)
+    paint(picture, part(positions, *state), shown)
     flat = picture.reshape(-1, 3)
     where = np.flatnonzero((flat != np.array(colour("background"))).any(axis=1))
     return where.astype(np.int32), flat[where]

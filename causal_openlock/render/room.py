@@ -1,24 +1,31 @@
-"""A room as it is perceived: a picture after the paper's Figure 2a, or a few lines of text.
+"""A room as a picture after the paper's Figure 2a, as a picture file, or as a few lines of text.
 
-Both show one observation and nothing else: which levers are pushed, which are grey, whether the
-door is locked, whether it is open. The arm is drawn at rest.
+The picture and the text of an observation show nothing else: which levers are pushed, which are
+grey, whether the door is locked, whether it is open. The arm is drawn at rest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from causal_openlock.render.panel import draw
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.atomic import replacing, write_text
+from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.physics.world import Pose
+from causal_openlock.render.panel import Panel, draw
 from causal_openlock.render.raster import Bytes
 from causal_openlock.render.scene import Look, bits_of
-from causal_openlock.world.room import position_coordinates
+from causal_openlock.render.svg import room_svg
+from causal_openlock.wording import nearest
+from causal_openlock.world.room import Room, position_coordinates
 
-if TYPE_CHECKING:
-    from causal_openlock.render.panel import Panel
+STILLS = (".png", ".svg")
 
 
 def draw_room(
@@ -26,7 +33,7 @@ def draw_room(
 ) -> Bytes:
     """A picture of a room.
 
-    A lever's bar lies across its track. Pulled, it rests on the end toward the arm; pushed, it has
+    A lever's bar is across its track. Pulled, it rests on the end toward the arm; pushed, it has
     slid to the outer end. Active levers are grey, inactive ones light. A closed door is a vertical
     bar on the right, with a black circle at its lower end while it is locked; an open one has
     swung outward.
@@ -48,48 +55,68 @@ def draw_room(
     return draw(Look.of_observation(observation, positions), size, panel)
 
 
-# -- text -----------------------------------------------------------------------------------------
+def look_after(room: Room, actions: Sequence[int] = (), part: float = 1.0) -> Look:
+    """What a room looks like after actions from the start of an attempt, none of which fails.
+
+    Of the last movement only a ``part`` is carried out, 0 to 1.
+    """
+    physical = PhysicalRoom(room.fsm, room.layout)
+    pose, pressed = physical.pose(), False
+    for action in actions:
+        poses: list[Pose] = [physical.pose()]
+        physical.watch = poses.append
+        physical.act(action)
+        pose = poses[round((len(poses) - 1) * part)]
+        pressed = part < 1.0 and action == 2 * room.positions
+    return Look.of_pose(pose, room.active.tolist(), pressed)
+
+
+def save_still(
+    look: Look, path: Path | str, size: int = 600, panel: Panel | None = None, title: str = ""
+) -> None:
+    """Write a picture of a room, PNG or SVG by the suffix; the file is replaced in one step.
+
+    Raises:
+        OpenLockError: If the suffix is another or the file cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in STILLS:
+        raise OpenLockError(
+            f"{path}: a picture of a room cannot be saved as {suffix!r}; {nearest(suffix, STILLS)}"
+        )
+    if suffix == ".svg":
+        write_text(path, room_svg(look, panel, title or "An OpenLock room"))
+        return
+    from PIL import Image
+
+    with replacing(path) as file:
+        Image.fromarray(draw(look, size, panel)).save(file, "png")
 
 
 def room_text(observation: ArrayLike, positions: int = 7) -> str:
-    """A room in a few lines of plain text, each lever where it stands.
+    """A room in a few lines of plain text, each lever in its place; arguments as for a picture.
 
     A lever is its position's index and its bar: ``3[#]`` is grey and pushed, ``3[ ]`` grey and
     pulled; inactive levers have round brackets. The door is on the right.
-
-    Args:
-        observation: As in :func:`draw_room`.
-        positions: P, 7 to 12.
-
-    Raises:
-        ValueError: If the observation has another length.
     """
     bits = bits_of(observation, positions)
-    canvas: dict[tuple[int, int], str] = {}
-
-    def write(row: int, column: int, text: str) -> None:
-        canvas.update({(row, column + offset): letter for offset, letter in enumerate(text)})
-
-    for place, (column, row) in enumerate(_text_cells(positions)):
+    cells = _text_cells(positions)
+    right = max(column for column, _ in cells) + 8
+    canvas = [[" "] * (right + 40) for _ in range(max(row for _, row in cells) + 1)]
+    for place, (column, row) in enumerate(cells):
         pushed, grey = bits[place], bits[positions + place]
         mark = "#" if pushed else " "
-        write(row, column, f"{place:2}" + (f"[{mark}]" if grey else f"({mark})"))
-    rows = [row for row, _ in canvas]
-    middle = (min(rows) + max(rows)) // 2
-    right = max(column for _, column in canvas) + 4
+        canvas[row][column : column + 5] = f"{place:2}" + (f"[{mark}]" if grey else f"({mark})")
     lock = "locked" if bits[-2] else "unlocked"
-    shape = (
+    door = (
         ("o__", "   ", f"    door open, {lock}")
         if bits[-1]
         else ("o", "|", f"|  door closed, {lock}")
     )
-    for offset, text in enumerate(shape):
-        write(middle - 1 + offset, right, text)
-    lines = []
-    for row in range(min(rows), max(rows) + 1):
-        columns = [column for at, column in canvas if at == row]
-        width = max(columns, default=-1) + 1
-        lines.append("".join(canvas.get((row, column), " ") for column in range(width)).rstrip())
+    for row, text in enumerate(door, (len(canvas) - 1) // 2 - 1):
+        canvas[row][right : right + len(text)] = text
+    lines = ["".join(letters).rstrip() for letters in canvas]
     legend = "[ ] grey  ( ) inactive  # pushed"
     return "\n".join([*lines, legend]) + "\n"
 

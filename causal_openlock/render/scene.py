@@ -58,11 +58,7 @@ class Frame(NamedTuple):
 
 @cache
 def frame(positions: int, size: int) -> Frame:
-    """What a picture of a room shows.
-
-    Args:
-        positions: P, 7 to 12.
-        size: Height of the picture in pixels; it is about a quarter wider.
+    """What a picture of a room shows, ``size`` pixels high and about a quarter wider.
 
     Raises:
         LayoutError: If no room has so many positions.
@@ -79,14 +75,12 @@ class Shape(NamedTuple):
     """A bar, perhaps turned and rounded; lengths in arm links, y up.
 
     Attributes:
-        x: Of its centre.
-        y: Of its centre.
-        length: Half of it.
-        width: Half of it.
+        x, y: Its centre.
+        length, width: Half of its length and of its width.
         angle: Direction of its length, in radians.
         corner: Radius of its corners.
         fill: Its colour.
-        line: Width of its black outline, which lies half inside and half outside; 0 for none.
+        line: Width of its black outline, half inside and half outside; 0 for none.
     """
 
     x: float
@@ -151,12 +145,8 @@ class Look:
     def of_observation(cls, observation: ArrayLike, positions: int) -> Look:
         """A symbolic room: nothing is between two states, and the arm is at rest.
 
-        Args:
-            observation: ``[2P + 2]`` bits: levers pushed, levers grey, door locked, door open.
-            positions: P.
-
         Raises:
-            ValueError: If the observation has another length.
+            ValueError: If the observation does not have ``2P + 2`` bits.
         """
         bits = bits_of(observation, positions)
         return cls(
@@ -206,10 +196,8 @@ def resting(positions: int) -> tuple[Point, ...]:
 
 def button(positions: int, pressed: bool = False) -> Shape:
     """The green button beside the door's hinge, darker while it is pressed."""
-    facts = room_facts()
-    x, y = facts["button"]["centre"]
-    x += RoomGeometry.of(positions).hinge[0] - facts["door"]["hinge"][0]
-    half = facts["button"]["side"] / 2
+    x, y = RoomGeometry.of(positions).button
+    half = room_facts()["button"]["side"] / 2
     return Shape(x, y, half, half, 0.0, 0.0, colour("button_pressed" if pressed else "button"))
 
 
@@ -242,6 +230,11 @@ def door(positions: int, angle: float, locked: bool) -> list[Shape]:
     if locked:
         shapes.append(disc(geometry.lock, LOCK_RADIUS, OUTLINE, line=0.0))
     return shapes
+
+
+def resting_arm(positions: int) -> list[Shape]:
+    """The arm before it has moved."""
+    return arm(resting(positions))
 
 
 def arm(joints: Sequence[Point]) -> list[Shape]:

@@ -17,17 +17,11 @@ from causal_openlock.world.room import position_names
 UNIT = 100
 """Units of the SVG's own coordinates in an arm link."""
 INCHES = 3.3
-"""How high the figure is where nothing else is said."""
+"""Height of the figure."""
 
 
 def room_svg(look: Look, panel: Panel | None = None, title: str = "An OpenLock room") -> str:
-    """A room as an SVG file.
-
-    Args:
-        look: The room.
-        panel: The console to show beside it, if any.
-        title: What the picture is, for those who cannot see it.
-    """
+    """A room as an SVG file, a console beside it if there is one; the title is its description."""
     shown = frame(look.positions, UNIT)
     high = UNIT * UNIT / shown.scale  # of the room, in the SVG's units
     wide = high * shown.width / shown.height

@@ -1,7 +1,7 @@
 """Links of the Markdown pages that lead out of this folder, made into links within the site.
 
-The pages are read on a forge too, where ``[`arm.py`](../causal_openlock/physics/arm.py)`` leads to
-the file. On the site such a link leads to the module's place in the reference, one to a notebook
+The pages are read on a forge too, where ``[`room.py`](../causal_openlock/physics/room.py)`` leads
+to the file. On the site such a link leads to the module's place in the reference, one to a notebook
 or another file downloads it, and one to a folder, which no page shows, is a name without a link.
 """
 

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from causal_openlock.physics.arm import ARM, DOOR, LEVER
 from causal_openlock.physics.controller import Controller, straight, swing
 from causal_openlock.physics.geometry import DOOR_SWING, RoomGeometry, wrap
 from causal_openlock.physics.kinematics import joint_points, reaching
 from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.physics.world import World
+from causal_openlock.physics.world import ARM, DOOR, LEVER, World
 from causal_openlock.render.scene import lever
 from causal_openlock.world.reference import room_facts
 from support.physical_play import Guard, room_of
@@ -73,8 +72,8 @@ def test_a_point_out_of_reach_is_refused(point: tuple[float, float]) -> None:
 def targets(geometry: RoomGeometry) -> list[tuple[float, float]]:
     """Every point that the arm's end has to come to."""
     points = [
-        geometry.touching(place, displacement)
-        for place in range(geometry.positions)
+        geometry.at_lever(place, displacement)
+        for place in range(len(geometry.tracks))
         for displacement in np.linspace(0, 1, 5).tolist()
     ]
     return points + [geometry.at_door(a) for a in np.linspace(0, DOOR_SWING, 9).tolist()]

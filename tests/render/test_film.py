@@ -26,9 +26,9 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, Shot, save_film, shots
 from causal_openlock.render.filmed_trial import FilmedTrial, play_trial, recorded_trial
-from causal_openlock.render.gif import _palette, write_gif
 from causal_openlock.render.panel import draw
 from causal_openlock.render.scene import Look, frame
+from causal_openlock.render.video import _palette, write_gif
 from causal_openlock.world.room import Layout
 from support.session_play import HUMAN, RL, Curious, named, one_room
 

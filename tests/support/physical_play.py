@@ -8,6 +8,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.physics.geometry import DOOR_SWING, RoomGeometry
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import Pose
 from causal_openlock.world.room import Layout, Room
@@ -32,12 +33,12 @@ class Guard:
         self.physical = physical
         self.steps = 0
         physical.watch = self
+        self.size = _size(physical.geometry)
 
     def __call__(self, pose: Pose) -> None:
         geometry, world = self.physical.geometry, self.physical.world
         self.steps += 1
-        size = geometry.size
-        assert all(math.hypot(*joint) < size for joint in pose.joints)
+        assert all(math.hypot(*joint) < self.size for joint in pose.joints)
         assert math.dist(pose.joints[0], (0.0, 0.0)) < 0.02
         for start, end in pairwise(pose.joints):
             assert abs(math.dist(start, end) - geometry.link) < 0.04
@@ -46,6 +47,13 @@ class Guard:
         for body in world.space.bodies:
             assert body.velocity.length < FASTEST * geometry.stretch
             assert abs(body.angular_velocity) < FASTEST_TURN
+
+
+def _size(geometry: RoomGeometry) -> float:
+    """No part of anything in the room is ever farther than this from the arm's base."""
+    doors = (math.hypot(*geometry.door_end(angle)) for angle in (0.0, DOOR_SWING, math.pi / 2))
+    levers = (math.hypot(*corner) for track in geometry.tracks for corner in track.bar(1.0))
+    return max(5 * geometry.link, *doors, *levers) + geometry.half_width
 
 
 def effects(room: Room, each: int) -> list[tuple[int, ...]]:

@@ -12,8 +12,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from causal_openlock.render.room import look_after
 from causal_openlock.render.scene import Look, Shape, colour
-from causal_openlock.render.stills import look_after
 from causal_openlock.world.room import position_names
 from support.physical_play import room_of
 from support.places import ROOT

@@ -1,0 +1,55 @@
+"""Tables, styles and status lines on the terminal, by rich.
+
+It takes a while to load, so commands import it when they run. Text is printed as it is: nothing in
+it is markup (``[bold]``), an emoji's name or an escape sequence. A style is given beside the text,
+or with a :class:`rich.text.Text` that the program itself composes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console as RichConsole
+from rich.table import Table
+from rich.text import Text
+
+from causal_openlock.files.escaping import printable
+
+MOST_COLUMNS = 1000
+"""How wide a table may become that is wider than the terminal."""
+
+
+class Console(RichConsole):
+    """A console that prints text as it is."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(markup=False, emoji=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Text as it is shown, also in tables."""
+        return super().render_str(printable(text), **options)
+
+    def print_line(self, text: str, style: str | None = None) -> None:
+        """Print a line, neither wrapped nor highlighted."""
+        self.print(text, style=style, soft_wrap=True, highlight=False)
+
+    def warn(self, sentence: str) -> None:
+        """Print a warning."""
+        self.print_line(f"warning: {sentence}", "yellow")
+
+    def print_whole(self, table: Table) -> None:
+        """Print a table with all its columns, wider than the terminal if it must be."""
+        # A column that is cut off would be lost; a line that wraps is only ugly.
+        wide = self.measure(table, options=self.options.update(max_width=MOST_COLUMNS))
+        usual = self.width
+        self.width = max(usual, wide.maximum)
+        self.print(table, crop=False)
+        self.width = usual
+
+
+def plain_table(*heads: str, left: int = 1) -> Table:
+    """An empty table without lines; columns are aligned right, but for the first ``left``."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for number, head in enumerate(heads):
+        table.add_column(head, justify="left" if number < left else "right", no_wrap=True)
+    return table

@@ -1,0 +1,176 @@
+"""``causal-openlock room``, ``film`` and ``trace``: a room, a trial and beliefs as pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from causal_openlock.cli.options import (
+    ConditionName,
+    ExperimentName,
+    PictureSize,
+    ProtocolName,
+    Seed,
+    SubjectNumber,
+    one_trial,
+)
+from causal_openlock.cli.terminal import say
+from causal_openlock.errors import LayoutError, OpenLockError
+from causal_openlock.files.atomic import write_text
+from causal_openlock.files.escaping import csv_of
+from causal_openlock.wording import counted, nearest
+
+
+def room(
+    schema: Annotated[str, typer.Argument(help="Name of a schema, or path of a file.")],
+    layout: Annotated[
+        str | None, typer.Option(help="The layout of its levers, such as trial7.")
+    ] = None,
+    after: Annotated[
+        list[str] | None,
+        typer.Option("--after", "-a", help="Do this first, such as push_UPPER; one or more times."),
+    ] = None,
+    part: Annotated[
+        float,
+        typer.Option(min=0.0, max=1.0, help="How much of the last movement is done."),
+    ] = 1.0,
+    size: PictureSize = 600,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Picture to write (SVG or PNG).")
+    ] = None,
+) -> None:
+    """Draw a room as in the paper's Figure 2: at first, or after or amid some actions."""
+    from causal_openlock.formats.schema_file import find_schema
+    from causal_openlock.render.room import look_after, save_still
+    from causal_openlock.world.room import (
+        Layout,
+        Room,
+        action_names,
+        positions_for,
+        published_layouts,
+    )
+
+    found = find_schema(schema)
+    published = published_layouts(found)
+    if layout is None:
+        places = Layout(tuple(range(len(found.levers))), positions_for(found))
+        chosen = Room.of(found, published[0] if published else places)
+    else:
+        chosen = Room.of(found, layout)
+    names = action_names(chosen.positions)
+    for name in after or []:
+        if name not in names:
+            raise LayoutError(f"there is no action {name!r}; {nearest(name, names)}")
+    path = out or Path(f"room_{found.name}.svg")
+    actions = [names.index(name) for name in after or []]
+    title = ", ".join([f"{found.name} in {chosen.layout.name}", *(after or [])])
+    save_still(look_after(chosen, actions, part), path, size, title=title)
+    say(f"{path} written")
+
+
+def film(
+    condition: ConditionName,
+    learner: Annotated[
+        str, typer.Option("--learner", "-l", help="The learner that plays.")
+    ] = "bayes",
+    trial: Annotated[
+        int, typer.Option(min=1, help="The trial to show, counted over the whole condition.")
+    ] = 1,
+    subject: SubjectNumber = 0,
+    seed: Seed = None,
+    protocol: ProtocolName = None,
+    experiment: ExperimentName = "default",
+    recorded: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", help="Show a subject recorded in this folder, which compare wrote to."
+        ),
+    ] = None,
+    attempts: Annotated[int, typer.Option(min=1, help="Attempts to show at most.")] = 10,
+    size: PictureSize = 480,
+    fps: Annotated[int, typer.Option(min=1, max=50, help="Frames per second.")] = 25,
+    speed: Annotated[
+        float, typer.Option(min=0.1, max=20.0, help="How many times faster than usual.")
+    ] = 1.0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="Film (GIF, MP4), or its last moment (PNG, SVG), by the suffix."
+        ),
+    ] = None,
+) -> None:
+    """Show a trial: the arm carries out what a learner did, with the console beside the room."""
+    from causal_openlock.cli.console import Console
+    from causal_openlock.render.film import check_suffix, save_film
+    from causal_openlock.render.filmed_trial import play_trial, recorded_trial
+    from causal_openlock.render.room import STILLS
+
+    path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))
+    if recorded is None:
+        who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
+        played = play_trial(*who, **how)
+    elif seed is not None or protocol is not None or experiment != "default":
+        raise OpenLockError(
+            "--from shows what was recorded; leave out --seed, --protocol and --experiment, "
+            "which are in the record"
+        )
+    else:
+        played = recorded_trial(recorded, learner, condition, subject, trial)
+    shown = min(attempts, len(played.attempts))
+    with Console(stderr=True).status("drawing") as status:
+        frames = save_film(
+            played,
+            path,
+            size=size,
+            fps=fps,
+            speed=speed,
+            attempts=attempts,
+            watch=lambda attempt, _: status.update(f"drawing attempt {attempt} of {shown}"),
+        )
+    what = "" if path.suffix.lower() in STILLS else f", {frames / fps:.0f} seconds"
+    cut = f", the first {shown} of {len(played.attempts)} attempts (--attempts shows more)"
+    many = counted(len(played.schema.solutions), "solution")
+    found = f"{played.found} of {many} found in the trial"
+    say(f"{path} written{what}{cut * (shown < len(played.attempts))}; {found}")
+
+
+def trace(
+    condition: ConditionName,
+    learner: Annotated[
+        str,
+        typer.Option("--learner", "-l", help="The learner; it must hold beliefs, as bayes does."),
+    ] = "bayes",
+    trial: Annotated[
+        int, typer.Option(min=1, help="The trial, counted over the whole condition.")
+    ] = 1,
+    subject: SubjectNumber = 0,
+    seed: Seed = None,
+    protocol: ProtocolName = None,
+    experiment: ExperimentName = "default",
+    attempts: Annotated[int, typer.Option(min=1, help="Attempts to describe at most.")] = 30,
+    actions: Annotated[int, typer.Option(min=1, help="Actions to draw at most.")] = 36,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Picture to write (SVG, PNG or PDF, by its suffix)."),
+    ] = None,
+    table: Annotated[
+        Path | None, typer.Option(help="Write a row for each action to this CSV file, too.")
+    ] = None,
+) -> None:
+    """Describe a trial: what a subject did, saw and learned, and what it believes."""
+    from causal_openlock.analysis.plots.belief import check_suffix, save_trace_figure
+    from causal_openlock.belief.trace import trace_trial
+    from causal_openlock.belief.trace_text import trace_text
+
+    who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
+    path = check_suffix(out or Path(f"trace_{who[1].name}.svg"))
+    traced = trace_trial(*who, **how)
+    for line in trace_text(traced, attempts):
+        say(line)
+    save_trace_figure(traced, path, actions)
+    say(f"\n{path} written")
+    if table is not None:
+        write_text(table, csv_of(traced.table()))
+        say(f"{table} written")
