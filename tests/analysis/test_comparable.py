@@ -9,9 +9,9 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
+from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.plots.figures import draw_all
 from causal_openlock.analysis.report.writing import write_report
-from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.people.comparable import comparable, paper_conditions
 from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS
 from causal_openlock.analysis.results.summary import headline_table, summary_table

@@ -21,9 +21,10 @@ from matplotlib.ticker import MaxNLocator
 
 from causal_openlock.analysis.measures import (
     BASELINES,
+    CELL,
+    SUBJECT,
     TRANSFERS,
     mean_by_trial,
-    number_visits,
     ordered,
 )
 from causal_openlock.analysis.plots import style
@@ -56,9 +57,11 @@ def attempts_by_trial(
     Returns:
         The plot, or None if there are no trials under that protocol.
     """
-    chosen = trials.assign(visit=number_visits(trials))[trials["protocol"] == protocol]
+    chosen = trials[trials["protocol"] == protocol]
     if chosen.empty:
         return None
+    subjects = chosen.groupby([*CELL, *SUBJECT], observed=True, sort=False)
+    chosen = chosen.assign(visit=subjects.cumcount() + 1)
     most = chosen.groupby("condition", observed=True)["visit"].transform("max").astype(int)
     width = -(-most // _POINTS)
     first = (chosen["visit"] - 1) // width * width + 1

@@ -19,13 +19,12 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from causal_openlock.analysis.measures import BASELINES, TRANSFERS, mean_by_trial, ordered
+from causal_openlock.analysis.measures import BASELINES, TRANSFERS, Counts, mean_by_trial, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.categories import baseline_categories, transfer_categories
 from causal_openlock.analysis.plots.course import attempts_by_trial
 from causal_openlock.analysis.plots.style import Plot
 from causal_openlock.analysis.results.bounds import Bounds, bounds_in_words, ideal_bounds
-from causal_openlock.analysis.results.counting import Counts
 from causal_openlock.analysis.results.people.comparable import (
     HUMAN_PROTOCOL,
     comparable,
@@ -42,7 +41,7 @@ def draw_all(
     """Every figure that the record has data for.
 
     Args:
-        counts: From :func:`~causal_openlock.analysis.results.counting.count`.
+        counts: From :func:`~causal_openlock.analysis.measures.count`.
         learners: Labels of learners in the order in which to draw them; the others follow.
         experiment: What was run: what differs from the paper there is not drawn beside the paper's
             results. Without it names decide.

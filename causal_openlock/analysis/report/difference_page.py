@@ -17,13 +17,12 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA, holm
-from causal_openlock.analysis.measures import CELL, SUBJECT, by_subject, ordered
+from causal_openlock.analysis.measures import CELL, SUBJECT, by_subject, count, ordered
 from causal_openlock.analysis.plots.comparisons import draw_differences
 from causal_openlock.analysis.report.page import Written, render
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.what_was_run import edges, in_words
-from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.differences import difference
 from causal_openlock.analysis.results.summary import judged, measured
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.measures import count, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.figures import draw_all
 from causal_openlock.analysis.report.cautions import warnings_of
@@ -30,7 +30,6 @@ from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections import ORDER, sections_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.bounds import ideal_bounds
-from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.people.comparable import comparable
 from causal_openlock.analysis.results.people.published import model, people
 from causal_openlock.analysis.results.summary import headline, summarise, write_table
