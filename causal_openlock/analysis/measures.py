@@ -247,10 +247,6 @@ def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 def mean_by_trial(trials: pd.DataFrame, by: Sequence[str] = ("phase", "trial")) -> pd.DataFrame:
     """Mean attempts over subjects, each subject's loops averaged first.
 
-    Args:
-        trials: From :func:`attempts_to_solve`.
-        by: What to keep apart besides :data:`CELL`.
-
     Returns:
         One row for each group: :data:`CELL`, ``by``, ``subjects``, ``visits`` (the most that a
         subject made), ``mean``, ``se`` (population SD / √n, the paper's error bar) and

@@ -116,7 +116,7 @@ def attempts_by_trial(
 def _families(conditions: Sequence[str]) -> list[tuple[str, ...]]:
     """Conditions that share a panel: the paper's in pairs, the others as room allows."""
     known = [tuple(name for name in family if name in conditions) for family in _FAMILIES]
-    families = [family for family in known if family]
+    families = list(filter(None, known))
     others = [name for name in conditions if name not in PAPER_CONDITIONS]
     share = math.ceil(len(others) / (_COLUMNS - len(families))) or 1
     return families + [tuple(others[i : i + share]) for i in range(0, len(others), share)]
@@ -165,31 +165,23 @@ def _grid(
     panels: dict[tuple[str, tuple[str, ...]], Axes] = {}
     for place, cell in enumerate(cells):
         row, column = divmod(place, columns)
-        axes = figure.add_subplot(grid[row + 1, column])
+        panels[cell] = axes = figure.add_subplot(grid[row + 1, column])
         lowest = place + columns >= len(cells)
         axes.tick_params(axis="x", length=0, labelbottom=lowest)
         axes.tick_params(axis="y", labelleft=column == 0)
-        if lowest:
-            axes.set_xlabel("Trial, in order")
-        if column == 0:
-            axes.set_ylabel("Attempts")
-        panels[cell] = axes
+        axes.set_xlabel("Trial, in order" if lowest else "")
+        axes.set_ylabel("Attempts" if column == 0 else "")
     return figure, panels
 
 
 def _key(axes: Axes, looks: dict[str, dict[str, Any]], most: int) -> None:
     """The lines of a column, named in at most so many letters each."""
     axes.set_axis_off()
+    lines = [Line2D([], [], label=style.label(name, most), **look) for name, look in looks.items()]
     legend = axes.legend(
-        handles=[
-            Line2D([], [], label=style.label(name, most), **look) for name, look in looks.items()
-        ],
-        loc="lower left",
-        borderpad=0,
-        borderaxespad=0,
-        labelspacing=0.3,
+        handles=lines, loc="lower left", borderpad=0, borderaxespad=0, labelspacing=0.3,
         handlelength=2.4,
-    )
+    )  # fmt: skip
     legend.set_in_layout(False)  # a long name must not squeeze the panels
 
 
@@ -225,25 +217,19 @@ def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:
     if len(test) and (start := float(test.min()) - 0.5) > 1:
         axes.axvline(start, color=_GREY, lw=0.8, ls=(0, (4, 2)), zorder=1)
         axes.annotate(
-            "test",
-            ((start + axes.get_xlim()[1]) / 2, 1),
-            xytext=(0, 2),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            ha="center",
-            color=_GREY,
-            fontsize=7.5,
-        )
+            "test", ((start + axes.get_xlim()[1]) / 2, 1), xytext=(0, 2),
+            xycoords=("data", "axes fraction"), textcoords="offset points",
+            ha="center", color=_GREY, fontsize=7.5,
+        )  # fmt: skip
 
 
 def _mark_ideal(axes: Axes, visits: pd.DataFrame, ideal: dict[tuple[str, str], Bound]) -> None:
     """What the ideal observer needs, over the visits of each phase; once where it is the same."""
     spans: dict[float, list[tuple[float, float]]] = {}
-    played = visits.groupby(["condition", "phase"], observed=True)["visit"].agg(["min", "max"])
-    for key, span in zip(played.index, played.itertuples(index=False), strict=True):
+    for key, own in visits.groupby(["condition", "phase"], observed=True)["visit"]:
         if key in ideal:
-            start, end = float(span[0]) - 0.5, float(span[1]) + 0.5
-            spans.setdefault(ideal[key].attempts, []).append((start, end))
+            span = float(own.min()) - 0.5, float(own.max()) + 0.5
+            spans.setdefault(ideal[key].attempts, []).append(span)
     for attempts, stretches in spans.items():
         end = -math.inf
         for start, until in sorted(stretches):

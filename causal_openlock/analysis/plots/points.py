@@ -47,22 +47,20 @@ def draw_points(
     named = [(str(own["learner"].iloc[0]), own) for own in shown]
     drawn = [one for one in named if one[0] != PUBLISHED_MODEL][:most]
     drawn += [one for one in named if one[0] == PUBLISHED_MODEL]
-    with style.settings():
-        figure, panels = style.panels(len(drawn), columns=2, height=2.5)
-        for axes, (name, own) in zip(panels, drawn, strict=True):
-            draw_learner_points(axes, own)
-            tested = (effects or {}).get(name)
-            found = signs(effects_of(own) if tested is None else tested)
-            style.panel_title(axes, name, f"RMSE {distance(own)[0]:.2f}; {found}")
-        highest = max(float(own[["mean", "people_mean"]].max().max()) for _, own in drawn)
-        panels[0].set_ylim(0, 1.2 * highest)  # all panels have the same scale
-        style.label_rows(panels, "Attempts to solve")
-        keys = [
-            Line2D([], [], marker="o", ms=4, ls="", color=_GREY, label="people"),
-            Line2D([], [], marker="D", ms=4.5, ls="", color=style.COMMON_CAUSE, label="on CC4"),
-            Line2D([], [], marker="D", ms=4.5, ls="", color=style.COMMON_EFFECT, label="on CE4"),
-        ]
-        style.legend(figure, keys)
+    titled = []
+    for name, own in drawn:
+        tested = (effects or {}).get(name)
+        found = signs(effects_of(own) if tested is None else tested)
+        titled.append((name, f"RMSE {distance(own)[0]:.2f}; {found}", own))
+    keys = [
+        Line2D([], [], marker="o", ms=4, ls="", color=_GREY, label="people"),
+        Line2D([], [], marker="D", ms=4.5, ls="", color=style.COMMON_CAUSE, label="on CC4"),
+        Line2D([], [], marker="D", ms=4.5, ls="", color=style.COMMON_EFFECT, label="on CE4"),
+    ]
+    layout = (2, 2.5, "Attempts to solve")
+    figure = style.small_multiples(titled, draw_learner_points, layout, keys)
+    highest = max(float(own[["mean", "people_mean"]].max().max()) for _, own in drawn)
+    figure.axes[0].set_ylim(0, 1.2 * highest)  # all panels have the same scale
     return Plot("human_likeness", figure)
 
 

@@ -41,18 +41,10 @@ def learner_pages(
     learners: Sequence[str],
     described: Sequence[Mapping[str, Any]] = (),
 ) -> list[Section]:
-    """A section for each learner.
+    """A section for each learner: ``learner_1``, ``learner_2``, ... in the order of learners.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        headline: From :func:`~causal_openlock.analysis.results.summary.headline`.
-        learners: The order of the pages.
-        described: What each learner is, from
-            :func:`~causal_openlock.analysis.report.what_was_run.what_was_run`.
-
-    Returns:
-        The sections, called ``learner_1``, ``learner_2``, ...; their tables and plots are
-        called by the learner's name.
+    Their tables and plots are called by the learner's name. What is described of learners is from
+    :func:`~causal_openlock.analysis.report.what_was_run.what_was_run`.
     """
     known = {one["name"]: one for one in described}
     values = by_subject(judged(trials), ["phase", "trial"])

@@ -80,27 +80,15 @@ def with_missing(summary: pd.DataFrame, missing: Sequence[Missing]) -> pd.DataFr
     """
     if not missing:
         return summary
-    subjects: dict[tuple[str, ...], int] = {}
-    reasons: dict[tuple[str, ...], dict[str, None]] = {}
-    for one in missing:
-        key = one.learner, one.condition, one.protocol
-        subjects[key] = subjects.get(key, 0) + one.subjects
-        reasons.setdefault(key, {})[one.text] = None
     keys = ["learner", "condition", "protocol"]
-    there = [tuple(map(str, row)) for row in summary[keys].itertuples(index=False)]
-    table = summary.assign(
-        missing=[subjects.get(row, 0) for row in there],
-        why=["; ".join(reasons.get(row, ())) for row in there],
-    ).astype(object)
-    absent = [key for key in subjects if key not in set(there)]
-    rows = [
-        {
-            **dict.fromkeys(table.columns, ""),
-            **dict(zip(keys, key, strict=True)),
-            "subjects": 0,
-            "missing": subjects[key],
-            "why": "; ".join(reasons[key]),
-        }
-        for key in absent
-    ]
-    return pd.concat([table, pd.DataFrame(rows, columns=table.columns)], ignore_index=True)
+    cells = pd.DataFrame(map(vars, missing)).groupby(keys, sort=False)
+    absent = cells.agg(
+        missing=("subjects", "sum"), why=("text", lambda texts: "; ".join(dict.fromkeys(texts)))
+    ).reset_index()
+    there = summary.astype(dict.fromkeys(keys, str))
+    table = there.merge(absent, on=keys, how="left").astype(object)
+    table = table.fillna({"missing": 0, "why": ""})
+    rest = absent.merge(there[keys].drop_duplicates(), on=keys, how="left", indicator=True)
+    rest = rest[rest.pop("_merge") == "left_only"].assign(subjects=0)
+    rest = rest.reindex(columns=table.columns, fill_value="").astype(object)
+    return pd.concat([table, rest], ignore_index=True)

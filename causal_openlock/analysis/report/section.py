@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import pandas as pd
 from matplotlib.figure import Figure
 
+from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.bounds import Bounds
-from causal_openlock.analysis.results.people.comparable import Pairs
+from causal_openlock.analysis.results.people.published import Pairs
 from causal_openlock.experiment.experiment import Experiment
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ class Material:
     Attributes:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`.
         experiment: What was run.
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners
+            are categories in the order of ``learners``.
         learners: Labels in the order in which they are shown.
         pairs: Which learners in which conditions compare with people.
         bounds: What the ideal observer needs.
@@ -41,6 +43,11 @@ class Material:
     learners: tuple[str, ...]
     pairs: Pairs
     bounds: Bounds
+
+    def __post_init__(self) -> None:
+        names = ordered(self.trials["learner"].unique(), self.learners)
+        learner = pd.Categorical(self.trials["learner"], list(names))
+        object.__setattr__(self, "trials", self.trials.assign(learner=learner))
 
 
 @dataclass(frozen=True)

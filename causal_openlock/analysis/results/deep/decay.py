@@ -169,9 +169,7 @@ def fitted(curves: Mapping[str, Sequence[float]]) -> pd.DataFrame:
 def learning_curves(trials: pd.DataFrame, protocol: str) -> dict[tuple[str, str], list[float]]:
     """Learners' mean attempts in successive trials before the test, by learner and condition.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        protocol: Which protocol; its loops follow one another.
+    Loops of the protocol follow one another.
     """
     chosen = trials[(trials["protocol"] == protocol) & (trials["phase"] == "train")]
     means = mean_by_trial(chosen, ["loop", "trial"])

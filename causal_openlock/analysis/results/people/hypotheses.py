@@ -12,7 +12,7 @@ has no numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -94,28 +94,18 @@ def t_test(first: Sample, second: Sample) -> SignificanceTest:
     >>> print(t_test(*people))
     t(78) = 1.95, p = .055
 
-    Args:
-        first: A group, or ``[n]`` values.
-        second: A group, or ``[m]`` values.
-
     Returns:
         t with n + m − 2 degrees of freedom, positive where the first mean is larger, and
         Cohen's d.
     """
-    from scipy.stats import ttest_ind_from_stats
-
+    found = contrast_test([first, second])  # of two groups F is t squared
+    df = found.df[1:]
+    if found.value is None:
+        return replace(found, statistic="t", df=df)
+    t = float(np.copysign(np.sqrt(found.value), found.difference))
     one, other = _summaries([first, second])
-    difference = one.mean - other.mean
-    _, df, reason = _pooled([one, other])
-    if reason:
-        return SignificanceTest("t", (df,), difference, undefined=reason)
-    found = ttest_ind_from_stats(
-        *(one.mean, np.sqrt(one.variance), one.size),
-        *(other.mean, np.sqrt(other.variance), other.size),
-    )
-    t = float(found.statistic)
     d = t * float(np.sqrt(1 / one.size + 1 / other.size))
-    return SignificanceTest("t", (df,), difference, t, float(found.pvalue), d)
+    return replace(found, statistic="t", df=df, value=t, effect=d)
 
 
 def contrast_test(groups: Sequence[Sample], weights: Sequence[float] = (1, -1)) -> SignificanceTest:
@@ -130,7 +120,7 @@ def contrast_test(groups: Sequence[Sample], weights: Sequence[float] = (1, -1)) 
 
     Args:
         groups: G groups, or ``[n]`` values of each.
-        weights: A weight for each of them; they sum to 0.
+        weights: One for each of them; they sum to 0.
 
     Returns:
         F(1, N − G) and partial η²; the difference is the weighted sum.
