@@ -130,7 +130,7 @@ def _dots(
 ) -> None:
     """The score of each learner with its interval, in a colour and with a marker."""
     colour, marker = look
-    y = rows["learner"].map(names.index) + aside
+    y = np.array([names.index(name) + aside for name in rows["learner"]])
     axes.hlines(y, rows["ci_low"], rows["ci_high"], color=colour, lw=1.6, zorder=2)
     axes.plot(rows["value"], y, marker, color=colour, ms=5, mec="black", mew=0.5, zorder=3)
 

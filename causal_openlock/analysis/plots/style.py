@@ -238,13 +238,17 @@ def image(figure: Figure, kind: str) -> bytes:
 
     It is drawn once; ``savefig`` would do it twice, in case the layout changes.
     """
-    content: Any = io.BytesIO()
+    content = io.BytesIO()
+    canvas: Any
     with settings():
         if kind == "png":
             figure.set_dpi(200)
-            FigureCanvasAgg(figure).print_png(content, metadata={"Software": None})
+            canvas = FigureCanvasAgg(figure)
+            canvas.print_png(content, metadata={"Software": None})
         elif kind == "pdf":
-            FigureCanvasPdf(figure).print_pdf(content, metadata=_NO_PDF_METADATA)
+            canvas = FigureCanvasPdf(figure)
+            canvas.print_pdf(content, metadata=_NO_PDF_METADATA)
         else:
-            FigureCanvasSVG(figure).print_svg(content, metadata=_NO_METADATA)
+            canvas = FigureCanvasSVG(figure)
+            canvas.print_svg(content, metadata=_NO_METADATA)
     return content.getvalue()
