@@ -134,7 +134,8 @@ class _Part:
         edges, nodes, graph = trace.edges[: number + 1], trace.nodes, trace.truth.graph
         final, mean, highest = edges[-1], edges.mean(axis=0), edges.max(axis=0)
         true = {(nodes.index(cause), nodes.index(effect)) for cause, effect in graph.edges}
-        ever = true | {(int(cause), int(effect)) for cause, effect in np.argwhere(highest > THRESHOLD)}
+        probable = np.argwhere(highest > THRESHOLD)
+        ever = true | {(int(cause), int(effect)) for cause, effect in probable}
         kept = sorted(ever, key=lambda arrow: (arrow not in true, -highest[arrow], arrow))
         kept = kept[: max(most_arrows, 1)]
         # The true arrows first, causes before effects; the others by how probable they stayed.

@@ -28,10 +28,8 @@ _ROW = 0.21  # height of a learner's row, in inches
 def draw_matrix(names: Sequence[str], pairs: pd.DataFrame) -> Plot:
     """Probabilities that one learner is better than another, as numbers on colours.
 
-    Args:
-        names: Learners in the order of rows and columns.
-        pairs: A row for each ordered pair: ``learner``, ``other``, ``probability`` and whether the
-            comparison is ``decided``, which is printed bold.
+    A pair has ``learner``, ``other``, ``probability`` and whether the comparison is ``decided``,
+    which is printed bold; rows and columns are in the order of names.
     """
     size = len(names)
     place = {name: number for number, name in enumerate(names)}
@@ -72,12 +70,7 @@ def draw_matrix(names: Sequence[str], pairs: pd.DataFrame) -> Plot:
 
 
 def draw_congruency(scores: pd.DataFrame) -> Plot:
-    """What training with the structure of the test saves, a panel for each structure.
-
-    Args:
-        scores: Congruency under one protocol, from
-            :func:`~causal_openlock.analysis.results.scores.transfer_scores`.
-    """
+    """What training with the structure of the test saves under one protocol, a panel each."""
     with style.settings():
         names, figure, panels = _rows_of(scores)
         for (condition, title), axes in zip(CONGRUENCY_TESTS.items(), panels, strict=True):
@@ -90,7 +83,7 @@ def draw_congruency(scores: pd.DataFrame) -> Plot:
 
 
 def draw_savings(scores: pd.DataFrame) -> Plot:
-    """The same of savings by training."""
+    """What training saves in the first room with four levers, a panel for each structure."""
     looks = {"CC3": (style.COMMON_CAUSE, "o"), "CE3": (style.COMMON_EFFECT, "s")}
     with style.settings():
         names, figure, panels = _rows_of(scores)
@@ -138,10 +131,8 @@ def _dots(
 def draw_differences(table: pd.DataFrame, names: Sequence[str]) -> Plot:
     """Differences between two results with their intervals, a line each.
 
-    Args:
-        table: ``learner``, ``condition``, ``difference``, ``ci_low``, ``ci_high`` and whether a
-            difference is ``sure``.
-        names: What the two results are called.
+    The table has ``learner``, ``condition``, ``difference``, ``ci_low``, ``ci_high`` and whether a
+    difference is ``sure``; names are those of the two results.
     """
     rows: list[Mapping[Any, Any]] = table.head(MOST_DRAWN).to_dict("records")
     with style.settings():

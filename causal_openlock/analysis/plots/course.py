@@ -48,14 +48,7 @@ def attempts_by_trial(
 ) -> Plot | None:
     """Mean attempts over the course of every condition of a protocol, whichever they are.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        protocol: Name of the protocol.
-        learners: The order of the rows.
-        bounds: From :func:`~causal_openlock.analysis.results.bounds.ideal_bounds`.
-
-    Returns:
-        The plot, or None if there are no trials under that protocol.
+    Learners are rows, in the given order. None if there are no trials under that protocol.
     """
     chosen = trials[trials["protocol"] == protocol]
     if chosen.empty:

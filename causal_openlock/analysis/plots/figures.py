@@ -222,10 +222,7 @@ def baseline_categories(counts: pd.DataFrame, learners: Sequence[str] = ()) -> P
 def transfer_categories(counts: pd.DataFrame, learners: Sequence[str] = ()) -> Plot | None:
     """Figure 7: what attempts came to in the test phase of the transfer conditions.
 
-    Args:
-        counts: From :func:`~causal_openlock.analysis.measures.category_counts`, any number of
-            blocks.
-        learners: The order of the panels.
+    Arguments are those of :func:`baseline_categories`.
 
     Returns:
         The plot, or None if no learner played a transfer condition of the paper under a protocol

@@ -37,9 +37,7 @@ def draw_points(
     """Draw people's means at the fourteen points, and one learner's beside them in each panel.
 
     Args:
-        shown: The points of each learner, from
-            :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`, the nearest
-            to people first.
+        shown: The points of each learner, the nearest to people first.
         most: How many learners to draw at most, besides the published model.
         effects: From :func:`~causal_openlock.analysis.results.people.human_likeness.effects_of`,
             by learner; of others they come from the points alone.
@@ -65,12 +63,7 @@ def draw_points(
 
 
 def signs(effects: pd.DataFrame) -> str:
-    """How many effects have people's sign, and how many of these are clear of chance.
-
-    Args:
-        effects: Of one learner, from
-            :func:`~causal_openlock.analysis.results.people.human_likeness.effects_of`.
-    """
+    """How many of one learner's effects have people's sign, and how many are clear of chance."""
     like = int(effects["like_people"].sum())
     return f"{like} of {len(effects)} signs, {clear_of_chance(effects)} at p < .05"
 

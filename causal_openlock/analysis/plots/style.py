@@ -181,7 +181,7 @@ def ideal_line(axes: Axes, attempts: float, start: float, end: float) -> None:
     """Draw the ideal observer's mean attempts from one place of the x axis to another.
 
     Thin, dashed and dark grey, so that no one takes it for data; the gaps are white, which keeps it
-    visible on dark bars. It lies over bars and under error bars and points.
+    visible on dark bars. It is over bars and under error bars and points.
     """
     axes.add_line(Line2D([start, end], [attempts] * 2, **_IDEAL_LOOK, gapcolor="white", zorder=1.5))
 

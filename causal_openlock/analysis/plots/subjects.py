@@ -26,7 +26,7 @@ def draw_subjects(values: pd.DataFrame, own: pd.DataFrame, limits: Mapping[str, 
 
     Args:
         values: ``protocol``, ``condition`` and ``attempts`` of its subjects.
-        own: Its rows of the :func:`~causal_openlock.analysis.results.summary.headline`.
+        own: Its rows of the headline.
         limits: By protocol, the most attempts that a trial had: every learner has the same scale,
             so that pages can be laid side by side.
     """

@@ -67,16 +67,11 @@ def _missing(
 
 
 def with_missing(summary: pd.DataFrame, missing: Sequence[Missing]) -> pd.DataFrame:
-    """A summary that says what is missing: two more columns, and rows for what has none at all.
+    """A summary with what is missing: two more columns, and rows for what has none at all.
 
-    Args:
-        summary: From :func:`~causal_openlock.analysis.results.summary.summarise`.
-        missing: From :func:`missing_cells`.
-
-    Returns:
-        The summary as it is if nothing is missing; otherwise with ``missing``, how many subjects of
-        the learner in the condition are, and ``why``, in a row for each of those that failed or
-        have not been played.
+    It stays as it is if nothing is missing; otherwise it has ``missing``, how many subjects of the
+    learner in the condition are, and ``why``, in a row for each of those that failed or have not
+    been played.
     """
     if not missing:
         return summary

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from causal_openlock.analysis.plots.style import Plot
-from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
-from causal_openlock.analysis.report.table_files import printed
+from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable, printed
 from causal_openlock.wording import counted, joined
 
 if TYPE_CHECKING:

@@ -66,9 +66,6 @@ def congruency(congruent: FloatArray, incongruent: FloatArray) -> FloatArray:
     Args:
         congruent: ``[..., n]`` attempts of subjects trained with the structure of the test.
         incongruent: ``[..., m]`` attempts of those trained with the other.
-
-    Returns:
-        ``[...]`` the difference of means; negative where training with the same structure helps.
     """
     difference: FloatArray = congruent.mean(axis=-1) - incongruent.mean(axis=-1)
     return difference
@@ -101,15 +98,11 @@ def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
     Congruency compares the mean of a subject's test trials; savings compare the first test trial
     with the first baseline trial.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-
     Returns:
         A row for each learner, protocol and score for which the conditions were played, with the
         columns :data:`SCORE_COLUMNS`:
 
-        - ``score``: ``congruency`` (in attempts, see :func:`congruency`) or ``savings`` (a share,
-          see :func:`savings`).
+        - ``score``: :func:`congruency` (in attempts) or :func:`savings` (a share).
         - ``condition``: the transfer condition whose test it is about; of congruency the one
           trained with the structure of its test.
         - ``subjects``: of that condition; ``attempts``: their mean.

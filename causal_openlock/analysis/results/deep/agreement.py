@@ -142,8 +142,7 @@ def _beside_paper(
 def transfer_points(tested: pd.DataFrame) -> pd.DataFrame:
     """Figure 7: what share of test attempts has a solution, and of visits all, in each case.
 
-    Args:
-        tested: From :func:`~causal_openlock.analysis.results.deep.visits.shares` with one part.
+    Tested are :func:`~causal_openlock.analysis.results.deep.visits.shares` with one part.
 
     Returns:
         Rows of :data:`POINT_COLUMNS`; ``point`` is ``opens`` or ``finds_all``.
@@ -161,11 +160,8 @@ def transfer_order(tested: pd.DataFrame) -> pd.DataFrame:
     """The order of the transfer cases by share of attempts with a solution.
 
     Kendall's tau of the four means is recomputed in every resample of the subjects, and so is the
-    difference of each pair of cases. Where the paper's shares differ by less than :data:`MARGIN`,
-    a pair agrees if ours surely do so too.
-
-    Args:
-        tested: As in :func:`transfer_points`.
+    difference of each pair of cases. Where the paper's shares differ by less than :data:`MARGIN`, a
+    pair agrees if ours surely do so too.
 
     Returns:
         For each learner and protocol that has all four cases, a row ``tau`` (agrees if its whole
@@ -216,10 +212,7 @@ def kendall(values: Sequence[FloatArray], paper: FloatArray) -> FloatArray:
 
 
 def baseline_course(parts: pd.DataFrame) -> pd.DataFrame:
-    """Figure 6 as shares: block by block, the paper's first.
-
-    Args:
-        parts: From :func:`~causal_openlock.analysis.results.deep.visits.shares` with five parts.
+    """Figure 6 as shares of five parts: block by block, the paper's first.
 
     Returns:
         ``learner`` (the paper's DDQN is ``paper``), ``condition``, ``protocol``, ``measure``,
@@ -242,9 +235,6 @@ def baseline_course(parts: pd.DataFrame) -> pd.DataFrame:
 
 def baseline_points(parts: pd.DataFrame) -> pd.DataFrame:
     """Figure 6: whether ``else`` grows, and what the first and the last block come to.
-
-    Args:
-        parts: As in :func:`baseline_course`.
 
     Returns:
         Rows of :data:`POINT_COLUMNS`; ``point`` is ``else grows`` or a share with its block, such

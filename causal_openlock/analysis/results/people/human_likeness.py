@@ -94,11 +94,10 @@ EFFECTS = (
 
 
 def published_points() -> pd.DataFrame:
-    """What is published at each of the fourteen points.
+    """People's and the published model's means and error bars at each of the fourteen points.
 
-    Returns:
-        Their :data:`POINT`, and ``people_mean``, ``people_se``, ``model_mean`` and ``model_se`` in
-        attempts; error bars as published, population SD / √n.
+    Columns: :data:`~causal_openlock.analysis.results.people.published.POINT`, ``people_mean``,
+    ``people_se``, ``model_mean`` and ``model_se``, in attempts.
     """
     both = [
         table.set_index(POINT)[["mean", "se"]].add_prefix(f"{name}_")
@@ -111,8 +110,8 @@ def points_of(trials: pd.DataFrame) -> pd.DataFrame:
     """What each learner that played as people did came to at the points.
 
     Returns:
-        One row for each ``learner`` and point, in the order of publication: :data:`POINT`,
-        ``subjects``, ``mean`` and ``se`` (population SD / √n), ``people_mean`` and ``people_se``.
+        One row for each ``learner`` and point, in the order of publication: ``condition``,
+        ``phase``, ``trial``, ``subjects``, ``mean`` and ``se``, ``people_mean`` and ``people_se``.
     """
     names = ["learner", "condition", "phase"]
     return _beside_people(mean_by_trial(trials).astype(dict.fromkeys(names, str)))
