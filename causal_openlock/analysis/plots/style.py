@@ -131,7 +131,7 @@ def small_multiples(
     """A figure of titled panels that are drawn alike, with one legend.
 
     Args:
-        shown: Of each panel its title, a detail in small type, and the data that it shows.
+        shown: Of each panel its title, a detail in small type, and the data that ``draw`` draws.
         draw: Draws such data into a panel.
         layout: The most panels in a row, their height in inches, and the label of the y axis.
         keys: Entries of the legend.

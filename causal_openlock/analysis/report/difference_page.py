@@ -107,19 +107,14 @@ def _flat(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
 
 
 def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
-    """Each learner in each condition, in the one record and in the other.
-
-    Args:
-        first: Trials from :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        second: Those of the other record.
-        learners: The order of the rows.
+    """Each learner in each condition, in the trials of the one record and of the other.
 
     Returns:
         One row for each ``learner``, ``condition`` and ``protocol`` that is in both and judged by
         the same trial, which is ``measured``; for each record how many ``subjects_`` and the mean
         ``attempts_``; the ``difference`` (second less first) with its bootstrap interval
         ``ci_low`` and ``ci_high``; ``p`` of Welch's test, and ``p_holm``, corrected over all rows
-        but those that are the same, of which nothing is asked (NaN there); and a ``verdict``:
+        but those that are the same, which are not tested (NaN there); and a ``verdict``:
         :data:`SAME` where every subject has the same value, :data:`MORE` where ``p_holm`` is below
         5%, otherwise :data:`NOISE`, or :data:`UNKNOWN` for one subject.
     """
@@ -157,12 +152,12 @@ def _groups(trials: pd.DataFrame) -> dict[tuple[str, str, str, str], Any]:
 def write_difference(
     first: Results, second: Results, path: Path | str, names: tuple[str, str]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write the page that compares two records.
+    """Write the page that compares two records; figures and tables are put beside it.
 
     Args:
         first: A record with its experiment.
         second: The other.
-        path: The page to write, ``NAME.html``; figures and tables are put beside it.
+        path: The page.
         names: What to call them, such as the names of their folders.
 
     Returns:

@@ -21,16 +21,9 @@ NOT_PLAYED = "not played yet"
 
 @dataclass(frozen=True)
 class Missing:
-    """A cell that is missing.
+    """A cell that is missing: the name of its file, and what it is of, as far as the name tells.
 
-    Attributes:
-        cell: Its name, as its file is called.
-        learner: Label of its learner; empty if the name does not tell.
-        condition: Its condition.
-        protocol: Its protocol.
-        subjects: How many subjects it is of.
-        text: Which it is, and why it is missing, in a line.
-        failed: Whether it was played, and failed.
+    ``text`` is which it is and why it is missing, in a line; ``failed`` is whether it was played.
     """
 
     cell: str

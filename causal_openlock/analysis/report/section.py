@@ -115,13 +115,10 @@ class SectionTable:
 
 @dataclass(frozen=True)
 class SectionPlot:
-    """A figure that is shown, and kept as files.
+    """A figure that is shown, and kept as files called ``name``.
 
-    Attributes:
-        name: File name without ending: lower-case letters, digits and underscores.
-        title: A heading.
-        caption: What is seen, and what the error bars are.
-        figure: The figure.
+    Its name is of lower-case letters, digits and underscores; the caption says what is seen, and
+    what the error bars are.
     """
 
     name: str
@@ -132,14 +129,9 @@ class SectionPlot:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the report.
+    """A part of the report: paragraphs that say what was found, then tables, then plots.
 
-    Attributes:
-        name: Anchor within the page; letters, digits and underscores.
-        title: Its heading.
-        text: Paragraphs that say what was found, in plain words.
-        tables: Shown after the text.
-        plots: Shown after the tables.
+    Its name is its anchor within the page: letters, digits and underscores.
     """
 
     name: str

@@ -88,7 +88,7 @@ def make_report(
     experiment: StoredExperiment,
     sections: Sequence[str] = ORDER,
 ) -> Report:
-    """Write the report of a record, as :func:`write_report` does, and return what it opens with."""
+    """Write a report as :func:`write_report` does, and return also what it opens with."""
     folder = Path(out_dir)
     path = folder / "report.html"
     earlier = files_of(path)

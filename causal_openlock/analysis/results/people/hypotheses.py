@@ -29,10 +29,7 @@ squares of type III)."""
 class GroupSummary:
     """What a comparison of means needs to know of a group of subjects.
 
-    Attributes:
-        size: How many subjects.
-        mean: Of their values.
-        variance: Of their values, with size − 1 in the denominator; 0 for a single subject.
+    The variance has size − 1 in the denominator; it is 0 for a single subject.
     """
 
     size: int
@@ -145,8 +142,8 @@ def trial_test(groups: Sequence[FloatArray]) -> SignificanceTest:
         groups: ``[n_g, T]`` values of the subjects of each of G groups in the same T trials.
 
     Returns:
-        F(T − 1, N − G − T + 2) and partial η², which is 1 − Wilks' Λ; the difference is the first
-        trial's mean minus the last one's, groups counting alike.
+        F(T − 1, N − G − T + 2) and partial η²; the difference is the first trial's mean minus the
+        last one's, groups counting alike.
     """
     steps = [np.diff(np.asarray(one, float), axis=1) for one in groups]
     means = np.array([one.mean(axis=0) for one in steps])

@@ -156,12 +156,7 @@ def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
     """Every test of the paper: people's as printed, then those of each learner.
 
     Subjects that have not played every trial of a condition are left out of it; the loops of a
-    subject are averaged first.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, under the
-            conditions that people had.
-        learners: Labels of learners, in order.
+    subject are averaged first. Trials are those under the conditions that people had.
 
     Returns:
         A row for each test of the paper's conditions that a learner played, in the paper's order
