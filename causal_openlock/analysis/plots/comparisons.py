@@ -124,7 +124,8 @@ def _dots(
     """The score of each learner with its interval, in a colour and with a marker."""
     colour, marker = look
     y = np.array([names.index(name) + aside for name in rows["learner"]])
-    axes.hlines(y, rows["ci_low"], rows["ci_high"], color=colour, lw=1.6, zorder=2)
+    ends = rows["ci_low"], rows["ci_high"]
+    axes.hlines(y, *ends, color=colour, lw=1.6, zorder=2, capstyle="projecting")
     axes.plot(rows["value"], y, marker, color=colour, ms=5, mec="black", mew=0.5, zorder=3)
 
 

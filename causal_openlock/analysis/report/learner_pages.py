@@ -7,7 +7,6 @@ of subjects that needed so many attempts.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,6 +18,7 @@ from causal_openlock.analysis.plots.subjects import draw_subjects
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.results.summary import judged
+from causal_openlock.wording import file_names
 
 FORMATS = {
     "subjects": ",",
@@ -50,13 +50,10 @@ def learner_pages(
     values = by_subject(judged(trials), ["phase", "trial"])
     limits = trials.groupby("protocol", observed=True)["last_attempt"].max().to_dict()
     played = [name for name in learners if (headline["learner"] == name).any()]
-    pages, taken = [], set[str]()
-    for name in played:
+    pages = []
+    for name, part in file_names(played).items():
         own = headline[headline["learner"] == name]
-        label = "learner_" + (re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_") or "_")
-        while label in taken:  # names that differ in signs only
-            label += "_2"
-        taken.add(label)
+        label = f"learner_{part}"
         plot = draw_subjects(values[values["learner"] == name], own, limits)
         page = _PROSE.section(
             f"learner_{learners.index(name) + 1}",
