@@ -12,13 +12,16 @@ move, and the probability of improvement, which depends only on which of two sub
 from __future__ import annotations
 
 import gc
+import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.analysis.statistics import RESAMPLES, bootstrap_interval
+from causal_openlock.analysis.statistics import RESAMPLES, SEED, bootstrap_interval
 from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.randomness import generators
 
 ALPHA = 0.05
 """Significance level."""
@@ -31,17 +34,12 @@ MOST_SUBJECTS = 1_000_000
 
 
 def hedges_g(d: float, df: int) -> float:
-    """Hedges' g: Cohen's d without the bias that it has in small samples.
+    """Hedges' g: Cohen's d without its bias in small samples, for n + m − 2 degrees of freedom.
 
     >>> round(hedges_g(0.8, 10), 3)
     0.738
 
-    Args:
-        d: Cohen's d.
-        df: Degrees of freedom of the standard deviation, n + m − 2.
-
-    Returns:
-        NaN for fewer than 2 degrees of freedom, with which the bias is not defined.
+    NaN for fewer than 2 degrees of freedom, with which the bias is not defined.
     """
     from scipy.special import gammaln
 
@@ -62,16 +60,10 @@ def partial_eta_squared(f: float, df_effect: int, df_error: int) -> float:
 
 
 def holm(p: FloatArray) -> FloatArray:
-    """Holm's correction of the p values of a family of tests.
+    """Holm's correction of the p values of a family of tests; NaN for those that are not defined.
 
     >>> holm(np.array([0.04, 0.01, np.nan])).tolist()
     [0.04, 0.02, nan]
-
-    Args:
-        p: ``[N]`` p values; NaN for tests that are not defined, which do not count as tests.
-
-    Returns:
-        ``[N]`` corrected, at most 1.
     """
     from statsmodels.stats.multitest import multipletests
 
@@ -85,16 +77,10 @@ def holm(p: FloatArray) -> FloatArray:
 
 
 def interquartile_mean(scores: FloatArray) -> FloatArray:
-    """Mean of the middle half: a quarter of the values is left out at either end.
+    """Mean of the middle half of ``[..., N]`` values: a quarter is left out at either end.
 
     >>> float(interquartile_mean(np.array([1.0, 4, 5, 6, 7, 30, 30, 30])))
     12.0
-
-    Args:
-        scores: ``[..., N]`` values; where N is no multiple of four, fewer are left out.
-
-    Returns:
-        ``[...]`` means.
     """
     from scipy.stats import trim_mean
 
@@ -105,15 +91,10 @@ def interquartile_mean(scores: FloatArray) -> FloatArray:
 def interquartile_interval(
     strata: Sequence[FloatArray], rng: np.random.Generator, *, resamples: int = RESAMPLES
 ) -> tuple[FloatArray, FloatArray]:
-    """Bootstrap interval of the interquartile mean of several groups together, stratified.
+    """Bootstrap interval of the interquartile mean of ``[n_g]`` values of several groups together.
 
-    Args:
-        strata: ``[n_g]`` values of the subjects of each group, resampled among themselves.
-        rng: Generator of the resampling.
-        resamples: How many times to resample.
-
-    Returns:
-        Low and high; NaN if a group has fewer than two subjects.
+    It is stratified: the subjects of each group are resampled among themselves. NaN if a group has
+    fewer than two.
     """
     values = np.unique(np.concatenate(strata))
     many = sum(map(len, strata))
@@ -153,14 +134,7 @@ def improvement_interval(
 ) -> tuple[FloatArray, FloatArray]:
     """Bootstrap interval of :func:`probability_of_improvement`, stratified over conditions.
 
-    Args:
-        first: As there.
-        second: As there.
-        rng: Generator of the resampling.
-        resamples: How many times to resample.
-
-    Returns:
-        Low and high; NaN where a learner has fewer than two subjects in a condition.
+    NaN where a learner has fewer than two subjects in a condition.
     """
     groups = _counted(first, second)
     return bootstrap_interval(_mean_wins, groups, rng, counted=True, resamples=resamples)
@@ -192,68 +166,108 @@ def _mean_wins(*counts: IntArray) -> FloatArray:
     return mean
 
 
-def power_of_t(d: float, subjects: int, *, alpha: float = ALPHA) -> float:
-    """Probability that a two-sided t test of two groups finds an effect.
+def power_of_t(d: float, subjects: int) -> float:
+    """Probability that a two-sided t test of two groups, at least 2 subjects each, finds Cohen's d.
 
     >>> round(power_of_t(0.5, 64), 2)
     0.8
-
-    Args:
-        d: Cohen's d of the effect.
-        subjects: In each of the two groups, at least 2.
-        alpha: Significance level.
     """
     from statsmodels.stats.power import TTestIndPower
 
-    return float(TTestIndPower().power(abs(d), subjects, alpha))
+    return float(TTestIndPower().power(abs(d), subjects, ALPHA))
 
 
-def power_of_contrast(
-    noncentrality: float, subjects: int, groups: int, *, alpha: float = ALPHA
-) -> float:
+def power_of_contrast(noncentrality: float, subjects: int, groups: int) -> float:
     """Probability that the F test of a contrast, such as an interaction, finds an effect.
 
     Args:
         noncentrality: The F that the effect has on average for each subject of a group: F / n.
         subjects: In each group, at least 2.
         groups: How many groups the contrast is among.
-        alpha: Significance level.
     """
     from statsmodels.stats.power import ftest_power_f2
 
     error = groups * (subjects - 1)
     f2 = noncentrality * subjects / (error + 2)
-    return float(ftest_power_f2(f2, 1, error, alpha, ncc=1))
+    return float(ftest_power_f2(f2, 1, error, ALPHA, ncc=1))
 
 
-def subjects_needed(d: float, *, power: float = POWER, alpha: float = ALPHA) -> int | None:
-    """The fewest subjects in each group with which a t test has the wanted power.
+def subjects_needed(d: float) -> int | None:
+    """The fewest subjects in each group with which a t test of Cohen's d has :data:`POWER`.
 
     >>> subjects_needed(0.8)
     26
 
-    Args:
-        d: Cohen's d of the effect.
-        power: Wanted probability of finding it.
-        alpha: Significance level.
-
-    Returns:
-        The number, or None if it is beyond :data:`MOST_SUBJECTS`, as for no effect at all, or if
-        the effect is not known (NaN).
+    None if that is beyond :data:`MOST_SUBJECTS`, as for no effect at all, or if d is NaN.
     """
-    return None if np.isnan(d) else _fewest(lambda n: power_of_t(d, n, alpha=alpha), power)
+    return None if np.isnan(d) else _fewest(lambda n: power_of_t(d, n))
 
 
-def contrast_subjects_needed(
-    noncentrality: float, groups: int, *, power: float = POWER, alpha: float = ALPHA
-) -> int | None:
+def contrast_subjects_needed(noncentrality: float, groups: int) -> int | None:
     """The fewest subjects in each group for a contrast; see :func:`power_of_contrast`."""
     if np.isnan(noncentrality):
         return None
-    return _fewest(lambda n: power_of_contrast(noncentrality, n, groups, alpha=alpha), power)
+    return _fewest(lambda n: power_of_contrast(noncentrality, n, groups))
 
 
-def _fewest(power_at: Callable[[int], float], power: float) -> int | None:
+def _fewest(power_at: Callable[[int], float]) -> int | None:
     sizes = range(2, MOST_SUBJECTS + 1)
-    place = bisect_left(sizes, power, key=power_at)
+    place = bisect_left(sizes, POWER, key=power_at)
     return sizes[place] if place < len(sizes) else None
+
+
+class Difference(NamedTuple):
+    """How the means of two groups differ, with its 95% bootstrap interval and the p of a test.
+
+    NaN, but for the value, if a group has one subject.
+    """
+
+    value: float
+    low: float
+    high: float
+    p: float
+
+
+def difference(first: FloatArray, second: FloatArray, keys: tuple[str, str]) -> Difference:
+    """How far the mean of one group is from that of another, and whether that is noise.
+
+    The difference comes with a bootstrap interval, each group resampled by itself, and with Welch's
+    test, which does not suppose that both groups are equally scattered. Both take the groups for
+    independent. With equal seeds they are not: subjects of the same number share their rooms and
+    their random numbers, so that results of two runs differ by less than the test supposes. Both
+    are conservative then: they find too little rather than too much.
+
+    >>> found = difference(np.array([5.0, 6, 7]), np.array([3.0, 3, 4]), ("first", "second"))
+    >>> round(found.value, 2), round(found.p, 2)
+    (2.67, 0.02)
+
+    Args:
+        first: ``[n]`` a value for each subject of one group.
+        second: ``[m]`` and of the other, taken for other subjects even where seeds are equal.
+        keys: What the groups are, not the same twice. The resamples of a group depend on its key
+            and on nothing else, so that a comparison does not depend on what else is compared.
+    """
+    (one, first_counts), (other, second_counts) = (
+        np.unique(values, return_counts=True) for values in (first, second)
+    )
+    low, high = bootstrap_interval(
+        lambda a, b: a @ one / len(first) - b @ other / len(second),
+        [first_counts, second_counts],
+        [generators(SEED, f"resampled/{key}", [0])[0] for key in keys],
+        counted=True,
+    )
+    value = float(first.mean() - second.mean())
+    return Difference(value, float(low), float(high), _p_value(first, second))
+
+
+def _p_value(first: FloatArray, second: FloatArray) -> float:
+    """Welch's test; where nobody differs within either group, how few permutations part them."""
+    from scipy.stats import ttest_ind
+
+    if min(len(first), len(second)) < 2:
+        return math.nan
+    if np.ptp(first) == 0 and np.ptp(second) == 0:
+        if first[0] == second[0]:
+            return 1.0
+        return min(1.0, 2 / math.comb(len(first) + len(second), len(first)))
+    return float(ttest_ind(first, second, equal_var=False).pvalue)

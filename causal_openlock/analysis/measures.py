@@ -8,13 +8,14 @@ the order in which cells are read makes no difference.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pandas.api.types import union_categoricals
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
@@ -40,7 +41,15 @@ VISIT = ["phase", "loop", "trial"]
 START = 10
 """The start of a trial are the first attempts, one in so many of them, and at least one."""
 
-_FIRST = {"condition": PAPER_CONDITIONS, "protocol": ("human",), "phase": PHASES}
+AT_ONCE = 1_000_000
+"""Attempts that :func:`count` counts at once, or those of one cell where it has more."""
+
+_FIRST = {
+    "condition": PAPER_CONDITIONS,
+    "protocol": ("human",),
+    "phase": PHASES,
+    "category": CATEGORIES,
+}
 _NEVER = np.iinfo(np.int32).max
 
 
@@ -107,25 +116,23 @@ def trials_and_categories(record: pa.Table, blocks: int = 5) -> tuple[pd.DataFra
         raise ValueError(f"blocks is {blocks}; it must be at least 1")
     trials = _Trials.of(record)
     table, row_trial = trials.table, trials.row_trial
-    grouped = table.groupby([*CELL, "phase"], observed=True, sort=True)
-    phase = grouped.ngroup().to_numpy()
-    groups = grouped.size().reset_index()[[*CELL, "phase"]]
-    subject_phase = _group_index(table, [*CELL, *SUBJECT, "phase"])
+    phases = table.groupby([*CELL, "phase"], observed=True, sort=True)
+    groups = phases.size().reset_index()[[*CELL, "phase"]]
+    phase = phases.ngroup().to_numpy()
+    by_subject = table.groupby([*CELL, *SUBJECT, "phase"], observed=True, sort=False)
+    lengths = by_subject["last_attempt"]
+    before = (lengths.cumsum() - table["last_attempt"]).to_numpy()
+    total = lengths.transform("sum").to_numpy()  # attempts of a subject in a phase
+    first = np.flatnonzero(by_subject.cumcount() == 0)
 
-    length = table["last_attempt"].to_numpy()
-    ends = np.cumsum(length)
-    first = np.flatnonzero(np.diff(subject_phase, prepend=-1))
-    total = np.diff(ends[first] - length[first], append=ends[-1:])  # of a subject in a phase
-    before = ends - length - (ends[first] - length[first])[subject_phase]
-
-    # In the order of time, attempt i of n lies in block floor(i * blocks / n).
+    # In the order of time, attempt i of n is in block floor(i * blocks / n).
     time = before[row_trial] + record["attempt"].to_numpy() - 1
-    block = time * blocks // total[subject_phase][row_trial]
+    block = time * blocks // total[row_trial]
     code = (phase[row_trial] * blocks + block) * len(CATEGORIES) + trials.category
     counts = np.bincount(code, minlength=len(groups) * blocks * len(CATEGORIES))
 
     subjects = np.bincount(phase[first], minlength=len(groups))
-    mean_total = np.bincount(phase[first], total, len(groups)) / np.maximum(subjects, 1)
+    mean_total = np.bincount(phase[first], total[first], len(groups)) / np.maximum(subjects, 1)
     until = np.outer(mean_total, np.arange(1, blocks + 1) / blocks).ravel()
     category_codes = np.tile(np.arange(len(CATEGORIES)), len(groups) * blocks)
     each = groups.loc[groups.index.repeat(blocks * len(CATEGORIES))].reset_index(drop=True)
@@ -136,6 +143,79 @@ def trials_and_categories(record: pa.Table, blocks: int = 5) -> tuple[pd.DataFra
         subjects=np.repeat(subjects, blocks * len(CATEGORIES)),
         until=np.repeat(until, len(CATEGORIES)),
     )
+
+
+class Counts(NamedTuple):
+    """What was counted in a record: :func:`attempts_to_solve` and :func:`category_counts`."""
+
+    trials: pd.DataFrame
+    blocks: pd.DataFrame
+
+
+def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
+    """Count the trials of a record and the categories of its attempts, in little memory.
+
+    A few cells are counted at a time, roughly ``at_once`` attempts, since a trial is within one
+    cell. A record whose trials are cut apart, because its rows are in another order, is counted as
+    a whole.
+
+    Raises:
+        StoreError: If a trial has attempts missing or twice.
+    """
+    pieces = list(_pieces(record, at_once))
+    if len(pieces) > 1:
+        try:
+            trial_tables, block_tables = zip(*map(trials_and_categories, pieces), strict=True)
+        except StoreError:
+            # A trial is in several pieces: one that does not begin it has attempts missing.
+            pass
+        else:
+            trials = _joined(trial_tables, [*CELL, *SUBJECT, *VISIT])
+            # Blocks are shares of a subject's phase, which must not be cut apart either.
+            if _phases(trials) == sum(map(_phases, trial_tables)):
+                return Counts(trials, _added(block_tables))
+    return Counts(*trials_and_categories(record))
+
+
+def _pieces(record: pa.Table, at_once: int) -> Iterator[pa.Table]:
+    """The record in whole chunks, which are cells as a results folder gives them."""
+    start = length = 0
+    for chunk in record["attempt"].chunks:
+        length += len(chunk)
+        if length >= at_once:
+            yield record.slice(start, length)
+            start, length = start + length, 0
+    if length or not start:
+        yield record.slice(start)
+
+
+def _phases(trials: pd.DataFrame) -> int:
+    """How many phases of subjects there are."""
+    return int(trials.groupby([*CELL, *SUBJECT, "phase"], observed=True).ngroups)
+
+
+def _joined(tables: Sequence[pd.DataFrame], by: list[str]) -> pd.DataFrame:
+    """Tables under one another, sorted, with the names of all of them as categories."""
+    columns = {}
+    for name in tables[0].columns:
+        parts = [table[name] for table in tables]
+        if isinstance(parts[0].dtype, pd.CategoricalDtype):
+            joined = union_categoricals(parts)
+            names = list(ordered(joined.categories, _FIRST.get(name, ())))
+            columns[name] = joined.reorder_categories(names)
+        else:
+            columns[name] = pd.concat(parts, ignore_index=True)
+    return pd.DataFrame(columns).sort_values(by, kind="stable", ignore_index=True)
+
+
+def _added(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Counts of different subjects, added up; where a block ends is averaged over subjects."""
+    by = [*CELL, "phase", "block", "category"]
+    joined = _joined(tables, by)
+    joined["until"] *= joined["subjects"]
+    sums = joined.groupby(by, observed=True, sort=True)[["count", "subjects", "until"]].sum()
+    sums["until"] /= sums["subjects"]
+    return sums.reset_index()[list(tables[0].columns)]
 
 
 def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
@@ -167,10 +247,6 @@ def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 def mean_by_trial(trials: pd.DataFrame, by: Sequence[str] = ("phase", "trial")) -> pd.DataFrame:
     """Mean attempts over subjects, each subject's loops averaged first.
 
-    Args:
-        trials: From :func:`attempts_to_solve`.
-        by: What to keep apart besides :data:`CELL`.
-
     Returns:
         One row for each group: :data:`CELL`, ``by``, ``subjects``, ``visits`` (the most that a
         subject made), ``mean``, ``se`` (population SD / √n, the paper's error bar) and
@@ -185,13 +261,6 @@ def mean_by_trial(trials: pd.DataFrame, by: Sequence[str] = ("phase", "trial")) 
         share_solved=("solved", "mean"),
     )
     return means.reset_index()
-
-
-def number_visits(trials: pd.DataFrame) -> IntArray:
-    """``[T]`` the place of every trial in its subject's session, from 1."""
-    subject = _group_index(trials, [*CELL, *SUBJECT])
-    first = np.flatnonzero(np.diff(subject, prepend=-1))
-    return np.arange(len(trials)) - first[subject] + 1
 
 
 @dataclass(frozen=True)
@@ -282,25 +351,17 @@ def _encode(
     """``[N]`` codes of a text column, and their names, in a fixed order."""
     import pyarrow as pa
 
-    chunks = record[column].chunks
-    if not pa.types.is_dictionary(record[column].type):
-        chunks = [chunk.dictionary_encode() for chunk in chunks]
-    dictionaries = [chunk.dictionary.to_pylist() for chunk in chunks]
-    found = {name for dictionary in dictionaries for name in dictionary}
-    names = known or ordered(found, _FIRST.get(column, ()))
-    if not found.issubset(names):
+    values = record[column]
+    if not pa.types.is_dictionary(values.type):
+        values = values.dictionary_encode()
+    held = values.unify_dictionaries().to_pandas().cat
+    names = known or ordered(held.categories, _FIRST.get(column, ()))
+    if unknown := set(held.categories).difference(names):
         raise StoreError(
-            f"the record's column {column} holds {min(found.difference(names))!r}, which is not "
+            f"the record's column {column} holds {min(unknown)!r}, which is not "
             f"one of {', '.join(names)}; was it written by another version?"
         )
-    place = {name: code for code, name in enumerate(names)}
-    kind = np.min_scalar_type(len(names))  # eight bytes each would be much for millions of codes
-    codes = [
-        np.array([place[name] for name in dictionary], kind)[chunk.indices.to_numpy()]
-        for chunk, dictionary in zip(chunks, dictionaries, strict=True)
-        if len(chunk)
-    ]
-    return np.concatenate([np.zeros(0, kind), *codes]), names
+    return held.set_categories(list(names)).cat.codes.to_numpy(), names
 
 
 def ordered(names: Iterable[str], first: Sequence[str] = PAPER_CONDITIONS) -> tuple[str, ...]:
@@ -325,16 +386,3 @@ def _starts(columns: Iterable[NDArray[Any]]) -> IntArray:
             changed[:1] = True
         changed[1:] |= column[1:] != column[:-1]
     return np.flatnonzero(changed)
-
-
-def _group_index(table: pd.DataFrame, by: Sequence[str]) -> IntArray:
-    """``[T]`` the number of each row's group, from 0; equal rows must be neighbours."""
-    columns = [
-        table[column].cat.codes.to_numpy()
-        if isinstance(table[column].dtype, pd.CategoricalDtype)
-        else table[column].to_numpy()
-        for column in by
-    ]
-    index = np.zeros(len(table), np.int64)
-    index[_starts(columns)] = 1
-    return np.cumsum(index) - 1

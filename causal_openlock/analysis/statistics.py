@@ -123,16 +123,13 @@ def mean_interval(
     Returns:
         ``[G]`` low and ``[G]`` high; NaN for fewer than two subjects.
     """
-    return bootstrap_interval(_mean, [samples], rng, level=level, resamples=resamples)
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    mean: FloatArray = values.mean(axis=-1)
-    return mean
+    return bootstrap_interval(
+        lambda values: values.mean(axis=-1), [samples], rng, level=level, resamples=resamples
+    )
 
 
 def mean_intervals(frame: pd.DataFrame, by: Sequence[str], value: str) -> pd.DataFrame:
-    """Bootstrap intervals of the mean of ``value`` in every group.
+    """Bootstrap intervals of the mean of ``value`` in every group of ``by``.
 
     Args:
         frame: One row for each subject of each group, subjects in a fixed order.

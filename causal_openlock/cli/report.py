@@ -187,7 +187,7 @@ def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Conso
 
 def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Console) -> None:
     from causal_openlock.analysis.report.difference_page import MORE
-    from causal_openlock.analysis.report.table_files import printed
+    from causal_openlock.analysis.report.section import printed
     from causal_openlock.cli.console import plain_table
 
     console.print(f"\nMean attempts in {names[0]} and in {names[1]}", style="bold")

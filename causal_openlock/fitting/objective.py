@@ -20,10 +20,10 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.results.people.human_likeness import (
-    POINT,
     distance,
     published_points,
 )
+from causal_openlock.analysis.results.people.published import POINT
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
@@ -42,7 +42,7 @@ def held_out(points: pd.DataFrame, how: str) -> BoolArray:
 
     Args:
         points: Rows with the columns of
-            :data:`~causal_openlock.analysis.results.people.human_likeness.POINT`.
+            :data:`~causal_openlock.analysis.results.people.published.POINT`.
         how: One of :data:`HOLD_OUT`.
 
     Raises:

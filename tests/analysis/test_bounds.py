@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 import causal_openlock.analysis
-from causal_openlock.analysis.measures import attempts_to_solve
+from causal_openlock.analysis.measures import attempts_to_solve, count
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.course import attempts_by_trial
 from causal_openlock.analysis.plots.figures import baseline_attempts, draw_all, transfer_attempts
@@ -25,7 +25,6 @@ from causal_openlock.analysis.results.bounds import (
     ideal_attempts,
     ideal_bounds,
 )
-from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.formats.schema_file import find_schema

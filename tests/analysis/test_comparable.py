@@ -9,11 +9,14 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
+from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.plots.figures import draw_all
 from causal_openlock.analysis.report.writing import write_report
-from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.people.comparable import comparable, paper_conditions
-from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS
+from causal_openlock.analysis.results.people.published import (
+    PUBLISHED_COLUMNS,
+    comparable,
+    paper_conditions,
+)
 from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS

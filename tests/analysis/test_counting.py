@@ -9,9 +9,8 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.measures import attempts_to_solve, category_counts
+from causal_openlock.analysis.measures import attempts_to_solve, category_counts, count
 from causal_openlock.analysis.results import reading
-from causal_openlock.analysis.results.counting import count
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment

@@ -11,13 +11,17 @@ import pyarrow as pa
 import pytest
 from matplotlib.colors import to_hex
 
-from causal_openlock.analysis.measures import attempts_to_solve, category_counts
+from causal_openlock.analysis.measures import attempts_to_solve, category_counts, count
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.categories import baseline_categories, transfer_categories
 from causal_openlock.analysis.plots.course import attempts_by_trial
-from causal_openlock.analysis.plots.figures import baseline_attempts, draw_all, transfer_attempts
+from causal_openlock.analysis.plots.figures import (
+    baseline_attempts,
+    baseline_categories,
+    draw_all,
+    transfer_attempts,
+    transfer_categories,
+)
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.results.counting import count
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.world import reference

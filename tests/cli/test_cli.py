@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from causal_openlock.analysis.results.counting import count
+from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.cli import report
 from causal_openlock.cli.console import Console

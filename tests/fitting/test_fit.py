@@ -17,12 +17,12 @@ from pydantic import Field
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.results.people.human_likeness import (
-    POINT,
     distance,
     points_of,
     points_of_people,
     published_points,
 )
+from causal_openlock.analysis.results.people.published import POINT
 from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.prior import Prior
 from causal_openlock.cli import main

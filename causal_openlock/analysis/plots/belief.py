@@ -1,43 +1,62 @@
 """The picture of one trial of belief: what was done, what it revealed, what it left probable.
 
 Four panels share their columns, one for each action; under them the structure that is most
-probable in the end stands beside the true one. Everything is placed by the inch, so that nothing
+probable in the end is beside the true one. Everything is placed by the inch, so that nothing
 depends on how long names are or how many arrows there were.
 """
 
 from __future__ import annotations
 
 import textwrap
+from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import networkx as nx
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.belief_panels import (
-    LEFT,
-    RIGHT,
-    TracePart,
-    draw_arrows,
-    draw_entropy,
-    draw_gains,
-    draw_graphs,
-    draw_timeline,
-    legend_handles,
-    plan_graphs,
-)
-from causal_openlock.analysis.plots.style import Plot
-from causal_openlock.belief.trace import Trace
+from causal_openlock.analysis.plots.style import COMMON_CAUSE, COMMON_EFFECT, Plot
+from causal_openlock.belief.trace import Trace, TracedAction
+from causal_openlock.belief.trace_text import agreement, percent, shown_name
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.render.graph import SUFFIXES
+from causal_openlock.render.arrange import arrange
+from causal_openlock.render.graph import SUFFIXES, draw_schema
 from causal_openlock.wording import nearest
+from causal_openlock.world.schema import Schema
 
 MOST_ACTIONS, MOST_ARROWS = 36, 20
-LINE = 0.16  # inches between lines of the title
 THRESHOLD = 0.1
 """Arrows that are not true and were never more probable than this are not shown."""
+
+# All in inches: lines of the title, margins beside the columns, and the narrowest column.
+_LINE, _LEFT, _RIGHT, _NARROWEST = 0.16, 1.75, 0.62, 0.125
+_UNIT, _GRAPH_HEIGHT = 0.46, 3.0  # of graphs: inches of a unit, and of the highest
+_SMALL = 7.0  # size of small type
+_INK, _FAINT = "#222222", "#9A9A9A"
+# Distinct in form as well as in colour: an empty ring, filled marks, a star.
+_MARKS: dict[str, tuple[str, dict[str, Any]]] = {
+    "nothing": ("nothing", {"marker": "_", "mec": _FAINT, "mew": 1.6, "ms": 7}),
+    "moved": ("moved", {"marker": "o", "mfc": "white", "mec": _INK, "mew": 1.0, "ms": 6}),
+    "unlocked": ("unlocked", {"marker": "D", "mfc": "#56B4E9", "mec": _INK, "mew": 0.8, "ms": 5.5}),
+    "locked": ("locked again", {"marker": "s", "mfc": _INK, "mec": _INK, "mew": 0.8, "ms": 5.5}),
+    "opened": ("opened", {"marker": "^", "mfc": "#CC79A7", "mec": _INK, "mew": 0.8, "ms": 7}),
+    "new solution": (
+        "new solution",
+        {"marker": "*", "mfc": COMMON_CAUSE, "mec": _INK, "mew": 0.7, "ms": 11},
+    ),
+}
+_EXPECTED: Any = {"fc": "white", "ec": COMMON_EFFECT, "lw": 0.9, "hatch": "////"}
+_RENEWED: Any = {"color": _FAINT, "lw": 1.0, "ls": (0, (1.5, 1.5))}
+_OBTAINED: Any = {"fc": COMMON_CAUSE, "ec": _INK, "lw": 0.6}
+_BLUES = LinearSegmentedColormap.from_list("belief", ["#FFFFFF", "#7FA6CC", COMMON_EFFECT])
 
 
 def draw_trace(trace: Trace, actions: int = MOST_ACTIONS, arrows: int = MOST_ARROWS) -> Plot:
@@ -48,7 +67,7 @@ def draw_trace(trace: Trace, actions: int = MOST_ACTIONS, arrows: int = MOST_ARR
         actions: Most actions to show; of a longer trial the first attempts are shown that fit.
         arrows: Most arrows to show, those that were ever most probable.
     """
-    shown = _choose(trace, actions, arrows)
+    shown = _Part.of(trace, actions, arrows)
     with style.settings():
         figure = _draw(shown)
     facts = {
@@ -62,12 +81,7 @@ def draw_trace(trace: Trace, actions: int = MOST_ACTIONS, arrows: int = MOST_ARR
 
 
 def save_trace_figure(trace: Trace, path: Path | str, actions: int = MOST_ACTIONS) -> None:
-    """Draw a trace into a file, which is replaced in one step; equal traces give equal files.
-
-    Args:
-        trace: What happened.
-        path: Its suffix says whether it is SVG, PNG or PDF.
-        actions: Most actions to show.
+    """Draw a trace into an SVG, PNG or PDF file; equal traces give equal files.
 
     Raises:
         OpenLockError: If the suffix is another or the file cannot be written.
@@ -91,68 +105,108 @@ def check_suffix(path: Path | str) -> Path:
     return path
 
 
-# -- what is shown --------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class _Part:
+    """The part of a trace that is drawn.
 
+    Attributes:
+        trace: What happened.
+        actions: The first actions, those that are shown.
+        arrows: The arrows that are shown, from position to position or the door, in order.
+        true: How many of them are in the true structure; these come first.
+        left_out: How many arrows that were probable at some time are not shown.
+    """
 
-def _choose(trace: Trace, actions: int, arrows: int) -> TracePart:
-    number = 0
-    for attempt in trace.attempts:
-        if number and number + len(attempt) > actions:
-            break
-        number += len(attempt)
-    number = min(number, max(actions, 1))
-    edges = trace.edges[: number + 1]
-    nodes = trace.nodes
-    highest = edges.max(axis=0)
-    true = {(nodes.index(cause), nodes.index(effect)) for cause, effect in trace.truth.graph.edges}
-    ever = {
-        *true,
-        *((int(cause), int(effect)) for cause, effect in np.argwhere(highest > THRESHOLD)),
-    }
-    kept = sorted(ever, key=lambda arrow: (arrow not in true, -highest[arrow], arrow))
-    kept = kept[: max(arrows, 1)]
-    # The true arrows first, causes before effects; the others by how probable they stayed.
-    final, mean = edges[-1], edges.mean(axis=0)
-    depth = _depths(trace)
-    kept.sort(
-        key=lambda arrow: (
-            arrow not in true,
-            (depth[nodes[arrow[0]]], *arrow)
-            if arrow in true
-            else (-round(final[arrow], 6), -round(mean[arrow], 6), *arrow),
+    trace: Trace
+    actions: list[TracedAction]
+    arrows: list[tuple[int, int]]
+    true: int
+    left_out: int
+
+    @classmethod
+    def of(cls, trace: Trace, most_actions: int, most_arrows: int) -> _Part:
+        number = 0
+        for attempt in trace.attempts:
+            if number and number + len(attempt) > most_actions:
+                break
+            number += len(attempt)
+        number = min(number, max(most_actions, 1))
+        edges, nodes, graph = trace.edges[: number + 1], trace.nodes, trace.truth.graph
+        final, mean, highest = edges[-1], edges.mean(axis=0), edges.max(axis=0)
+        true = {(nodes.index(cause), nodes.index(effect)) for cause, effect in graph.edges}
+        probable = np.argwhere(highest > THRESHOLD)
+        ever = true | {(int(cause), int(effect)) for cause, effect in probable}
+        kept = sorted(ever, key=lambda arrow: (arrow not in true, -highest[arrow], arrow))
+        kept = kept[: max(most_arrows, 1)]
+        # The true arrows first, causes before effects; the others by how probable they stayed.
+        generations = enumerate(nx.topological_generations(graph))
+        depth = {lever: place for place, together in generations for lever in together}
+        kept.sort(
+            key=lambda arrow: (
+                arrow not in true,
+                (depth[nodes[arrow[0]]], *arrow)
+                if arrow in true
+                else (-round(final[arrow], 6), -round(mean[arrow], 6), *arrow),
+            )
         )
-    )
-    return TracePart(trace, number, kept, [arrow in true for arrow in kept], len(ever) - len(kept))
+        shown = list(trace.actions[:number])
+        return cls(trace, shown, kept, len(true.intersection(kept)), len(ever) - len(kept))
+
+    @property
+    def width(self) -> float:
+        """Width of the figure in inches; wider than a page only where labels would overlap."""
+        return max(style.WIDTH, _LEFT + _RIGHT + _NARROWEST * (len(self.actions) + 1))
+
+    @property
+    def column(self) -> float:
+        """Width of a column in inches."""
+        return (self.width - _LEFT - _RIGHT) / (len(self.actions) + 1)
+
+    @property
+    def cut(self) -> str:
+        """What part is shown, in a sentence; empty if it is all."""
+        number, all_actions = len(self.actions), len(self.trace.actions)
+        parts = []
+        if number < all_actions:
+            parts.append(f"the first {number} of {all_actions} actions")
+        if self.left_out:
+            parts.append(f"{len(self.arrows)} of {len(self.arrows) + self.left_out} arrows")
+        return f"Shown are {' and '.join(parts)}." if parts else ""
+
+    @property
+    def renewed(self) -> bool:
+        """Whether hypotheses were replaced by others in between."""
+        return any(action.renewed for action in self.actions)
+
+    @property
+    def attempts(self) -> list[tuple[int, int, int]]:
+        """Each attempt's number, and the first and the last of its columns."""
+        found = []
+        for attempt, own in groupby(enumerate(self.actions, 1), lambda at: at[1].attempt):
+            columns = [column for column, _ in own]
+            found.append((attempt, columns[0], columns[-1]))
+        return found
+
+    def divide(self, axes: Axes, **look: Any) -> None:
+        """Draw a line before each attempt."""
+        for _, first, _ in self.attempts:
+            axes.axvline(first - 0.5, **look)
 
 
-def _depths(trace: Trace) -> dict[str, int]:
-    """How many levers stand before each in the longest chain of causes."""
-    import networkx as nx
-
-    generations = nx.topological_generations(trace.truth.graph)
-    return {lever: depth for depth, together in enumerate(generations) for lever in together}
-
-
-def _title(trace: Trace) -> str:
-    return (
+def _draw(shown: _Part) -> Figure:
+    graphs, trace, names = _plan_graphs(shown), shown.trace, list(map(shown_name, shown.actions))
+    heading = (
         f"{trace.learner} in {trace.condition}, trial {trace.trial} of {trace.trials} "
         f"(subject {trace.subject}, protocol {trace.protocol.name})"
     )
-
-
-# -- drawing --------------------------------------------------------------------------------------
-
-
-def _draw(shown: TracePart) -> Figure:
-    graphs = plan_graphs(shown)
-    title = [(line, "bold") for line in textwrap.wrap(_title(shown.trace), 84)]
+    title = [(line, "bold") for line in textwrap.wrap(heading, 84)]
     title += [(shown.cut, "normal")] * bool(shown.cut)
-    handles = legend_handles(shown)
+    handles = _legend_handles(shown)
     rows = -(-len(handles) // 7)
     heights = {
-        "title": 0.12 + LINE * len(title) + 0.22 * rows + 0.03,
+        "title": 0.12 + _LINE * len(title) + 0.22 * rows + 0.03,
         "timeline": 0.42,
-        "names": 0.16 + 0.061 * max(map(len, shown.names)),
+        "names": 0.16 + 0.061 * max(map(len, names)),
         "entropy": 1.15,
         "gap": 0.14,
         "gains": 0.85,
@@ -164,41 +218,183 @@ def _draw(shown: TracePart) -> Figure:
     }
     total = sum(heights.values())
     figure = Figure(figsize=(shown.width, total))
-    top = total
-    place: dict[str, tuple[float, float]] = {}
-    for name, height in heights.items():
-        top -= height
-        place[name] = (top / total, height / total)
-    left, width = LEFT / shown.width, (shown.width - LEFT - RIGHT) / shown.width
+    grid = figure.add_gridspec(
+        len(heights), left=_LEFT / shown.width, right=1 - _RIGHT / shown.width, bottom=0, top=1,
+        hspace=0, height_ratios=list(heights.values()),
+    )  # fmt: skip
+    place = dict(zip(heights, range(len(heights)), strict=True))
 
     def panel(name: str) -> Axes:
-        bottom, height = place[name]
-        axes = figure.add_axes((left, bottom, width, height), label=name)
-        axes.set_xlim(-0.5, shown.number + 0.5)
+        axes = figure.add_subplot(grid[place[name]], label=name)
+        axes.set_xlim(-0.5, len(shown.actions) + 0.5)
         axes.tick_params(axis="x", length=0, labelbottom=False)
         axes.grid(False)
         return axes
 
     for line, (text, weight) in enumerate(title):
         figure.text(
-            0.1 / shown.width, 1 - (0.07 + LINE * line) / total, text,
+            0.1 / shown.width, 1 - (0.07 + _LINE * line) / total, text,
             va="top", fontsize=9 if weight == "bold" else 8, weight=weight,
         )  # fmt: skip
     figure.legend(
-        handles=handles,
-        loc="upper left",
-        bbox_to_anchor=(0.05 / shown.width, 1 - (0.07 + LINE * len(title)) / total),
-        ncols=-(-len(handles) // rows),
-        handlelength=1.3,
-        columnspacing=1.2,
-        handletextpad=0.4,
-        fontsize=8,
-        borderaxespad=0,
-    )
-    draw_timeline(panel("timeline"), shown)
-    draw_entropy(panel("entropy"), shown)
-    draw_gains(panel("gains"), shown)
-    draw_arrows(panel("arrows"), shown)
-    draw_graphs(figure, graphs, heights["graphs"] + heights["bottom"])
-    figure.align_ylabels()
+        handles=handles, loc="upper left", ncols=-(-len(handles) // rows), fontsize=8,
+        bbox_to_anchor=(0.05 / shown.width, 1 - (0.07 + _LINE * len(title)) / total),
+        handlelength=1.3, columnspacing=1.2, handletextpad=0.4, borderaxespad=0,
+    )  # fmt: skip
+    _draw_timeline(panel("timeline"), shown, names)
+    _draw_entropy(panel("entropy"), shown)
+    _draw_gains(panel("gains"), shown)
+    _draw_arrows(panel("arrows"), shown)
+    _draw_graphs(figure, graphs, heights["graphs"] + heights["bottom"])
     return figure
+
+
+def _draw_timeline(axes: Axes, shown: _Part, names: list[str]) -> None:
+    """What was done, and what came of it, attempt by attempt."""
+    axes.set(ylim=(0, 1), yticks=[])
+    axes.spines[:].set_visible(False)
+    for index, (attempt, first, last) in enumerate(shown.attempts):
+        face = ("#EDEDED", "#DCDCDC")[index % 2]
+        width = last - first + 0.92
+        axes.add_patch(Rectangle((first - 0.46, 0), width, 1, fc=face, ec="none", zorder=0))
+        middle = (first + last) / 2
+        axes.text(middle, 0.97, str(attempt), ha="center", va="top", fontsize=_SMALL + 0.5)
+    scale = min(1.0, shown.column * 72 / 11.5)
+    for column, action in enumerate(shown.actions, start=1):
+        _, mark = _MARKS[action.outcome]
+        axes.plot(column, 0.32, ls="none", **{**mark, "ms": mark["ms"] * scale})
+    for y, text in ((0.84, "Attempt"), (0.32, "What came of it")):
+        axes.text(-0.02, y, text, ha="right", va="center", transform=axes.transAxes)
+    axes.set_xticks(range(len(names) + 1), ["at first", *names], rotation=90, fontsize=_SMALL)
+    axes.tick_params(axis="x", labelbottom=True, pad=2)
+
+
+def _draw_entropy(axes: Axes, shown: _Part) -> None:
+    """The bits that are missing to certainty, at first and after each action."""
+    values = shown.trace.entropies[: len(shown.actions) + 1]
+    shown.divide(axes, color="#C4C4C4", lw=0.6, zorder=0)
+    size = min(3.2, 18 * shown.column)
+    axes.plot(range(len(values)), values, ls="none", color=_INK, marker="o", ms=size, clip_on=False)
+    for column, action in enumerate(shown.actions):
+        look: Any = _RENEWED if action.renewed else {"color": _INK, "lw": 1.2}
+        axes.plot([column, column + 1], values[column : column + 2], **look)
+    axes.set_ylim(0, max(1.0, float(values.max())) * 1.08)
+    axes.set_ylabel("Bits missing\nto certainty")
+    axes.yaxis.grid(True)
+
+
+def _draw_gains(axes: Axes, shown: _Part) -> None:
+    """The bits expected of each action, and the bits that it gave."""
+    columns = np.arange(1, len(shown.actions) + 1)
+    predicted = np.array([action.predicted for action in shown.actions])
+    # The difference between beliefs in different hypotheses is no information.
+    obtained = np.array([0.0 if action.renewed else action.obtained for action in shown.actions])
+    shown.divide(axes, color="#C4C4C4", lw=0.6, zorder=0)
+    for shift, values, look in ((-0.2, predicted, _EXPECTED), (0.2, obtained, _OBTAINED)):
+        some = np.abs(values) > 0.005  # where there is nothing, no line is drawn
+        axes.bar(columns[some] + shift, values[some], width=0.36, zorder=2, **look)
+    low, high = min(0.0, float(obtained.min())), max(predicted.max(), obtained.max(), 0.5)
+    axes.set_ylim(low * 1.1, high * 1.08)
+    axes.spines["bottom"].set_position("zero")
+    axes.set_ylabel("Bits given by\nthe action")
+    axes.yaxis.grid(True)
+
+
+def _draw_arrows(axes: Axes, shown: _Part) -> None:
+    """The probability of each arrow, at first and after each action, and its scale."""
+    nodes, count = shown.trace.nodes, len(shown.arrows)
+    values = shown.trace.edges[: len(shown.actions) + 1]
+    table = np.array([values[:, cause, effect] for cause, effect in shown.arrows])
+    mesh = axes.pcolormesh(
+        np.arange(len(values) + 1) - 0.5, np.arange(count + 1) - 0.5, table.reshape(count, -1),
+        cmap=_BLUES, vmin=0, vmax=1, edgecolors="#E6E6E6", linewidth=0.3,
+    )  # fmt: skip
+    axes.set_ylim(max(count, 1) - 0.5, -0.5)
+    labels = [f"{nodes[cause]} → {nodes[effect]}" for cause, effect in shown.arrows]
+    axes.set_yticks(range(count), labels, fontsize=_SMALL)
+    axes.tick_params(axis="y", length=0)
+    for place, tick in enumerate(axes.get_yticklabels()):
+        tick.set_color("black" if place < shown.true else "#6A6A6A")
+        tick.set_fontweight("bold" if place < shown.true else "normal")
+    axes.spines[:].set_visible(False)
+    if 0 < shown.true < count:
+        axes.axhline(shown.true - 0.5, color=_INK, lw=1.0)
+    shown.divide(axes, color="#8C8C8C", lw=0.7)
+    box, figure = axes.get_position(), axes.get_figure(root=True)
+    assert figure is not None
+    height = min(box.height, 1.3 / figure.get_figheight())
+    bar = figure.add_axes(
+        (box.x1 + 0.1 / shown.width, box.y1 - height, 0.1 / shown.width, height), label="scale"
+    )
+    figure.colorbar(mesh, cax=bar, ticks=[0, 0.5, 1])
+    bar.tick_params(labelsize=_SMALL, length=2)
+    bar.set_ylabel("probability", fontsize=_SMALL)
+
+
+def _legend_handles(shown: _Part) -> list[Any]:
+    """What came of actions, as far as it did, and the bars."""
+    happened = {action.outcome for action in shown.actions}
+    handles: list[Any] = [
+        Line2D([], [], ls="none", label=label, **mark)
+        for outcome, (label, mark) in _MARKS.items()
+        if outcome in happened
+    ]
+    handles += [
+        Patch(label="bits expected", **_EXPECTED),
+        Patch(label="bits obtained", **_OBTAINED),
+    ]
+    if shown.renewed:
+        handles.append(Line2D([], [], label="other hypotheses", **_RENEWED))
+    return handles
+
+
+class _Graph(NamedTuple):
+    """A structure to draw, under which title, and how large in inches."""
+
+    schema: Schema
+    title: str
+    width: float
+    height: float
+
+
+def _plan_graphs(shown: _Part) -> list[_Graph]:
+    """The most probable structure in the end and the true one, both at one scale."""
+    trace = shown.trace
+    final = trace.snapshots[-1]
+    same = {
+        "same": "the true one",
+        "alike": "acts like the true one",
+        "different": "acts otherwise",
+    }[agreement(trace)]
+    titled = (
+        (final.structure, f"Most probable in the end ({percent(final.probability)}): {same}"),
+        (trace.truth, "True structure"),
+    )
+    sizes = []
+    for schema, _ in titled:
+        left, right, bottom, top = arrange(schema).limits
+        sizes.append((right - left, top - bottom))
+    most = 0.47 * shown.width
+    unit = min(_UNIT, *(min(most / width, _GRAPH_HEIGHT / height) for width, height in sizes))
+    return [
+        _Graph(schema, title, width * unit, height * unit)
+        for (schema, title), (width, height) in zip(titled, sizes, strict=True)
+    ]
+
+
+def _draw_graphs(figure: Figure, graphs: list[_Graph], top: float) -> None:
+    """Draw the graphs side by side below ``top``, in inches from the bottom."""
+    across, total = figure.get_size_inches()
+    for index, (schema, title, width, height) in enumerate(graphs):
+        middle = (0.25 + 0.5 * index) * across
+        left, bottom = (middle - width / 2) / across, (top - height) / total
+        axes = figure.add_axes(
+            (left, bottom, width / across, height / total), label=("most probable", "truth")[index]
+        )
+        draw_schema(schema, axes)
+        for name in axes.texts:
+            name.set(fontsize=0.92 * float(name.get_fontsize()))  # capitals are wide
+        figure.text(
+            middle / across, (top + 0.08) / total, title,
+            ha="center", va="bottom", fontsize=8.5, weight="bold",
+        )  # fmt: skip

@@ -28,10 +28,8 @@ _ROW = 0.21  # height of a learner's row, in inches
 def draw_matrix(names: Sequence[str], pairs: pd.DataFrame) -> Plot:
     """Probabilities that one learner is better than another, as numbers on colours.
 
-    Args:
-        names: Learners in the order of rows and columns.
-        pairs: A row for each ordered pair: ``learner``, ``other``, ``probability`` and whether the
-            comparison is ``decided``, which is printed bold.
+    A pair has ``learner``, ``other``, ``probability`` and whether the comparison is ``decided``,
+    which is printed bold; rows and columns are in the order of names.
     """
     size = len(names)
     place = {name: number for number, name in enumerate(names)}
@@ -50,15 +48,11 @@ def draw_matrix(names: Sequence[str], pairs: pd.DataFrame) -> Plot:
         for (row, column), value in np.ndenumerate(values):
             known = not np.isnan(value)
             axes.text(
-                column,
-                row,
-                f"{value:.2f}" if known else "–",
-                ha="center",
-                va="center",
+                column, row, f"{value:.2f}" if known else "–", ha="center", va="center",
                 fontsize=8 if cell > 0.45 else 7,
                 fontweight="bold" if sure[row, column] else "normal",
                 color="white" if known and abs(value - 0.5) > 0.34 else "black",
-            )
+            )  # fmt: skip
         axes.set_xticks(range(size), shown, rotation=40, ha="left", va="bottom")
         axes.set_yticks(range(size), shown)
         axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
@@ -76,17 +70,12 @@ def draw_matrix(names: Sequence[str], pairs: pd.DataFrame) -> Plot:
 
 
 def draw_congruency(scores: pd.DataFrame) -> Plot:
-    """What training with the structure of the test saves, a panel for each structure.
-
-    Args:
-        scores: Congruency under one protocol, from
-            :func:`~causal_openlock.analysis.results.scores.transfer_scores`.
-    """
+    """What training with the structure of the test saves under one protocol, a panel each."""
     with style.settings():
         names, figure, panels = _rows_of(scores)
         for (condition, title), axes in zip(CONGRUENCY_TESTS.items(), panels, strict=True):
             rows = scores[scores["condition"] == condition]
-            _dots(axes, rows, names, style.trained_colour(condition))
+            _dots(axes, rows, names, (style.trained_colour(condition), "o"))
             style.panel_title(axes, title)
             axes.set_xlabel("Attempts, congruent − incongruent training")
             axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
@@ -94,25 +83,22 @@ def draw_congruency(scores: pd.DataFrame) -> Plot:
 
 
 def draw_savings(scores: pd.DataFrame) -> Plot:
-    """The same of savings by training."""
-    looks: dict[str, dict[str, Any]] = {
-        "CC3": {"colour": style.COMMON_CAUSE, "marker": "o"},
-        "CE3": {"colour": style.COMMON_EFFECT, "marker": "s"},
-    }
+    """What training saves in the first room with four levers, a panel for each structure."""
+    looks = {"CC3": (style.COMMON_CAUSE, "o"), "CE3": (style.COMMON_EFFECT, "s")}
     with style.settings():
         names, figure, panels = _rows_of(scores)
         for tested, axes in zip(BASELINES, panels, strict=True):
             for (trained, look), aside in zip(looks.items(), (-0.14, 0.14), strict=True):
                 rows = scores[scores["condition"] == f"{trained}-{tested}"]
-                _dots(axes, rows, names, **look, aside=aside)
+                _dots(axes, rows, names, look, aside)
             style.panel_title(axes, f"Test of {tested}")
             axes.set_xlabel("Attempts saved by training")
             axes.xaxis.set_major_formatter(PercentFormatter(1.0))
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 2.5, 5, 10]))
         keys = [
-            Line2D([], [], ls="", marker=look["marker"], color=look["colour"], mec="black",
-                   mew=0.5, label=f"{trained} training")
-            for trained, look in looks.items()
+            Line2D([], [], ls="", marker=marker, color=colour, mec="black", mew=0.5,
+                   label=f"{trained} training")
+            for trained, (colour, marker) in looks.items()
         ]  # fmt: skip
         style.legend(figure, keys)
     return Plot("transfer_savings", figure)
@@ -133,26 +119,21 @@ def _rows_of(scores: pd.DataFrame) -> tuple[list[str], Figure, list[Axes]]:
 
 
 def _dots(
-    axes: Axes,
-    rows: pd.DataFrame,
-    names: Sequence[str],
-    colour: str,
-    marker: str = "o",
-    aside: float = 0.0,
+    axes: Axes, rows: pd.DataFrame, names: list[str], look: tuple[str, str], aside: float = 0.0
 ) -> None:
-    for row in rows.to_dict("records"):
-        y = names.index(row["learner"]) + aside
-        axes.plot([row["ci_low"], row["ci_high"]], [y, y], color=colour, lw=1.6, zorder=2)
-        axes.plot(row["value"], y, marker, color=colour, ms=5, mec="black", mew=0.5, zorder=3)
+    """The score of each learner with its interval, in a colour and with a marker."""
+    colour, marker = look
+    y = np.array([names.index(name) + aside for name in rows["learner"]])
+    ends = rows["ci_low"], rows["ci_high"]
+    axes.hlines(y, *ends, color=colour, lw=1.6, zorder=2, capstyle="projecting")
+    axes.plot(rows["value"], y, marker, color=colour, ms=5, mec="black", mew=0.5, zorder=3)
 
 
 def draw_differences(table: pd.DataFrame, names: Sequence[str]) -> Plot:
     """Differences between two results with their intervals, a line each.
 
-    Args:
-        table: ``learner``, ``condition``, ``difference``, ``ci_low``, ``ci_high`` and whether a
-            difference is ``sure``.
-        names: What the two results are called.
+    The table has ``learner``, ``condition``, ``difference``, ``ci_low``, ``ci_high`` and whether a
+    difference is ``sure``; names are those of the two results.
     """
     rows: list[Mapping[Any, Any]] = table.head(MOST_DRAWN).to_dict("records")
     with style.settings():

@@ -21,9 +21,10 @@ from matplotlib.ticker import MaxNLocator
 
 from causal_openlock.analysis.measures import (
     BASELINES,
+    CELL,
+    SUBJECT,
     TRANSFERS,
     mean_by_trial,
-    number_visits,
     ordered,
 )
 from causal_openlock.analysis.plots import style
@@ -47,18 +48,13 @@ def attempts_by_trial(
 ) -> Plot | None:
     """Mean attempts over the course of every condition of a protocol, whichever they are.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        protocol: Name of the protocol.
-        learners: The order of the rows.
-        bounds: From :func:`~causal_openlock.analysis.results.bounds.ideal_bounds`.
-
-    Returns:
-        The plot, or None if there are no trials under that protocol.
+    Learners are rows, in the given order. None if there are no trials under that protocol.
     """
-    chosen = trials.assign(visit=number_visits(trials))[trials["protocol"] == protocol]
+    chosen = trials[trials["protocol"] == protocol]
     if chosen.empty:
         return None
+    subjects = chosen.groupby([*CELL, *SUBJECT], observed=True, sort=False)
+    chosen = chosen.assign(visit=subjects.cumcount() + 1)
     most = chosen.groupby("condition", observed=True)["visit"].transform("max").astype(int)
     width = -(-most // _POINTS)
     first = (chosen["visit"] - 1) // width * width + 1
@@ -113,7 +109,7 @@ def attempts_by_trial(
 def _families(conditions: Sequence[str]) -> list[tuple[str, ...]]:
     """Conditions that share a panel: the paper's in pairs, the others as room allows."""
     known = [tuple(name for name in family if name in conditions) for family in _FAMILIES]
-    families = [family for family in known if family]
+    families = list(filter(None, known))
     others = [name for name in conditions if name not in PAPER_CONDITIONS]
     share = math.ceil(len(others) / (_COLUMNS - len(families))) or 1
     return families + [tuple(others[i : i + share]) for i in range(0, len(others), share)]
@@ -162,31 +158,23 @@ def _grid(
     panels: dict[tuple[str, tuple[str, ...]], Axes] = {}
     for place, cell in enumerate(cells):
         row, column = divmod(place, columns)
-        axes = figure.add_subplot(grid[row + 1, column])
+        panels[cell] = axes = figure.add_subplot(grid[row + 1, column])
         lowest = place + columns >= len(cells)
         axes.tick_params(axis="x", length=0, labelbottom=lowest)
         axes.tick_params(axis="y", labelleft=column == 0)
-        if lowest:
-            axes.set_xlabel("Trial, in order")
-        if column == 0:
-            axes.set_ylabel("Attempts")
-        panels[cell] = axes
+        axes.set_xlabel("Trial, in order" if lowest else "")
+        axes.set_ylabel("Attempts" if column == 0 else "")
     return figure, panels
 
 
 def _key(axes: Axes, looks: dict[str, dict[str, Any]], most: int) -> None:
     """The lines of a column, named in at most so many letters each."""
     axes.set_axis_off()
+    lines = [Line2D([], [], label=style.label(name, most), **look) for name, look in looks.items()]
     legend = axes.legend(
-        handles=[
-            Line2D([], [], label=style.label(name, most), **look) for name, look in looks.items()
-        ],
-        loc="lower left",
-        borderpad=0,
-        borderaxespad=0,
-        labelspacing=0.3,
+        handles=lines, loc="lower left", borderpad=0, borderaxespad=0, labelspacing=0.3,
         handlelength=2.4,
-    )
+    )  # fmt: skip
     legend.set_in_layout(False)  # a long name must not squeeze the panels
 
 
@@ -222,25 +210,19 @@ def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:
     if len(test) and (start := float(test.min()) - 0.5) > 1:
         axes.axvline(start, color=_GREY, lw=0.8, ls=(0, (4, 2)), zorder=1)
         axes.annotate(
-            "test",
-            ((start + axes.get_xlim()[1]) / 2, 1),
-            xytext=(0, 2),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            ha="center",
-            color=_GREY,
-            fontsize=7.5,
-        )
+            "test", ((start + axes.get_xlim()[1]) / 2, 1), xytext=(0, 2),
+            xycoords=("data", "axes fraction"), textcoords="offset points",
+            ha="center", color=_GREY, fontsize=7.5,
+        )  # fmt: skip
 
 
 def _mark_ideal(axes: Axes, visits: pd.DataFrame, ideal: dict[tuple[str, str], Bound]) -> None:
     """What the ideal observer needs, over the visits of each phase; once where it is the same."""
     spans: dict[float, list[tuple[float, float]]] = {}
-    played = visits.groupby(["condition", "phase"], observed=True)["visit"].agg(["min", "max"])
-    for key, span in zip(played.index, played.itertuples(index=False), strict=True):
+    for key, own in visits.groupby(["condition", "phase"], observed=True)["visit"]:
         if key in ideal:
-            start, end = float(span[0]) - 0.5, float(span[1]) + 0.5
-            spans.setdefault(ideal[key].attempts, []).append((start, end))
+            span = float(own.min()) - 0.5, float(own.max()) + 0.5
+            spans.setdefault(ideal[key].attempts, []).append(span)
     for attempts, stretches in spans.items():
         end = -math.inf
         for start, until in sorted(stretches):

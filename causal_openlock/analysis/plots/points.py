@@ -37,9 +37,7 @@ def draw_points(
     """Draw people's means at the fourteen points, and one learner's beside them in each panel.
 
     Args:
-        shown: The points of each learner, from
-            :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`, the nearest
-            to people first.
+        shown: The points of each learner, the nearest to people first.
         most: How many learners to draw at most, besides the published model.
         effects: From :func:`~causal_openlock.analysis.results.people.human_likeness.effects_of`,
             by learner; of others they come from the points alone.
@@ -47,32 +45,25 @@ def draw_points(
     named = [(str(own["learner"].iloc[0]), own) for own in shown]
     drawn = [one for one in named if one[0] != PUBLISHED_MODEL][:most]
     drawn += [one for one in named if one[0] == PUBLISHED_MODEL]
-    with style.settings():
-        figure, panels = style.panels(len(drawn), columns=2, height=2.5)
-        for axes, (name, own) in zip(panels, drawn, strict=True):
-            draw_learner_points(axes, own)
-            tested = (effects or {}).get(name)
-            found = signs(effects_of(own) if tested is None else tested)
-            style.panel_title(axes, name, f"RMSE {distance(own)[0]:.2f}; {found}")
-        highest = max(float(own[["mean", "people_mean"]].max().max()) for _, own in drawn)
-        panels[0].set_ylim(0, 1.2 * highest)  # all panels have the same scale
-        style.label_rows(panels, "Attempts to solve")
-        keys = [
-            Line2D([], [], marker="o", ms=4, ls="", color=_GREY, label="people"),
-            Line2D([], [], marker="D", ms=4.5, ls="", color=style.COMMON_CAUSE, label="on CC4"),
-            Line2D([], [], marker="D", ms=4.5, ls="", color=style.COMMON_EFFECT, label="on CE4"),
-        ]
-        style.legend(figure, keys)
+    titled = []
+    for name, own in drawn:
+        tested = (effects or {}).get(name)
+        found = signs(effects_of(own) if tested is None else tested)
+        titled.append((name, f"RMSE {distance(own)[0]:.2f}; {found}", own))
+    keys = [
+        Line2D([], [], marker="o", ms=4, ls="", color=_GREY, label="people"),
+        Line2D([], [], marker="D", ms=4.5, ls="", color=style.COMMON_CAUSE, label="on CC4"),
+        Line2D([], [], marker="D", ms=4.5, ls="", color=style.COMMON_EFFECT, label="on CE4"),
+    ]
+    layout = (2, 2.5, "Attempts to solve")
+    figure = style.small_multiples(titled, draw_learner_points, layout, keys)
+    highest = max(float(own[["mean", "people_mean"]].max().max()) for _, own in drawn)
+    figure.axes[0].set_ylim(0, 1.2 * highest)  # all panels have the same scale
     return Plot("human_likeness", figure)
 
 
 def signs(effects: pd.DataFrame) -> str:
-    """How many effects have people's sign, and how many of these are clear of chance.
-
-    Args:
-        effects: Of one learner, from
-            :func:`~causal_openlock.analysis.results.people.human_likeness.effects_of`.
-    """
+    """How many of one learner's effects have people's sign, and how many are clear of chance."""
     like = int(effects["like_people"].sum())
     return f"{like} of {len(effects)} signs, {clear_of_chance(effects)} at p < .05"
 

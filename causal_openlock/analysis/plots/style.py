@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -106,15 +106,9 @@ def settings() -> Iterator[None]:
 
 
 def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
-    """A figure of small multiples, wrapped over rows, with common scales.
+    """A figure of so many panels with a common y axis, wrapped over rows of at most ``columns``.
 
-    Args:
-        count: How many panels.
-        columns: The most in a row.
-        height: Height of a panel in inches.
-
-    Returns:
-        The figure and its ``count`` panels; only the first of a row has labels on its y axis.
+    A panel has a height in inches; only the first of a row has labels on its y axis.
     """
     rows = math.ceil(count / columns)
     columns = math.ceil(count / rows)  # four panels are two and two, not three and one
@@ -126,6 +120,32 @@ def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]
     for axes in grid[:count]:
         axes.tick_params(axis="x", length=0)
     return figure, grid[:count]
+
+
+def small_multiples(
+    shown: Sequence[tuple[str, str, Any]],
+    draw: Callable[[Axes, Any], None],
+    layout: tuple[int, float, str],
+    keys: Sequence[Any],
+) -> Figure:
+    """A figure of titled panels that are drawn alike, with one legend.
+
+    Args:
+        shown: Of each panel its title, a detail in small type, and the data that ``draw`` draws.
+        draw: Draws such data into a panel.
+        layout: The most panels in a row, their height in inches, and the label of the y axis.
+        keys: Entries of the legend.
+    """
+    columns, height, label = layout
+    with settings():
+        figure, grid = panels(len(shown), columns, height)
+        for axes, (name, detail, data) in zip(grid, shown, strict=True):
+            draw(axes, data)
+            panel_title(axes, name, detail)
+            if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
+                axes.set_ylabel(label)
+        legend(figure, keys)
+    return figure
 
 
 def trained_colour(condition: str) -> str:
@@ -146,34 +166,22 @@ def label(name: str, most: int = 200) -> str:
     return name.replace("$", r"\$")
 
 
-def label_rows(axes: Sequence[Axes], text: str) -> None:
-    """Write the label of the y axis at the first panel of each row."""
-    for panel in axes:
-        if panel.get_subplotspec().is_first_col():  # type: ignore[union-attr]
-            panel.set_ylabel(text)
-
-
 def panel_title(axes: Axes, name: str, detail: str = "") -> None:
     """Name a panel; long names are wrapped, and ``$`` is no mathematics here."""
     lines = textwrap.wrap(name, 26, max_lines=2, placeholder="…") or [name]
     axes.set_title(label("\n".join(lines)), loc="left", pad=16 if detail else 6)
     if detail:
         axes.annotate(
-            label(detail),
-            (0, 1),
-            xytext=(0, 4),
-            xycoords="axes fraction",
-            textcoords="offset points",
-            color="#444444",
-            fontsize=8,
-        )
+            label(detail), (0, 1), xytext=(0, 4), xycoords="axes fraction",
+            textcoords="offset points", color="#444444", fontsize=8,
+        )  # fmt: skip
 
 
 def ideal_line(axes: Axes, attempts: float, start: float, end: float) -> None:
     """Draw the ideal observer's mean attempts from one place of the x axis to another.
 
     Thin, dashed and dark grey, so that no one takes it for data; the gaps are white, which keeps it
-    visible on dark bars. It lies over bars and under error bars and points.
+    visible on dark bars. It is over bars and under error bars and points.
     """
     axes.add_line(Line2D([start, end], [attempts] * 2, **_IDEAL_LOOK, gapcolor="white", zorder=1.5))
 

@@ -26,7 +26,7 @@ def draw_subjects(values: pd.DataFrame, own: pd.DataFrame, limits: Mapping[str, 
 
     Args:
         values: ``protocol``, ``condition`` and ``attempts`` of its subjects.
-        own: Its rows of the :func:`~causal_openlock.analysis.results.summary.headline`.
+        own: Its rows of the headline.
         limits: By protocol, the most attempts that a trial had: every learner has the same scale,
             so that pages can be laid side by side.
     """
@@ -37,13 +37,12 @@ def draw_subjects(values: pd.DataFrame, own: pd.DataFrame, limits: Mapping[str, 
         figure, panels = style.panels(len(protocols), columns=1, height=2.6)
         for axes, protocol in zip(panels, protocols, strict=True):
             rows = own[own["protocol"] == protocol]
+            played = values[values["protocol"] == protocol]
             highest = (rows["human_attempts"] + rows["human_se"]).max()
             limit = float(np.nanmax([limits[protocol], highest]))
             for place, row in enumerate(rows.to_dict("records")):
-                chosen = values[
-                    (values["protocol"] == protocol) & (values["condition"] == row["condition"])
-                ]
-                _circles(axes, place, chosen["attempts"].to_numpy(float), limit)
+                chosen = played.loc[played["condition"] == row["condition"], "attempts"]
+                _circles(axes, place, chosen.to_numpy(float), limit)
                 _means(axes, place, row)
             if len(protocols) > 1:
                 style.panel_title(axes, protocol, style.sizes(rows))
@@ -64,20 +63,14 @@ def _circles(axes: Axes, place: float, attempts: Any, limit: float) -> None:
     width = max(1.0, limit / _BINS)
     heights, counts = np.unique(np.round(attempts / width) * width, return_counts=True)
     axes.scatter(
-        np.full(len(heights), place - 0.12),
-        heights,
-        s=_AREA * counts / len(attempts),
-        **_CIRCLE,
-        linewidths=0.5,
-        edgecolors=_RING,
-        zorder=2,
-        clip_on=False,
-    )
+        np.full(len(heights), place - 0.12), heights, s=_AREA * counts / len(attempts), **_CIRCLE,
+        linewidths=0.5, edgecolors=_RING, zorder=2, clip_on=False,
+    )  # fmt: skip
 
 
 def _means(axes: Axes, place: float, row: Mapping[Any, Any]) -> None:
     """The mean with its interval; people's beside it, and the ideal observer's across."""
-    mean, low, high = row["attempts"], row["ci_low"], row["ci_high"]
+    mean, low, high = (row[name] for name in ("attempts", "ci_low", "ci_high"))
     axes.plot([place + 0.14] * 2, [low, high], color="black", lw=1.4, zorder=3)
     axes.plot([place + 0.08, place + 0.2], [mean] * 2, color="black", lw=2, zorder=3)
     if row["human_attempts"] == row["human_attempts"]:

@@ -9,8 +9,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
 from causal_openlock.analysis.report.prose import Prose, percent
-from causal_openlock.analysis.results.people.comparable import Pairs
-from causal_openlock.analysis.results.people.published import did_what_people_did
+from causal_openlock.analysis.results.people.published import Pairs, did_what_people_did
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
 FEW_SUBJECTS = 20
@@ -25,11 +24,8 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """What a reader should know before believing the numbers, a sentence each.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        summary: From :func:`~causal_openlock.analysis.results.summary.summarise`.
-        versions: Versions of packages; a list where cells were run with several.
-        pairs: Which learners in which conditions compare with people; None if names decide.
+    Versions of a package are a list where cells were run with several; without ``pairs`` names
+    decide which learners compare with people.
     """
     named = summary[did_what_people_did(summary) & summary["condition"].isin(PAPER_CONDITIONS)]
     others = named.loc[~did_what_people_did(named, pairs), CELL].drop_duplicates()

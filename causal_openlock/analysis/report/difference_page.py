@@ -2,7 +2,7 @@
 
 The descriptions of the two experiments are compared piece by piece, and for each learner in each
 condition that both played, the means of the subjects
-(:mod:`~causal_openlock.analysis.results.differences`). What is not measured twice is not
+(:func:`~causal_openlock.analysis.effects.difference`). What is not measured twice is not
 compared.
 """
 
@@ -16,15 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.effects import ALPHA, holm
-from causal_openlock.analysis.measures import CELL, SUBJECT, by_subject, ordered
+from causal_openlock.analysis.effects import ALPHA, difference, holm
+from causal_openlock.analysis.measures import CELL, SUBJECT, by_subject, count, ordered
 from causal_openlock.analysis.plots.comparisons import draw_differences
 from causal_openlock.analysis.report.page import Written, render
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.what_was_run import edges, in_words
-from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.differences import difference
 from causal_openlock.analysis.results.summary import judged, measured
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.stored import StoredExperiment
@@ -54,10 +52,6 @@ SAME, NOISE, MORE, UNKNOWN = "the same", "within noise", "more than noise", "one
 def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
     """What differs between two experiments.
 
-    Args:
-        first: As :meth:`causal_openlock.experiment.store.Store.record` gives it.
-        second: The other.
-
     Returns:
         One row for each difference: ``what`` (such as ``learner ddqn, parameters, gamma``), and
         what it is in the ``first`` and in the ``second``, in words; ``–`` where it is not there.
@@ -66,11 +60,11 @@ def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
     for mine, other in (readable, readable[::-1]):
         for key in [key for key in mine if key not in other and isinstance(mine[key], Mapping)]:
             mine[key] = "there"  # what is there only once is not told apart any further
-    told = [dict(_flat(one)) for one in readable]
+    one, other = (dict(_flat(experiment)) for experiment in readable)
     rows = [
-        (what, told[0].get(what, "–"), told[1].get(what, "–"))
-        for what in dict.fromkeys([*told[0], *told[1]])
-        if told[0].get(what) != told[1].get(what)
+        (what, one.get(what, "–"), other.get(what, "–"))
+        for what in one | other
+        if one.get(what) != other.get(what)
     ]
     return pd.DataFrame(rows, columns=["what", "first", "second"])
 
@@ -113,19 +107,14 @@ def _flat(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
 
 
 def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
-    """Each learner in each condition, in the one record and in the other.
-
-    Args:
-        first: Trials from :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        second: Those of the other record.
-        learners: The order of the rows.
+    """Each learner in each condition, in the trials of the one record and of the other.
 
     Returns:
         One row for each ``learner``, ``condition`` and ``protocol`` that is in both and judged by
         the same trial, which is ``measured``; for each record how many ``subjects_`` and the mean
         ``attempts_``; the ``difference`` (second less first) with its bootstrap interval
         ``ci_low`` and ``ci_high``; ``p`` of Welch's test, and ``p_holm``, corrected over all rows
-        but those that are the same, of which nothing is asked (NaN there); and a ``verdict``:
+        but those that are the same, which are not tested (NaN there); and a ``verdict``:
         :data:`SAME` where every subject has the same value, :data:`MORE` where ``p_holm`` is below
         5%, otherwise :data:`NOISE`, or :data:`UNKNOWN` for one subject.
     """
@@ -138,11 +127,11 @@ def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str])
     for key in keys:
         before, after = groups[0][key], groups[1][key]
         label = "/".join(key)
-        told = difference(after, before, (f"second/{label}", f"first/{label}"))
+        found = difference(after, before, (f"second/{label}", f"first/{label}"))
         same = len(before) == len(after) and bool((before == after).all())
-        verdict = SAME if same else UNKNOWN if np.isnan(told.p) else ""
+        verdict = SAME if same else UNKNOWN if np.isnan(found.p) else ""
         sizes, means = (len(before), len(after)), (before.mean(), after.mean())
-        rows.append((*key, *sizes, *means, *told, np.nan, verdict))
+        rows.append((*key, *sizes, *means, *found, np.nan, verdict))
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     asked = table["p"].where(table["verdict"] != SAME)
     table["p_holm"] = holm(asked.to_numpy(float))
@@ -155,7 +144,7 @@ def _groups(trials: pd.DataFrame) -> dict[tuple[str, str, str, str], Any]:
     values = by_subject(judged(trials), ["phase", "trial"])
     values = values.assign(measured=measured(values)).sort_values([*CELL, *SUBJECT], kind="stable")
     return {
-        (str(key[0]), str(key[1]), str(key[2]), str(key[3])): part["attempts"].to_numpy(float)
+        key: part["attempts"].to_numpy(float)
         for key, part in values.groupby([*CELL, "measured"], observed=True)
     }
 
@@ -163,12 +152,12 @@ def _groups(trials: pd.DataFrame) -> dict[tuple[str, str, str, str], Any]:
 def write_difference(
     first: Results, second: Results, path: Path | str, names: tuple[str, str]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write the page that compares two records.
+    """Write the page that compares two records; figures and tables are put beside it.
 
     Args:
         first: A record with its experiment.
         second: The other.
-        path: The page to write, ``NAME.html``; figures and tables are put beside it.
+        path: The page.
         names: What to call them, such as the names of their folders.
 
     Returns:
@@ -211,24 +200,14 @@ def write_difference(
 
 
 def sentence_on_changes(changed: pd.DataFrame) -> str:
-    """What differs between two experiments, in a sentence.
-
-    Args:
-        changed: From :func:`changes`.
-    """
+    """What differs between two experiments (:func:`changes`), in a sentence."""
     return _PROSE.sentence("changes", things=changed["what"].tolist())
 
 
 def sentence_on_noise(table: pd.DataFrame) -> str:
-    """How many differences are more than noise, in a sentence.
-
-    Args:
-        table: From :func:`compared`.
-    """
+    """How many differences (:func:`compared`) are more than noise, in a sentence."""
     rows = table[table["verdict"] == MORE]
-    more = [
-        f"{one} in {where}" for one, where in zip(rows["learner"], rows["condition"], strict=True)
-    ]
+    more = (rows["learner"] + " in " + rows["condition"]).tolist()
     verdicts = table["verdict"].value_counts().to_dict()
     return _PROSE.sentence("noise", total=len(table), more=more, verdicts=verdicts)
 

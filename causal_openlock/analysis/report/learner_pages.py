@@ -7,7 +7,6 @@ of subjects that needed so many attempts.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,6 +18,7 @@ from causal_openlock.analysis.plots.subjects import draw_subjects
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.results.summary import judged
+from causal_openlock.wording import file_names
 
 FORMATS = {
     "subjects": ",",
@@ -41,30 +41,19 @@ def learner_pages(
     learners: Sequence[str],
     described: Sequence[Mapping[str, Any]] = (),
 ) -> list[Section]:
-    """A section for each learner.
+    """A section for each learner: ``learner_1``, ``learner_2``, ... in the order of learners.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        headline: From :func:`~causal_openlock.analysis.results.summary.headline`.
-        learners: The order of the pages.
-        described: What each learner is, from
-            :func:`~causal_openlock.analysis.report.what_was_run.what_was_run`.
-
-    Returns:
-        The sections, called ``learner_1``, ``learner_2``, ...; their tables and plots are
-        called by the learner's name.
+    Their tables and plots are called by the learner's name. What is described of learners is from
+    :func:`~causal_openlock.analysis.report.what_was_run.what_was_run`.
     """
     known = {one["name"]: one for one in described}
     values = by_subject(judged(trials), ["phase", "trial"])
     limits = trials.groupby("protocol", observed=True)["last_attempt"].max().to_dict()
     played = [name for name in learners if (headline["learner"] == name).any()]
-    pages, taken = [], set[str]()
-    for name in played:
+    pages = []
+    for name, part in file_names(played).items():
         own = headline[headline["learner"] == name]
-        label = "learner_" + (re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_") or "_")
-        while label in taken:  # names that differ in signs only
-            label += "_2"
-        taken.add(label)
+        label = f"learner_{part}"
         plot = draw_subjects(values[values["learner"] == name], own, limits)
         page = _PROSE.section(
             f"learner_{learners.index(name) + 1}",

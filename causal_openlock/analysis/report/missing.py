@@ -21,16 +21,9 @@ NOT_PLAYED = "not played yet"
 
 @dataclass(frozen=True)
 class Missing:
-    """A cell that is missing.
+    """A cell that is missing: the name of its file, and what it is of, as far as the name tells.
 
-    Attributes:
-        cell: Its name, as its file is called.
-        learner: Label of its learner; empty if the name does not tell.
-        condition: Its condition.
-        protocol: Its protocol.
-        subjects: How many subjects it is of.
-        text: Which it is, and why it is missing, in a line.
-        failed: Whether it was played, and failed.
+    ``text`` is which it is and why it is missing, in a line; ``failed`` is whether it was played.
     """
 
     cell: str
@@ -67,40 +60,23 @@ def _missing(
 
 
 def with_missing(summary: pd.DataFrame, missing: Sequence[Missing]) -> pd.DataFrame:
-    """A summary that says what is missing: two more columns, and rows for what has none at all.
+    """A summary with what is missing: two more columns, and rows for what has none at all.
 
-    Args:
-        summary: From :func:`~causal_openlock.analysis.results.summary.summarise`.
-        missing: From :func:`missing_cells`.
-
-    Returns:
-        The summary as it is if nothing is missing; otherwise with ``missing``, how many subjects of
-        the learner in the condition are, and ``why``, in a row for each of those that failed or
-        have not been played.
+    It stays as it is if nothing is missing; otherwise it has ``missing``, how many subjects of the
+    learner in the condition are, and ``why``, in a row for each of those that failed or have not
+    been played.
     """
     if not missing:
         return summary
-    subjects: dict[tuple[str, ...], int] = {}
-    reasons: dict[tuple[str, ...], dict[str, None]] = {}
-    for one in missing:
-        key = one.learner, one.condition, one.protocol
-        subjects[key] = subjects.get(key, 0) + one.subjects
-        reasons.setdefault(key, {})[one.text] = None
     keys = ["learner", "condition", "protocol"]
-    there = [tuple(map(str, row)) for row in summary[keys].itertuples(index=False)]
-    table = summary.assign(
-        missing=[subjects.get(row, 0) for row in there],
-        why=["; ".join(reasons.get(row, ())) for row in there],
-    ).astype(object)
-    absent = [key for key in subjects if key not in set(there)]
-    rows = [
-        {
-            **dict.fromkeys(table.columns, ""),
-            **dict(zip(keys, key, strict=True)),
-            "subjects": 0,
-            "missing": subjects[key],
-            "why": "; ".join(reasons[key]),
-        }
-        for key in absent
-    ]
-    return pd.concat([table, pd.DataFrame(rows, columns=table.columns)], ignore_index=True)
+    cells = pd.DataFrame(map(vars, missing)).groupby(keys, sort=False)
+    absent = cells.agg(
+        missing=("subjects", "sum"), why=("text", lambda texts: "; ".join(dict.fromkeys(texts)))
+    ).reset_index()
+    there = summary.astype(dict.fromkeys(keys, str))
+    table = there.merge(absent, on=keys, how="left").astype(object)
+    table = table.fillna({"missing": 0, "why": ""})
+    rest = absent.merge(there[keys].drop_duplicates(), on=keys, how="left", indicator=True)
+    rest = rest[rest.pop("_merge") == "left_only"].assign(subjects=0)
+    rest = rest.reindex(columns=table.columns, fill_value="").astype(object)
+    return pd.concat([table, rest], ignore_index=True)

@@ -11,18 +11,27 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.report import table_files
 from causal_openlock.analysis.report.prose import environment
-from causal_openlock.analysis.report.section import Section, SectionPlot
+from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.results.summary import write_table
+from causal_openlock.files.atomic import write_text
+
+_LATEX = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{"<": r"\textless{}", ">": r"\textgreater{}", "…": r"\dots{}", "–": "--", "—": "---"},
+    **{"−": "$-$", "±": r"$\pm$", "×": r"$\times$", "·": r"$\cdot$", "→": r"$\to$"},
+    **{"≤": r"$\le$", "≥": r"$\ge$", "≠": r"$\ne$", "≈": r"$\approx$"},
+    **{"√": r"$\surd$", "∞": r"$\infty$", "²": r"$^2$"},
+    **{"α": r"$\alpha$", "β": r"$\beta$", "ε": r"$\varepsilon$", "η": r"$\eta$"},
+    **{"π": r"$\pi$", "σ": r"$\sigma$"},
+    **{"’": "'", "“": "``", "”": "''", "\u00a0": "~", "\n": " "},
+}
+_SPECIAL = re.compile("|".join(map(re.escape, _LATEX)))
 
 
 class Written:
-    """The files beside a page, in ``figures/`` and ``tables/``.
-
-    Args:
-        folder: The folder of the page.
-        files: Those that are written, as paths within the folder.
-    """
+    """The files beside a page, in ``figures/`` and ``tables/``, as paths within its folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -35,17 +44,17 @@ class Written:
         return inline(plot, svg)
 
     def section(self, section: Section) -> dict[str, Any]:
-        """Write the tables and plots of a section; returns what the template shows of it."""
+        """Write the tables and plots of a section; returns what the template shows of it.
+
+        On the page and in LaTeX numbers are printed as the table asks for; the CSV file has them as
+        they were computed, to six significant digits.
+        """
         for table in section.tables:
-            names = table_files.save(table, self.folder / "tables")
-            self.files += [f"tables/{name}" for name in names]
-        return {
-            "name": section.name,
-            "title": section.title,
-            "text": section.text,
-            "tables": [table_files.described(table) for table in section.tables],
-            "figures": [self.plot(plot) for plot in section.plots],
-        }
+            stem = f"tables/{table.name}"
+            write_table(table.frame, self.folder / f"{stem}.csv")
+            write_text(self.folder / f"{stem}.tex", latex(table))
+            self.files += [f"{stem}.csv", f"{stem}.tex"]
+        return {**vars(section), "figures": [self.plot(plot) for plot in section.plots]}
 
 
 def render(template: str, **values: Any) -> str:
@@ -73,3 +82,30 @@ def inline(plot: SectionPlot, svg: str) -> dict[str, Any]:
         "caption": plot.caption,
         "svg": Markup(root + svg[svg.index(">") + 1 :]),  # matplotlib has escaped its text
     }
+
+
+def latex(table: SectionTable) -> str:
+    """The table in LaTeX, with the rules of the package booktabs."""
+    form = "".join("r" if number else "l" for number in table.numeric)
+    caption = " ".join(filter(None, [f"{table.title.rstrip('.')}.", table.caption]))
+    head, *body = (" & ".join(map(escaped, cells)) + r" \\" for cells in (table.heads, *table.rows))
+    lines = [
+        r"\begin{table}",
+        r"\centering",
+        rf"\caption{{{escaped(caption)}}}",
+        rf"\label{{tab:{table.name}}}",
+        rf"\begin{{tabular}}{{{form}}}",
+        r"\toprule",
+        head,
+        r"\midrule",
+        *body,
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def escaped(text: str) -> str:
+    """Any text, for LaTeX."""
+    return _SPECIAL.sub(lambda found: _LATEX[found[0]], text)

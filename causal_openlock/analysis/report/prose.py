@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from causal_openlock.analysis.plots.style import Plot
-from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
-from causal_openlock.analysis.report.table_files import printed
+from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable, printed
 from causal_openlock.wording import counted, joined
 
 if TYPE_CHECKING:
@@ -31,10 +30,7 @@ _SHOWN = 8  # names in a list before "and n more"
 
 
 class Prose:
-    """The sentences of one template.
-
-    Args:
-        name: Which: ``templates/NAME.txt.j2``.
+    """The sentences of one template, ``templates/NAME.txt.j2``.
 
     >>> Prose("difference").sentence("changes", things=["seed"])
     '1 thing differs in what was run: seed.'
@@ -74,12 +70,8 @@ class Prose:
     ) -> SectionTable:
         """A table with the title and caption of the macro ``KIND_table``.
 
-        Args:
-            kind: What it is.
-            frame: Its values.
-            formats: How to print its columns, and perhaps others.
-            name: Its file name, if other than ``kind``.
-            findings: For the macro.
+        Formats say how to print its columns, and perhaps others; its file is called ``name``, or
+        else ``kind``.
         """
         title, *caption = self.paragraphs(f"{kind}_table", **findings)
         own = {column: form for column, form in formats.items() if column in frame}

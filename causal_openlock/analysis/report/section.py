@@ -2,20 +2,23 @@
 
 The report lays sections out and knows nothing of what is in them. Their sentences come from a
 template (:mod:`~causal_openlock.analysis.report.prose`); their tables become HTML on the page, CSV
-and LaTeX beside it (:mod:`~causal_openlock.analysis.report.table_files`).
+and LaTeX beside it (:mod:`~causal_openlock.analysis.report.page`).
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 from matplotlib.figure import Figure
 
+from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.bounds import Bounds
-from causal_openlock.analysis.results.people.comparable import Pairs
+from causal_openlock.analysis.results.people.published import Pairs
 from causal_openlock.experiment.experiment import Experiment
 
 if TYPE_CHECKING:
@@ -29,7 +32,8 @@ class Material:
     Attributes:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`.
         experiment: What was run.
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners
+            are categories in the order of ``learners``.
         learners: Labels in the order in which they are shown.
         pairs: Which learners in which conditions compare with people.
         bounds: What the ideal observer needs.
@@ -41,6 +45,30 @@ class Material:
     learners: tuple[str, ...]
     pairs: Pairs
     bounds: Bounds
+
+    def __post_init__(self) -> None:
+        names = ordered(self.trials["learner"].unique(), self.learners)
+        learner = pd.Categorical(self.trials["learner"], list(names))
+        object.__setattr__(self, "trials", self.trials.assign(learner=learner))
+
+
+def printed(value: Any, form: str | None) -> str:
+    """A value as the page prints it.
+
+    Args:
+        value: Anything; ``None`` and NaN are no value.
+        form: As for :func:`format`; by default as text.
+    """
+    if value is None or (isinstance(value, float) and value != value) or value is pd.NA:
+        return "–"
+    if isinstance(value, bool) or type(value).__name__ == "bool":  # NumPy has a bool of its own
+        return "yes" if value else "no"
+    if isinstance(value, int | float) or form:
+        text = format(value + 0.0 if isinstance(value, float) else value, form or "")
+        if form and re.fullmatch(r"-0*\.?0*%?", text):
+            text = text[1:]  # a minus that nothing is left of
+        return text.replace("-", "−", 1) if text.startswith("-") else text.replace("e-", "e−")
+    return str(value)
 
 
 @dataclass(frozen=True)
@@ -61,16 +89,36 @@ class SectionTable:
     formats: Mapping[str, str] = field(default_factory=dict)
     caption: str = ""
 
+    @property
+    def heads(self) -> list[str]:
+        """What is over the columns: their names, in words."""
+        return [str(name).replace("_", " ") for name in self.frame.columns]
+
+    @property
+    def numeric(self) -> list[bool]:
+        """Which columns hold numbers, and are set to the right."""
+        return [
+            str(name) in self.formats
+            or (pd.api.types.is_numeric_dtype(kind) and not pd.api.types.is_bool_dtype(kind))
+            for name, kind in self.frame.dtypes.items()
+        ]
+
+    @cached_property
+    def rows(self) -> list[list[str]]:
+        """The values as they are printed, row by row."""
+        columns = [
+            [printed(value, self.formats.get(str(name))) for value in self.frame[name].tolist()]
+            for name in self.frame.columns
+        ]
+        return [list(row) for row in zip(*columns, strict=True)]
+
 
 @dataclass(frozen=True)
 class SectionPlot:
-    """A figure that is shown, and kept as files.
+    """A figure that is shown, and kept as files called ``name``.
 
-    Attributes:
-        name: File name without ending: lower-case letters, digits and underscores.
-        title: A heading.
-        caption: What is seen, and what the error bars are.
-        figure: The figure.
+    Its name is of lower-case letters, digits and underscores; the caption says what is seen, and
+    what the error bars are.
     """
 
     name: str
@@ -81,14 +129,9 @@ class SectionPlot:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the report.
+    """A part of the report: paragraphs that say what was found, then tables, then plots.
 
-    Attributes:
-        name: Anchor within the page; letters, digits and underscores.
-        title: Its heading.
-        text: Paragraphs that say what was found, in plain words.
-        tables: Shown after the text.
-        plots: Shown after the tables.
+    Its name is its anchor within the page: letters, digits and underscores.
     """
 
     name: str

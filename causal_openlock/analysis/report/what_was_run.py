@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.world.schema import Schema
@@ -20,23 +19,25 @@ _PROSE = Prose("what_was_run")
 def what_was_run(experiment: StoredExperiment) -> dict[str, Any]:
     """An experiment as short texts.
 
-    Returns:
-        A dictionary:
-
-        - ``learners``: ``name``, ``kind`` (its class), ``package``, ``protocol``, ``subjects``,
-          ``reward`` and ``parameters`` of each.
-        - ``rewards``: by name, what they are made of.
-        - ``conditions``: ``name``, ``train`` and ``test`` of each.
-        - ``schemas``: ``name``, ``title`` and ``edges`` of each schema that is met.
-        - ``protocols``: by name, the budgets in a sentence.
-        - ``versions``: one text for each package.
-        - ``rest``: everything else.
+    Learners, conditions, schemas, rewards and protocols, as the template ``report.html.j2`` shows
+    them; the budgets of protocols and what is in rewards by their names.
     """
     rewards = {spec.reward.name: spec.reward.as_dict() for spec in experiment.learners}
     conditions = experiment.conditions
     met = {schema.name: schema for condition in conditions for schema in condition.schemas}
     return {
-        "learners": [_learner(spec) for spec in experiment.learners],
+        "learners": [
+            {
+                "name": spec.name,
+                "kind": spec.origin.class_name,
+                "package": spec.origin.package,
+                "protocol": spec.protocol.name,
+                "subjects": spec.subjects,
+                "reward": spec.reward.name,
+                "parameters": pairs(spec.parameters),
+            }
+            for spec in experiment.learners
+        ],
         "rewards": {
             name: pairs({key: value for key, value in reward.items() if key != "name"})
             for name, reward in rewards.items()
@@ -72,23 +73,22 @@ def budgets(protocol: Protocol) -> str:
 def trials_played(trials: pd.DataFrame) -> dict[str, str]:
     """How many trials a subject played in each condition, from the record itself.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-
-    Returns:
-        By condition a text such as ``5 training trials, then 1 test trial``, for each protocol if
-        there are several.
+    By condition a text such as ``5 training trials, then 1 test trial``, for each protocol if there
+    are several.
     """
     keys = ["condition", "protocol", "phase"]
     counts = trials.groupby(keys, observed=True)[["trial", "loop"]].max().reset_index()
     several = counts["protocol"].nunique() > 1
-    found: dict[str, dict[str, dict[str, tuple[int, int]]]] = {}
-    for condition, protocol, phase, number, loops in counts.itertuples(index=False):
-        phases = found.setdefault(str(condition), {}).setdefault(str(protocol), {})
-        phases[str(phase)] = number, loops
     return {
-        condition: _PROSE.sentence("played", protocols=protocols, several=several)
-        for condition, protocols in found.items()
+        str(condition): _PROSE.sentence(
+            "played",
+            protocols={
+                protocol: {row.phase: (row.trial, row.loop) for row in phases.itertuples()}
+                for protocol, phases in own.groupby("protocol", observed=True)
+            },
+            several=several,
+        )
+        for condition, own in counts.groupby("condition", observed=True)
     }
 
 
@@ -115,18 +115,6 @@ def edges(schema: Schema) -> str:
     if schema.inert:
         parts.append(f"without effect: {', '.join(schema.inert)}")
     return "; ".join(parts)
-
-
-def _learner(spec: LearnerSpec) -> dict[str, Any]:
-    return {
-        "name": spec.name,
-        "kind": spec.origin.class_name,
-        "package": spec.origin.package,
-        "protocol": spec.protocol.name,
-        "subjects": spec.subjects,
-        "reward": spec.reward.name,
-        "parameters": pairs(spec.parameters),
-    }
 
 
 def pairs(values: Mapping[str, Any]) -> str:

@@ -8,17 +8,15 @@ where the report was written.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
-from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.measures import count, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.figures import draw_all
 from causal_openlock.analysis.report.cautions import warnings_of
@@ -30,9 +28,7 @@ from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections import ORDER, sections_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.bounds import ideal_bounds
-from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.people.comparable import comparable
-from causal_openlock.analysis.results.people.published import model, people
+from causal_openlock.analysis.results.people.published import comparable, model, people
 from causal_openlock.analysis.results.summary import headline, summarise, write_table
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.stored import StoredExperiment
@@ -45,14 +41,10 @@ _FILES = re.compile(r'<meta name="files" content="([^"]*)">')
 _FILE = re.compile(r"figures/\w[\w.-]*\.(png|svg|pdf)|tables/\w[\w.-]*\.(csv|tex)", re.ASCII)
 
 
-@dataclass(frozen=True)
-class Report:
-    """A report that is written.
+class Report(NamedTuple):
+    """A report that is written: the path of its page, and the table that it opens with.
 
-    Attributes:
-        path: The path of ``report.html``.
-        headline: What it opens with, from
-            :func:`~causal_openlock.analysis.results.summary.headline`.
+    The table is from :func:`~causal_openlock.analysis.results.summary.headline`.
     """
 
     path: Path
@@ -76,7 +68,7 @@ def write_report(
         experiment: What was run, as :meth:`causal_openlock.experiment.store.Store.record` gives it
             beside the record. Learners appear in its order; the page opens with the cells that are
             missing. Published results are shown beside learners that did what people did; see
-            :mod:`~causal_openlock.analysis.results.people.comparable`.
+            :mod:`~causal_openlock.analysis.results.people.published`.
         sections: The modules that make its sections; see
             :mod:`~causal_openlock.analysis.report.sections`.
 
@@ -96,7 +88,7 @@ def make_report(
     experiment: StoredExperiment,
     sections: Sequence[str] = ORDER,
 ) -> Report:
-    """Write the report of a record, as :func:`write_report` does, and return what it opens with."""
+    """Write a report as :func:`write_report` does, and return also what it opens with."""
     folder = Path(out_dir)
     path = folder / "report.html"
     earlier = files_of(path)
@@ -163,14 +155,12 @@ def _headline_blocks(
 ) -> list[dict[str, Any]]:
     """The headline by protocol: a row for each learner, a column for each condition."""
     blocks = []
-    for protocol in ordered(table["protocol"], ("human",)):
-        rows = table[table["protocol"] == protocol]
+    for protocol, rows in table.groupby("protocol", observed=True):
         cells = {(str(cell["learner"]), str(cell["condition"])): cell for cell in _records(rows)}
-        conditions = ordered(rows["condition"])
-        measured = rows.groupby("condition", observed=True)["measured"].unique()
-        compared, ideal = [], []
-        for condition in conditions:
-            of = [cell for (_, name), cell in cells.items() if name == condition]
+        columns, compared, ideal = [], [], []
+        for condition, own in rows.groupby("condition", observed=True):
+            of = _records(own)
+            columns.append((condition, " or ".join(own["measured"].unique())))
             same = len({(cell["measured"], cell["human_attempts"]) for cell in of}) == 1
             compared.append(of[0] if same and of[0]["human_attempts"] else None)
             bounds = {cell["ideal_attempts"] for cell in of}
@@ -179,17 +169,17 @@ def _headline_blocks(
             {
                 "protocol": protocol,
                 "budgets": budgets.get(protocol),
-                "columns": [(name, " or ".join(measured[name])) for name in conditions],
+                "columns": columns,
                 "published": compared if any(compared) else None,
                 "ideal": ideal if any(ideal) else None,
                 "rows": [
                     {
                         "learner": name,
                         "size": style.sizes(rows[rows["learner"] == name]),
-                        "cells": [cells.get((name, of)) for of in conditions],
+                        "cells": [cells.get((name, condition)) for condition, _ in columns],
                     }
                     for name in learners
-                    if any((name, of) in cells for of in conditions)
+                    if (rows["learner"] == name).any()
                 ],
             }
         )
@@ -202,8 +192,7 @@ def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict
     blocks = []
     for learner in learners:
         own = summary.assign(starts=starts)[summary["learner"] == learner]
-        for protocol in ordered(own["protocol"], ("human",)):
-            part = own[own["protocol"] == protocol]
+        for protocol, part in own.groupby("protocol", observed=True):
             blocks.append(
                 {
                     "learner": learner,
@@ -219,10 +208,4 @@ def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict
 
 def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows as mappings, with None for what does not exist."""
-    return [
-        {
-            str(name): None if isinstance(value, float) and math.isnan(value) else value
-            for name, value in row.items()
-        }
-        for row in table.to_dict("records")
-    ]
+    return table.astype(object).where(table.notna(), None).to_dict("records")

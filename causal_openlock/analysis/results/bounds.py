@@ -15,18 +15,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.protocol import Protocol, default_action_limit
+from causal_openlock.experiment.protocol import default_action_limit
 from causal_openlock.wording import joined
 from causal_openlock.world.schema import Schema
 
 
 class Bound(NamedTuple):
-    """The ideal observer's attempts in some trials.
-
-    Attributes:
-        schema: Name of the schema that governs their rooms.
-        attempts: Mean attempts to find every solution.
-    """
+    """The ideal observer's mean attempts in rooms that are governed by a schema."""
 
     schema: str
     attempts: float
@@ -39,9 +34,6 @@ Bounds = Mapping[tuple[str, str, str], Bound]
 def ideal_bounds(experiment: Experiment) -> Bounds:
     """The ideal observer's attempts in each phase of each condition.
 
-    Args:
-        experiment: What was run.
-
     Returns:
         The bounds of those phases that stay with one schema for which the number is known, unless
         the protocol has so few attempts that even the ideal observer may not finish, or several
@@ -53,10 +45,12 @@ def ideal_bounds(experiment: Experiment) -> Bounds:
         for phase, trials in (("train", condition.train), ("test", condition.test)):
             schemas = {one.schema for one in trials}
             for protocol in experiment.protocols:
-                if len(schemas) == 1 and names[protocol.name] == 1:
-                    (schema,) = schemas
-                    attempts = _under(schema, protocol)
-                    if attempts is not None:
+                if len(schemas) > 1 or names[protocol.name] > 1:
+                    continue
+                for schema in schemas:
+                    limit = protocol.action_limit or default_action_limit(schema)
+                    attempts, most = _solved(schema, limit)
+                    if attempts is not None and most <= protocol.attempt_limit:
                         key = (condition.name, protocol.name, phase)
                         found[key] = Bound(schema.name, attempts)
     return found
@@ -68,10 +62,6 @@ def ideal_attempts(schema: Schema, action_limit: int) -> float | None:
     >>> from causal_openlock import find_schema
     >>> round(ideal_attempts(find_schema("CC3"), 3), 2)
     2.67
-
-    Args:
-        schema: What governs the room.
-        action_limit: Actions in an attempt.
     """
     return _solved(schema, action_limit)[0]
 
@@ -84,11 +74,6 @@ def bounds_in_words(bounds: Iterable[Bound]) -> str:
     return ", ".join(
         f"{attempts} in rooms of {joined(names)}" for attempts, names in schemas.items()
     )
-
-
-def _under(schema: Schema, protocol: Protocol) -> float | None:
-    attempts, most = _solved(schema, protocol.action_limit or default_action_limit(schema))
-    return attempts if most <= protocol.attempt_limit else None
 
 
 @lru_cache(maxsize=256)

@@ -13,21 +13,10 @@ import pandas as pd
 
 from causal_openlock.belief.trace import Trace
 
-INFORMATION_COLUMNS = (
-    "learner",
-    "condition",
-    "protocol",
-    "subject",
-    "trial",
-    "attempt",
-    "number",
-    "action",
-    "outcome",
-    "entropy_before",
-    "predicted",
-    "obtained",
+_COLUMNS = (
+    *("learner", "condition", "protocol", "subject", "trial", "attempt", "number", "action"),
+    *("outcome", "entropy_before", "predicted", "obtained"),
 )
-"""Columns of :func:`information_per_action`."""
 
 
 def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
@@ -37,9 +26,9 @@ def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
         traces: Of any learners, conditions, subjects and trials.
 
     Returns:
-        A row for each action, in the order of the traces, with the columns
-        :data:`INFORMATION_COLUMNS`: the subject and the trial, the ``attempt`` and the ``number``
-        of the action in it (both from 1), ``entropy_before`` it, and the bits that were
+        A row for each action, in the order of the traces: its ``learner``, ``condition``,
+        ``protocol``, ``subject`` and ``trial``, the ``attempt`` and the ``number`` of the action
+        in it (both from 1), ``entropy_before`` it, and the bits that were
         ``predicted`` and ``obtained``. ``obtained`` is NaN where the subject drew its hypotheses
         anew, since entropies of different hypotheses cannot be compared.
     """
@@ -61,7 +50,7 @@ def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
         for trace in traces
         for action in trace.actions
     ]
-    return pd.DataFrame(rows, columns=INFORMATION_COLUMNS)
+    return pd.DataFrame(rows, columns=_COLUMNS)
 
 
 def mean_information(

@@ -49,11 +49,7 @@ def beside(
 ) -> tuple[pa.Table, StoredExperiment]:
     """Several results as one, such as those of people beside those of learners.
 
-    Args:
-        results: As :func:`read_results` gives them; the first one's name and title are kept.
-
-    Returns:
-        The rows of all, and an experiment with the learners and conditions of all.
+    The first one's name and title are kept; learners and conditions are those of all.
 
     Raises:
         StoreError: If two learners have the same label, or a condition has two meanings.

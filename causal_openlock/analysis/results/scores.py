@@ -7,37 +7,31 @@ the first room with four, against subjects without any training?
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import (
-    BASELINES,
     CELL,
     TRANSFERS,
     by_subject,
-    ordered,
 )
 from causal_openlock.analysis.results.summary import judged
 from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval
 from causal_openlock.world.fsm import FloatArray
 
 SCORE_COLUMNS = (
-    "learner",
-    "protocol",
-    "score",
-    "condition",
-    "subjects",
-    "attempts",
-    "against",
-    "value",
-    "ci_low",
-    "ci_high",
+    *("learner", "protocol", "score", "condition", "subjects"),
+    *("attempts", "against", "value", "ci_low", "ci_high"),
 )
 """Columns of :func:`transfer_scores`."""
 
 CONGRUENCY, SAVINGS = "congruency", "savings"
+_COMPARED = (
+    (CONGRUENCY, "CC3-CC4", "CE3-CC4"),
+    (CONGRUENCY, "CE3-CE4", "CC3-CE4"),
+    *((SAVINGS, name, name.split("-")[1]) for name in TRANSFERS),
+)
+"""Each score, the condition that it is about, and the one that it is compared with."""
 
 
 def normalised_score(
@@ -72,24 +66,17 @@ def congruency(congruent: FloatArray, incongruent: FloatArray) -> FloatArray:
     Args:
         congruent: ``[..., n]`` attempts of subjects trained with the structure of the test.
         incongruent: ``[..., m]`` attempts of those trained with the other.
-
-    Returns:
-        ``[...]`` the difference of means; negative where training with the same structure helps.
     """
     difference: FloatArray = congruent.mean(axis=-1) - incongruent.mean(axis=-1)
     return difference
 
 
 def savings(baseline: FloatArray, transfer: FloatArray) -> FloatArray:
-    """Which share of the attempts in a first trial training saves.
+    """Which share of the attempts in a first trial training saves: 1 − transfer / baseline.
 
     Args:
         baseline: ``[..., n]`` attempts in the first trial of subjects without training.
         transfer: ``[..., m]`` attempts in the first test trial of those with training.
-
-    Returns:
-        ``[...]`` 1 − transfer / baseline, of means: 0 if training saves nothing, below 0 if it
-        costs attempts.
     """
     share: FloatArray = 1 - transfer.mean(axis=-1) / baseline.mean(axis=-1)
     return share
@@ -97,9 +84,6 @@ def savings(baseline: FloatArray, transfer: FloatArray) -> FloatArray:
 
 def scores_by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, FloatArray]]:
     """The attempts of every subject in the trials by which its condition is judged.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
 
     Returns:
         By learner and protocol, by condition: ``[n]`` attempts of its subjects, each subject's
@@ -114,15 +98,11 @@ def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
     Congruency compares the mean of a subject's test trials; savings compare the first test trial
     with the first baseline trial.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-
     Returns:
         A row for each learner, protocol and score for which the conditions were played, with the
         columns :data:`SCORE_COLUMNS`:
 
-        - ``score``: ``congruency`` (in attempts, see :func:`congruency`) or ``savings`` (a share,
-          see :func:`savings`).
+        - ``score``: :func:`congruency` (in attempts) or :func:`savings` (a share).
         - ``condition``: the transfer condition whose test it is about; of congruency the one
           trained with the structure of its test.
         - ``subjects``: of that condition; ``attempts``: their mean.
@@ -137,19 +117,20 @@ def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
         first_visits["condition"].isin(TRANSFERS), "test", "train"
     )
     firsts = _by_condition(first_visits[in_phase])
-    rows = [
-        row
-        for group in dict.fromkeys([*tests, *firsts])
-        for row in (
-            *_scored(group, CONGRUENCY, tests.get(group, {})),
-            *_scored(group, SAVINGS, firsts.get(group, {})),
-        )
-    ]
-    table = pd.DataFrame(rows, columns=SCORE_COLUMNS)
-    names = ordered(trials["learner"], ())
-    return table.sort_values(
-        "learner", key=lambda column: column.map(names.index), kind="stable", ignore_index=True
-    )
+    rows: list[tuple[object, ...]] = []
+    for group in trials.groupby(["learner", "protocol"], observed=True).groups:
+        for score, condition, other in _COMPARED:
+            held = (tests if score == CONGRUENCY else firsts).get(group, {})
+            if condition not in held or other not in held:
+                continue
+            one, two = held[condition], held[other]
+            function, groups = (
+                (congruency, (one, two)) if score == CONGRUENCY else (savings, (two, one))
+            )
+            ends = bootstrap_interval(function, groups, np.random.default_rng(SEED))
+            means = (float(one.mean()), float(two.mean()), float(function(*groups)))
+            rows.append((*group, score, condition, len(one), *means, *ends))
+    return pd.DataFrame(rows, columns=SCORE_COLUMNS)
 
 
 def published_transfer_scores(name: str, means: pd.DataFrame) -> pd.DataFrame:
@@ -157,8 +138,7 @@ def published_transfer_scores(name: str, means: pd.DataFrame) -> pd.DataFrame:
 
     Args:
         name: What to call them.
-        means: ``condition``, ``phase``, ``trial``, ``subjects``, ``mean`` and ``se``, which is
-            population SD / √n.
+        means: As :func:`~causal_openlock.analysis.results.people.published.people` has them.
 
     Returns:
         As :func:`transfer_scores`; the intervals follow from the error bars, as if means were
@@ -170,7 +150,7 @@ def published_transfer_scores(name: str, means: pd.DataFrame) -> pd.DataFrame:
     z = float(norm.isf((1 - LEVEL) / 2))
     se = first["se"] * np.sqrt(first["subjects"] / (first["subjects"] - 1))
     rows: list[tuple[object, ...]] = []
-    for score, condition, other in _comparisons():
+    for score, condition, other in _COMPARED:
         one, two = first["mean"][condition], first["mean"][other]
         if score == CONGRUENCY:
             value, error = one - two, np.hypot(se[condition], se[other])
@@ -181,33 +161,6 @@ def published_transfer_scores(name: str, means: pd.DataFrame) -> pd.DataFrame:
         low, high = value - z * error, value + z * error
         rows.append((name, "human", score, condition, size, one, two, value, low, high))
     return pd.DataFrame(rows, columns=SCORE_COLUMNS)
-
-
-def _comparisons() -> list[tuple[str, str, str]]:
-    """Each score, the condition that it is about, and the one that it is compared with."""
-    of_tests = {"CC3-CC4": "CE3-CC4", "CE3-CE4": "CC3-CE4"}
-    baseline = {name: next(one for one in BASELINES if name.endswith(one)) for name in TRANSFERS}
-    return [
-        *((CONGRUENCY, name, other) for name, other in of_tests.items()),
-        *((SAVINGS, name, other) for name, other in baseline.items()),
-    ]
-
-
-def _scored(
-    group: tuple[str, str], score: str, held: Mapping[str, FloatArray]
-) -> list[tuple[object, ...]]:
-    rows: list[tuple[object, ...]] = []
-    for kind, condition, other in _comparisons():
-        if kind != score or condition not in held or other not in held:
-            continue
-        one, two = held[condition], held[other]
-        function, groups = (congruency, (one, two)) if kind == CONGRUENCY else (savings, (two, one))
-        low, high = bootstrap_interval(function, groups, np.random.default_rng(SEED))
-        means = (float(one.mean()), float(two.mean()))
-        rows.append(
-            (*group, kind, condition, len(one), *means, float(function(*groups)), low, high)
-        )
-    return rows
 
 
 def _by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, FloatArray]]:

@@ -22,8 +22,12 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
 )
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
-from causal_openlock.analysis.results.people.comparable import Pairs, comparable
-from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS, beside_published
+from causal_openlock.analysis.results.people.published import (
+    PUBLISHED_COLUMNS,
+    Pairs,
+    beside_published,
+    comparable,
+)
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.files.atomic import write_text
@@ -33,18 +37,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SUMMARY_COLUMNS = (
-    *CELL,
-    "phase",
-    "trial",
-    "loops",
-    "subjects",
-    "attempts",
-    "se",
-    "ci_low",
-    "ci_high",
-    "share_solved",
-    *PUBLISHED_COLUMNS,
-    "ideal_attempts",
+    *(*CELL, "phase", "trial", "loops", "subjects"),
+    *("attempts", "se", "ci_low", "ci_high", "share_solved", *PUBLISHED_COLUMNS, "ideal_attempts"),
 )
 
 
@@ -70,14 +64,11 @@ def summary_table(record: pa.Table, experiment: Experiment | None = None) -> pd.
 
 
 def headline_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
-    """The result of each learner in each condition, in one row.
+    """The result of each learner in each condition, in one row; see :func:`headline`.
 
     Args:
         record: As in :func:`summary_table`.
         experiment: As there.
-
-    Returns:
-        See :func:`headline`.
     """
     return headline(attempts_to_solve(record), *_beside(experiment))
 
@@ -97,7 +88,7 @@ def summarise(
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         pairs: Learners and conditions that people can be compared with, from
-            :func:`~causal_openlock.analysis.results.people.comparable.comparable`; by default all
+            :func:`~causal_openlock.analysis.results.people.published.comparable`; by default all
             that have a condition of the paper's name under ``human``.
         bounds: What the ideal observer needs, from
             :func:`~causal_openlock.analysis.results.bounds.ideal_bounds`.
@@ -153,11 +144,6 @@ def headline(
 ) -> pd.DataFrame:
     """The result of each learner in each condition, of trials that are counted already.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        pairs: As in :func:`summarise`.
-        bounds: As there.
-
     Returns:
         One row for each ``learner``, ``protocol`` and ``condition``, with ``measured`` (such as
         ``trial 5`` or ``test``), ``subjects``, ``attempts``, ``ci_low``, ``ci_high``,
@@ -175,16 +161,10 @@ def headline(
 
 
 def judged(trials: pd.DataFrame) -> pd.DataFrame:
-    """The trials that a condition is judged by.
+    """The trials that a condition is judged by; those of the test all get number 1.
 
-    A condition with a test phase is judged by its test (the mean of a subject's test trials, in
-    the human protocol a single one); one without, by the last trial of its last loop.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-
-    Returns:
-        Some of its rows; trials of the test all have number 1.
+    A condition with a test phase is judged by its test (the mean of a subject's test trials, in the
+    human protocol a single one); one without, by the last trial of its last loop.
     """
     is_test = trials["phase"] == "test"
     tested = is_test.groupby([trials[name] for name in CELL], observed=True).transform("any")

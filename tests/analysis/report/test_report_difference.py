@@ -12,6 +12,7 @@ import pyarrow as pa
 import pytest
 from typer.testing import CliRunner
 
+from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.difference_page import (
     MORE,
@@ -24,7 +25,6 @@ from causal_openlock.analysis.report.difference_page import (
     sentence_on_noise,
     write_difference,
 )
-from causal_openlock.analysis.results.counting import count
 from causal_openlock.cli import app
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
 from causal_openlock.experiment.stored import StoredExperiment

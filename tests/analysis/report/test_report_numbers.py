@@ -14,10 +14,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from causal_openlock.analysis.effects import difference
+from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.writing import write_report
-from causal_openlock.analysis.results.counting import count
-from causal_openlock.analysis.results.differences import difference
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.runner import run

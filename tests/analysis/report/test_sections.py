@@ -13,8 +13,7 @@ import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.report import table_files
-from causal_openlock.analysis.report.section import Material, SectionTable
+from causal_openlock.analysis.report.section import Material, SectionTable, printed
 from causal_openlock.analysis.report.sections import ORDER, columns_of, sections_of
 from causal_openlock.analysis.report.writing import write_report
 from support.fabricated_records import random_cells, table, trial_rows
@@ -124,7 +123,7 @@ def test_every_section_is_there_and_says_nothing_of_an_empty_record() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "form", "printed"),
+    ("value", "form", "text"),
     [
         (-0.0004, "+.2f", "0.00"),
         (-0.0, ".2f", "0.00"),
@@ -139,10 +138,8 @@ def test_every_section_is_there_and_says_nothing_of_an_empty_record() -> None:
         (-0.001, ".0%", "0%"),
     ],
 )
-def test_values_are_printed_as_a_reader_expects(
-    value: object, form: str | None, printed: str
-) -> None:
-    assert table_files.printed(value, form) == printed
+def test_values_are_printed_as_a_reader_expects(value: object, form: str | None, text: str) -> None:
+    assert printed(value, form) == text
 
 
 def test_long_tables_are_closed_on_the_page() -> None:
@@ -150,9 +147,7 @@ def test_long_tables_are_closed_on_the_page() -> None:
     from causal_openlock.analysis.report.prose import LONG
 
     frame = pd.DataFrame({"name": [f"n{i}" for i in range(LONG + 1)], "value": 1.0})
-    told = [
-        table_files.described(SectionTable("t", "T", part)) for part in (frame, frame.head(LONG))
-    ]
+    told = [SectionTable("t", "T", part) for part in (frame, frame.head(LONG))]
     pages = [
         render(
             "difference.html.j2",

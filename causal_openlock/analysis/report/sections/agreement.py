@@ -26,7 +26,7 @@ from causal_openlock.analysis.results.deep.visits import (
     going_on,
     shares,
 )
-from causal_openlock.analysis.results.people.comparable import paper_conditions
+from causal_openlock.analysis.results.people.published import paper_conditions
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Protocol
 
@@ -58,10 +58,10 @@ def section(material: Material) -> Section | None:
         return None
     tested = shares(visited[visited["phase"] == "test"], parts=1)
     trained = shares(visited[visited["phase"] == "train"])
-    points = transfer_points(tested, material.learners)
-    order = transfer_order(tested, material.learners)
-    course = baseline_course(trained, material.learners)
-    growth = baseline_points(trained, material.learners)
+    points = transfer_points(tested)
+    order = transfer_order(tested)
+    course = baseline_course(trained)
+    growth = baseline_points(trained)
     if points.empty and (growth.empty or all(_short(material.experiment, going).values())):
         return None
     short = _short(material.experiment, going & set(visited["protocol"]))
@@ -85,11 +85,6 @@ def findings(
     points: pd.DataFrame, order: pd.DataFrame, growth: pd.DataFrame
 ) -> list[dict[str, Any]]:
     """What agrees and what does not, of each learner under each protocol.
-
-    Args:
-        points: From :func:`~causal_openlock.analysis.results.deep.agreement.transfer_points`.
-        order: From :func:`~causal_openlock.analysis.results.deep.agreement.transfer_order`.
-        growth: From :func:`~causal_openlock.analysis.results.deep.agreement.baseline_points`.
 
     Returns:
         ``learner``, ``protocol``; of each condition whether “else” ``grows``, with its ``first``
@@ -115,14 +110,11 @@ def findings(
             for (point, condition), row in by_point.items()
             if point == "else grows"
         ]
+        verdicts = (AGREES, DISAGREES, UNDECIDED)
         measures = {
-            measure: {
-                verdict: at[(at["point"] == measure) & (at["verdict"] == verdict)].to_dict(
-                    "records"
-                )
-                for verdict in (AGREES, DISAGREES, UNDECIDED)
-            }
+            measure: {name: rows[rows["verdict"] == name].to_dict("records") for name in verdicts}
             for measure in (OPENS, FINDS_ALL)
+            for rows in [at[at["point"] == measure]]
         }
         tau = ranks[ranks["pair"] == "tau"].to_dict("records")
         pairs = ranks.loc[ranks["pair"] != "tau", "verdict"].value_counts().to_dict()

@@ -9,12 +9,9 @@ against the paper's sentence, beside the fits of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Material, Section, SectionTable
 from causal_openlock.analysis.report.sections.learning import LEARNS, progress
@@ -29,7 +26,7 @@ from causal_openlock.analysis.results.deep.decay import (
     steps_until,
 )
 from causal_openlock.analysis.results.deep.visits import FINDS_ALL, OPENS
-from causal_openlock.analysis.results.people.comparable import HUMAN_PROTOCOL
+from causal_openlock.analysis.results.people.published import HUMAN_PROTOCOL
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
 
@@ -76,12 +73,8 @@ def schedules(experiment: Experiment) -> pd.DataFrame:
 def beside_learning(explored: pd.DataFrame, progressed: pd.DataFrame) -> pd.DataFrame:
     """Schedules with what each of them led to.
 
-    Args:
-        explored: From :func:`schedules`.
-        progressed: From :func:`~causal_openlock.analysis.report.sections.learning.progress`.
-
     Returns:
-        One row for each learner, condition and protocol that both tell of: the columns of
+        One row for each learner, condition and protocol that both tables have: the columns of
         ``explored``, ``condition``, ``protocol``, ``door`` with ``ci_low`` and ``ci_high`` (share
         of attempts that open the door in the last part of training), ``chance``, the ``verdict``
         on it, ``all`` (share of visits with every solution found, there) and ``all_verdict``.
@@ -114,12 +107,10 @@ def meanings(table: pd.DataFrame) -> pd.Series:
     return pd.Series(np.where(table["decay"] > USUAL, "", found), table.index)
 
 
-def _usual(table: pd.DataFrame) -> list[float]:
+def _usual(table: pd.DataFrame) -> pd.Series:
     """How often the best learner of a usual decay opens the door there; NaN if none learns."""
-    able = table[(table["decay"] > USUAL) & (table["verdict"] == LEARNS)]
-    best = able.groupby(["condition", "protocol"])["door"].max().to_dict()
-    places = zip(table["condition"], table["protocol"], strict=True)
-    return [best.get(place, float("nan")) for place in places]
+    able = table["door"].where((table["decay"] > USUAL) & (table["verdict"] == LEARNS))
+    return able.groupby([table["condition"], table["protocol"]]).transform("max")
 
 
 def section(material: Material) -> Section | None:
@@ -141,14 +132,13 @@ def section(material: Material) -> Section | None:
     people = fitted({f"people, {name}": values for name, values in people_over_trials().items()})
     tables = [_fits("people_decay", people)]
     if curves:
-        tables.append(_fits("learners_decay", fitted(_in_order(curves, material.learners))))
+        tables.append(_fits("learners_decay", fitted(curves)))
     learned = pd.DataFrame()
     if several:
         learned = beside_learning(explored, progress(material.trials, material.experiment))
     if len(learned):
         usual = _usual(learned)
-        meaning = meanings(learned.assign(usual=usual))
-        learned.insert(7, "meaning", meaning)
+        learned.insert(7, "meaning", meanings(learned.assign(usual=usual)))
         one = learned["protocol"].nunique() == 1
         shown = learned.drop(columns="protocol") if one else learned
         tables.insert(0, _PROSE.table("exploration", shown, _SCHEDULES, usual=USUAL))
@@ -167,18 +157,6 @@ def section(material: Material) -> Section | None:
     )
 
 
-def _in_order(
-    curves: Mapping[str, list[float]], learners: tuple[str, ...]
-) -> dict[str, list[float]]:
-    first = ordered({name.rsplit(", ", 1)[0] for name in curves}, learners)
-    return {
-        name: curves[name]
-        for learner in first
-        for name in curves
-        if name.rsplit(", ", 1)[0] == learner
-    }
-
-
 def _fits(name: str, table: pd.DataFrame) -> SectionTable:
-    frame = table.assign(near=table["near"].map({True: "yes", False: "no"}))
+    frame = table.assign(near=np.where(table["near"], "yes", "no"))
     return _PROSE.table(name, frame, _FITS, mean=PAPER_MEAN)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import SUBJECT, ordered
+from causal_openlock.analysis.measures import SUBJECT
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Material, Section, SectionTable
 from causal_openlock.analysis.results.deep.chance import chance_of_finding_all, chance_of_opening
@@ -100,10 +100,6 @@ def _any_able(share: FloatArray, bar: float, counted: FloatArray) -> bool:
 def progress(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     """How far each learner came in training, under protocols with many attempts.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        experiment: What was run.
-
     Returns:
         Two rows for each learner, condition and protocol, one for each ``measure`` (``opens``,
         ``finds_all``), with ``subjects``; ``visits``, how many trials each of them trained in; the
@@ -120,7 +116,6 @@ def progress(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     each, began = dict(each_group(table)), dict(each_group(starts(visited)))
     by_chance = experiment.random_learners
     lucky = _luck(table, by_chance)
-    rooms = _Rooms(experiment)
     found = []
     for group, rows in each_group(visited):
         parts = each[group]
@@ -130,7 +125,7 @@ def progress(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
             counted = matrix(parts, "attempts" if measure == OPENS else "visits")[:, -1]
             means = share.mean(axis=0)
             low, high = interval(share[:, -1])
-            exact = rooms.chance(group, rows, measure)
+            exact = _chance(experiment, group, rows, measure)
             random, most = lucky.get((group.condition, group.protocol, measure), (np.nan, np.nan))
             own = group.learner in by_chance
             bar = np.nanmax([0.0, exact, np.nan if own else most])
@@ -160,32 +155,27 @@ def _luck(
     return luck
 
 
-class _Rooms:
-    """What the rooms of an experiment leave to chance."""
-
-    def __init__(self, experiment: Experiment) -> None:
-        self._limits = {one.name: one.action_limit for one in experiment.protocols}
-        self._schemas = {
-            condition.name: {schema.name: schema for schema in condition.schemas}
-            for condition in experiment.conditions
-        }
-
-    def chance(self, group: Group, rows: pd.DataFrame, measure: str) -> float:
-        """What random actions come to in these visits, on average."""
-        known = self._schemas[group.condition]
-        positions = max(map(positions_for, known.values()))
-        total = weight = 0.0
-        rooms = rows.groupby(["schema", "last_attempt"], observed=True).size()
-        for (name, attempts), visited in rooms.items():
-            schema = known[name]
-            limit = self._limits[group.protocol] or default_action_limit(schema)
-            if measure == OPENS:
-                total += visited * attempts * chance_of_opening(schema, limit, positions)
-                weight += visited * attempts
-            else:
-                total += visited * chance_of_finding_all(schema, limit, positions, int(attempts))
-                weight += visited
-        return total / weight
+def _chance(experiment: Experiment, group: Group, rows: pd.DataFrame, measure: str) -> float:
+    """What random actions come to in these visits, on average."""
+    limits = {one.name: one.action_limit for one in experiment.protocols}
+    (known,) = (
+        {schema.name: schema for schema in condition.schemas}
+        for condition in experiment.conditions
+        if condition.name == group.condition
+    )
+    positions = max(map(positions_for, known.values()))
+    chances, weights = [], []
+    rooms = rows.groupby(["schema", "last_attempt"], observed=True).size()
+    for (name, attempts), visited in rooms.items():
+        schema = known[name]
+        limit = limits[group.protocol] or default_action_limit(schema)
+        if measure == OPENS:
+            chances.append(chance_of_opening(schema, limit, positions))
+            weights.append(visited * attempts)
+        else:
+            chances.append(chance_of_finding_all(schema, limit, positions, int(attempts)))
+            weights.append(visited)
+    return float(np.average(chances, weights=weights))
 
 
 def section(material: Material) -> Section | None:
@@ -193,9 +183,6 @@ def section(material: Material) -> Section | None:
     table = progress(material.trials, material.experiment)
     if table.empty:
         return None
-    order = ordered(set(table["learner"]), material.learners)
-    place = {name: index for index, name in enumerate(order)}
-    table = table.sort_values("learner", key=lambda names: names.map(place), kind="stable")
     doors, alls = table[table["measure"] == OPENS], table[table["measure"] == FINDS_ALL]
     return _PROSE.section(
         "learning",
@@ -221,10 +208,7 @@ def _shown(name: str, rows: pd.DataFrame) -> SectionTable:
 
 
 def by_verdict(rows: pd.DataFrame) -> dict[str, list[dict[str, Any]]]:
-    """Which learners came to each verdict, and where.
-
-    Args:
-        rows: From :func:`progress`, of one measure.
+    """Which learners came to each verdict, and where, by one measure of :func:`progress`.
 
     Returns:
         By verdict, in the order of :data:`VERDICTS`: ``learner``, ``protocol`` (empty if it has

@@ -10,6 +10,7 @@ interquartile mean over all its subjects in all its conditions.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -82,9 +83,6 @@ def section(material: Material) -> Section | None:
 def pairwise_table(scores: Scores) -> pd.DataFrame:
     """How probable it is that a subject of one learner needs fewer attempts than one of another.
 
-    Args:
-        scores: By learner, by condition: ``[n]`` attempts of its subjects.
-
     Returns:
         A row for each ordered pair of learners that played a condition in common: ``learner``,
         ``other``, ``conditions`` (how many in common), ``probability`` (ties count half, the mean
@@ -93,23 +91,19 @@ def pairwise_table(scores: Scores) -> pd.DataFrame:
     """
     rows = []
     names = list(scores)
-    for index, one in enumerate(names):
-        for other in names[index + 1 :]:
-            common = [name for name in scores[one] if name in scores[other]]
-            if not common:
-                continue
-            # Fewer attempts are better, so the negative is the score.
-            first = [-scores[one][name] for name in common]
-            second = [-scores[other][name] for name in common]
-            found = probability_of_improvement(first, second)
-            low, high = improvement_interval(first, second, np.random.default_rng(SEED))
-            rows.append((one, other, len(common), found, low, high))
-            rows.append((other, one, len(common), 1 - found, 1 - high, 1 - low))
+    for one, other in combinations(names, 2):
+        common = [name for name in scores[one] if name in scores[other]]
+        if not common:
+            continue
+        # Fewer attempts are better, so the negative is the score.
+        first, second = ([-scores[of][name] for name in common] for of in (one, other))
+        found = probability_of_improvement(first, second)
+        low, high = improvement_interval(first, second, np.random.default_rng(SEED))
+        rows.append((one, other, len(common), found, low, high))
+        rows.append((other, one, len(common), 1 - found, 1 - high, 1 - low))
+    rows.sort(key=lambda row: (names.index(row[0]), names.index(row[1])))
     columns = ["learner", "other", "conditions", "probability", "ci_low", "ci_high"]
-    table = pd.DataFrame(rows, columns=columns)
-    place = {name: number for number, name in enumerate(names)}
-    order = np.lexsort([table["other"].map(place), table["learner"].map(place)])
-    return table.iloc[order].reset_index(drop=True)
+    return pd.DataFrame(rows, columns=columns)
 
 
 def ranking_table(
@@ -166,24 +160,18 @@ def _bounds(
 ) -> dict[str, tuple[float, float]]:
     """By condition, what the random learner of the record needs, and the ideal observer."""
     found = {}
-    in_test = material.trials.loc[material.trials["phase"] == "test", "condition"]
-    tested = set(in_test.unique())
-    by_chance = material.experiment.random_learners
-    for name in (one for one in material.learners if one in by_chance):
+    in_test = material.trials["phase"] == "test"
+    tested = set(material.trials.loc[in_test, "condition"])
+    for name in filter(material.experiment.random_learners.__contains__, material.learners):
         for condition, attempts in held.get((name, protocol), {}).items():
-            phase = "test" if condition in tested else "train"
-            if (condition, protocol, phase) in material.bounds:
-                bound = material.bounds[condition, protocol, phase]
-                found[condition] = (float(attempts.mean()), bound.attempts)
+            key = (condition, protocol, "test" if condition in tested else "train")
+            if key in material.bounds:
+                found[condition] = (float(attempts.mean()), material.bounds[key].attempts)
     return found
 
 
 def compared(ranks: pd.DataFrame, pairs: pd.DataFrame) -> dict[str, Any]:
     """Which learner leads, and which comparisons do not follow the order.
-
-    Args:
-        ranks: From :func:`ranking_table`.
-        pairs: From :func:`pairwise_table`.
 
     Returns:
         ``first`` and ``last`` of the ranks; ``total``, how many comparisons there are of more than

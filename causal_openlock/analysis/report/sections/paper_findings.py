@@ -60,7 +60,9 @@ def section(material: Material) -> Section | None:
             }
         )
         tables.append(_family_table(family, tests[tests["family"] == family], asked, material))
-    subjects = min(_sizes(own))
+    conditions = {(test.family, test.name): len(test.conditions) for test in TESTS}
+    played = own[["family", "test", "subjects"]].itertuples(index=False)
+    subjects = max(2, round(min(n / conditions[family, name] for family, name, n in played)))
     power = power_table(subjects)
     tables += [_power_table(power, subjects), _PROSE.table("paper_tests_all", tests, _NUMBERS)]
     return _PROSE.section(
@@ -70,7 +72,10 @@ def section(material: Material) -> Section | None:
         undefined=_reasons(undefined),
         lost=_lost(),
         alpha=ALPHA,
-        **power_found(power, subjects),
+        subjects=subjects,
+        weak=int((power["power_here"] < POWER).sum()),
+        effects=len(power),
+        power=POWER,
     )
 
 
@@ -84,8 +89,7 @@ _NUMBERS = {
 def power_table(subjects: int) -> pd.DataFrame:
     """How likely the paper's tests are to find in a learner what they find in people.
 
-    Args:
-        subjects: Of the learner in each condition, at least 2.
+    The learner has so many subjects in each condition, at least 2.
 
     Returns:
         A row for each test of two groups or of the interaction that the paper prints of baseline
@@ -116,21 +120,6 @@ def power_table(subjects: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def power_found(power: pd.DataFrame, subjects: int) -> dict[str, Any]:
-    """Of how many ``effects`` as large as people's the power is ``weak`` with so many subjects."""
-    weak = int((power["power_here"] < POWER).sum())
-    return {"subjects": subjects, "weak": weak, "effects": len(power), "power": POWER}
-
-
-def _sizes(own: pd.DataFrame) -> list[int]:
-    """How many subjects each learner has in each condition, roughly where these differ."""
-    conditions = {(test.family, test.name): len(test.conditions) for test in TESTS}
-    return [
-        max(2, round(subjects / conditions[family, name]))
-        for family, name, subjects in zip(own["family"], own["test"], own["subjects"], strict=True)
-    ]
-
-
 def _family_table(
     family: str, rows: pd.DataFrame, asked: Sequence[PaperTest], material: Material
 ) -> SectionTable:
@@ -155,11 +144,7 @@ def _family_table(
 
 
 def finding(test: PaperTest, rows: pd.DataFrame) -> dict[str, Any]:
-    """What came of a test in people, and in which learners.
-
-    Args:
-        test: The test.
-        rows: What came of it in learners.
+    """What came of a test in people, and in which learners, of which rows are given.
 
     Returns:
         What the test claims of people (``claim``), what the ``paper`` prints, whether it is found

@@ -62,10 +62,6 @@ def rewards_of(experiment: Experiment) -> dict[str, RewardFunction]:
 def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
     """What each reward led to, the best first.
 
-    Args:
-        table: From :func:`~causal_openlock.analysis.report.sections.learning.progress`.
-        rewards: From :func:`rewards_of`.
-
     Returns:
         One row for each learner: ``learner``; ``door`` and ``all``, its mean shares in the last
         part of training, averaged over conditions, each followed by the verdict on it in each
@@ -80,8 +76,8 @@ def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.Data
             own = mine[mine["measure"] == measure]
             row[name] = own["last"].mean()
             for condition in conditions:
-                told = own.loc[own["condition"] == condition, "verdict"]
-                row[f"{name} {condition}"] = ", ".join(dict.fromkeys(told))
+                found = own.loc[own["condition"] == condition, "verdict"]
+                row[f"{name} {condition}"] = ", ".join(dict.fromkeys(found))
         row["reward"] = rewards[str(learner)].name
         row["terms"] = " + ".join(sorted(reward_terms(rewards[str(learner)]))) or "none"
         rows.append(row)
@@ -93,11 +89,6 @@ def without_repeats(
     doors: pd.DataFrame, rewards: Mapping[str, RewardFunction]
 ) -> dict[str, Any] | None:
     """Whether unique solutions cannot be learned, as the paper says; None if no learner got them.
-
-    Args:
-        doors: From :func:`~causal_openlock.analysis.report.sections.learning.progress`, of opening
-            the door.
-        rewards: From :func:`rewards_of`.
 
     Returns:
         Whether the paper is ``right``: ``yes``, ``no`` (in every condition the door comes to be
@@ -121,10 +112,6 @@ def best_rewards(
     doors: pd.DataFrame, rewards: Mapping[str, RewardFunction]
 ) -> list[dict[str, Any]]:
     """How the learners with the paper's best combination do beside the others.
-
-    Args:
-        doors: As for :func:`without_repeats`.
-        rewards: From :func:`rewards_of`.
 
     Returns:
         ``learner``, ``condition``, ``last`` (its share in the last part of training), how many

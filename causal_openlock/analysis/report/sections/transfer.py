@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
@@ -14,8 +15,13 @@ from causal_openlock.analysis.plots.comparisons import (
 )
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Material, Section, SectionPlot, SectionTable
-from causal_openlock.analysis.results.people.comparable import HUMAN_PROTOCOL, paper_conditions
-from causal_openlock.analysis.results.people.published import did_what_people_did, model, people
+from causal_openlock.analysis.results.people.published import (
+    HUMAN_PROTOCOL,
+    did_what_people_did,
+    model,
+    paper_conditions,
+    people,
+)
 from causal_openlock.analysis.results.scores import (
     CONGRUENCY,
     SAVINGS,
@@ -68,20 +74,12 @@ _FORMATS = {
 
 
 def scores_of(material: Material) -> dict[str, pd.DataFrame]:
-    """The scores that are shown, by protocol.
-
-    Returns:
-        Tables as :func:`~causal_openlock.analysis.results.scores.transfer_scores` has them,
-        learners in the order of the material; published results come first where learners did what
-        people did.
-    """
+    """The scores that are shown, by protocol; published results first, where they compare."""
     trials = material.trials
     rooms = paper_conditions(material.experiment)
     if rooms is not None:
         trials = trials[trials["condition"].isin(list(rooms))]
     own = transfer_scores(trials)
-    place = {name: number for number, name in enumerate(material.learners)}
-    own = own.iloc[own["learner"].map(place).argsort(kind="stable")]
     found = {
         protocol: own[own["protocol"] == protocol]
         for protocol in ordered(own["protocol"], (HUMAN_PROTOCOL,))
@@ -122,24 +120,27 @@ def _saved(scores: pd.DataFrame) -> dict[str, Any]:
 
 
 def _congruency(scores: pd.DataFrame) -> pd.DataFrame:
-    rows = []
-    for name in dict.fromkeys(scores["learner"]):
-        own = scores[scores["learner"] == name].set_index("condition").reindex(CONGRUENCY_TESTS)
-        row: dict[str, Any] = {"learner": name}
-        for condition in CONGRUENCY_TESTS:
-            for column, end in (("value", ""), ("ci_low", " low"), ("ci_high", " high")):
-                row[f"{condition.split('-')[1]}{end}"] = own[column][condition]
-        rows.append(row)
-    return pd.DataFrame(rows)
+    ends = {"value": "", "ci_low": " low", "ci_high": " high"}
+    wide = _wide(scores, list(CONGRUENCY_TESTS), list(ends))
+    columns = {
+        f"{condition.split('-')[1]}{end}": wide[column, condition]
+        for condition in CONGRUENCY_TESTS
+        for column, end in ends.items()
+    }
+    return pd.DataFrame(columns).reset_index()
 
 
 def _savings(scores: pd.DataFrame) -> pd.DataFrame:
-    rows = []
-    for name in dict.fromkeys(scores["learner"]):
-        own = scores[scores["learner"] == name].set_index("condition").reindex(TRANSFERS)
-        row: dict[str, Any] = {"learner": name}
-        for tested in BASELINES:
-            against = own.loc[[one for one in TRANSFERS if one.endswith(tested)], "against"]
-            row[f"{tested} untrained"] = against.dropna().iloc[0] if against.notna().any() else None
-        rows.append(row | own["value"].to_dict())
-    return pd.DataFrame(rows)
+    wide = _wide(scores, TRANSFERS, ["against", "value"])
+    untrained = {
+        f"{tested} untrained": wide["against"].filter(like=f"-{tested}").bfill(axis=1).iloc[:, 0]
+        for tested in BASELINES
+    }
+    return pd.DataFrame({**untrained, **wide["value"]}).reset_index()
+
+
+def _wide(scores: pd.DataFrame, conditions: Sequence[str], values: list[str]) -> pd.DataFrame:
+    """A row for each learner, in their order, with the values in each of the conditions."""
+    wide = scores.pivot(index="learner", columns="condition", values=values)
+    columns = pd.MultiIndex.from_product([values, conditions])
+    return wide.reindex(index=list(dict.fromkeys(scores["learner"])), columns=columns)

@@ -11,7 +11,7 @@ in 100 loops, or ten made them in 10 loops each: ours are cut into five blocks i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -30,8 +30,8 @@ from causal_openlock.analysis.results.deep.visits import (
     interval,
     matrix,
 )
+from causal_openlock.analysis.results.people.published import paper_ddqn
 from causal_openlock.analysis.statistics import SEED, bootstrap_interval
-from causal_openlock.world import reference
 from causal_openlock.world.fsm import FloatArray
 
 AGREES, DISAGREES, UNDECIDED = "agrees", "disagrees", "undecided"
@@ -42,13 +42,13 @@ MARGIN = 0.05
 ATTEMPTS_OF_VISIT = 300
 
 POINT_COLUMNS = [*Group._fields, "point", "ours", "ci_low", "ci_high", "paper", "margin", "verdict"]
+ORDER_COLUMNS = ["learner", "protocol", "pair", "ours", "ci_low", "ci_high", "paper", "verdict"]
 
 
 def published_shares(counts: Mapping[str, int]) -> dict[str, float]:
     """Counts of categories as shares: ``opens`` and ``else`` of attempts, ``finds_all`` of visits.
 
-    Args:
-        counts: Attempts in each category, in visits of 300 attempts to rooms of three solutions.
+    The counts are of visits of 300 attempts to rooms of three solutions.
     """
     total = sum(counts.values())
     return {
@@ -60,16 +60,22 @@ def published_shares(counts: Mapping[str, int]) -> dict[str, float]:
 
 
 def margin_of(measure: str, share: float, visits: float) -> float:
-    """How far from the paper's share counts as the same.
+    """How far from the paper's share of so many visits counts as the same.
 
-    Args:
-        measure: One of :data:`~causal_openlock.analysis.results.deep.visits.SHARES`.
-        share: The paper's.
-        visits: How many visits it is of. For ``finds_all`` they are independent draws at best, so
-            the margin is at least the 95% interval of so many.
+    For ``finds_all`` visits are independent draws at best, so the margin is at least the 95%
+    interval of so many.
     """
     noise = 1.96 * np.sqrt(share * (1 - share) / visits) if measure == FINDS_ALL else 0.0
     return max(MARGIN, float(noise))
+
+
+def _published(phase: str) -> dict[str, list[dict[str, int]]]:
+    """The paper's counts by condition, of each block."""
+    table = paper_ddqn().query("phase == @phase")
+    found: dict[str, list[dict[str, int]]] = {}
+    for (condition, _), rows in table.groupby(["condition", "block"]):
+        found.setdefault(condition, []).append(rows.set_index("category")["count"].to_dict())
+    return found
 
 
 def same(
@@ -104,10 +110,9 @@ def same(
 
 
 def grows(gain: FloatArray) -> str:
-    """Whether a share grows as the paper says: surely, and by :data:`MARGIN` at least.
+    """Whether ``[n]`` gains of a share from the first block to the last are as the paper says.
 
-    Args:
-        gain: ``[n]`` each subject's share in the last block minus that in the first.
+    They agree if they are surely above 0 and :data:`MARGIN` at least on average.
     """
     low, high = interval(gain)
     if len(gain) < LEAST_SUBJECTS:
@@ -117,52 +122,56 @@ def grows(gain: FloatArray) -> str:
     return DISAGREES if high < MARGIN else UNDECIDED
 
 
-def transfer_points(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.DataFrame:
+def _beside_paper(
+    group: Group, mine: pd.DataFrame, measures: Sequence[str], blocks: Sequence[int]
+) -> Iterator[tuple[str, int, tuple[float, float, float, float, float, str]]]:
+    """Of each measure in each block what stands in :data:`POINT_COLUMNS` from ``ours`` on."""
+    published = _published(mine["phase"].iloc[0])[group.condition]
+    for measure in measures:
+        values = matrix(mine, measure)
+        for block in blocks:
+            paper = published_shares(published[block])[measure]
+            visits = sum(published[block].values()) / ATTEMPTS_OF_VISIT
+            margin = margin_of(measure, paper, visits)
+            of = mine.loc[mine["part"] == block + 1, "visits"]
+            made = int(of.sum()) if measure == FINDS_ALL else 0
+            ours, low, high, verdict = same(values[:, block], paper, margin, made)
+            yield measure, block, (ours, low, high, paper, margin, verdict)
+
+
+def transfer_points(tested: pd.DataFrame) -> pd.DataFrame:
     """Figure 7: what share of test attempts has a solution, and of visits all, in each case.
 
-    Args:
-        tested: From :func:`~causal_openlock.analysis.results.deep.visits.shares` with one part.
-        learners: The order of learners.
+    Tested are :func:`~causal_openlock.analysis.results.deep.visits.shares` with one part.
 
     Returns:
         Rows of :data:`POINT_COLUMNS`; ``point`` is ``opens`` or ``finds_all``.
     """
-    published = reference.results()["cogsci2018"]["ddqn"]["transfer_counts"]
-    rows = []
-    for group, mine in each_group(tested, "test", learners):
-        if group.condition in published:
-            shares = published_shares(published[group.condition])
-            visits = sum(published[group.condition].values()) / ATTEMPTS_OF_VISIT
-            for measure in (OPENS, FINDS_ALL):
-                paper = shares[measure]
-                margin = margin_of(measure, paper, visits)
-                made = int(mine["visits"].sum()) if measure == FINDS_ALL else 0
-                ours, low, high, verdict = same(matrix(mine, measure)[:, 0], paper, margin, made)
-                rows.append((*group, measure, ours, low, high, paper, margin, verdict))
+    rows = [
+        (*group, measure, *found)
+        for group, mine in each_group(tested, "test")
+        if group.condition in TRANSFERS
+        for measure, _, found in _beside_paper(group, mine, (OPENS, FINDS_ALL), [0])
+    ]
     return pd.DataFrame(rows, columns=POINT_COLUMNS)
 
 
-def transfer_order(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.DataFrame:
+def transfer_order(tested: pd.DataFrame) -> pd.DataFrame:
     """The order of the transfer cases by share of attempts with a solution.
 
     Kendall's tau of the four means is recomputed in every resample of the subjects, and so is the
-    difference of each pair of cases. Where the paper's shares differ by less than :data:`MARGIN`,
-    a pair agrees if ours surely do so too.
-
-    Args:
-        tested: As in :func:`transfer_points`.
-        learners: The order of learners.
+    difference of each pair of cases. Where the paper's shares differ by less than :data:`MARGIN`, a
+    pair agrees if ours surely do so too.
 
     Returns:
         For each learner and protocol that has all four cases, a row ``tau`` (agrees if its whole
         interval is above 0, disagrees if none of it is) and one for each pair, such as
-        ``CC3-CC4 − CE3-CC4``, with ``learner``, ``protocol``, ``pair``, ``ours``, ``ci_low``,
-        ``ci_high``, ``paper`` and ``verdict``.
+        ``CC3-CC4 − CE3-CC4``, with the columns :data:`ORDER_COLUMNS`.
     """
-    published = reference.results()["cogsci2018"]["ddqn"]["transfer_counts"]
-    paper = np.array([published_shares(published[case])[OPENS] for case in TRANSFERS])
+    published = _published("test")
+    paper = np.array([published_shares(published[case][0])[OPENS] for case in TRANSFERS])
     played: dict[tuple[str, str], dict[str, FloatArray]] = {}
-    for group, mine in each_group(tested, "test", learners):
+    for group, mine in each_group(tested, "test"):
         cases = played.setdefault((group.learner, group.protocol), {})
         cases[group.condition] = matrix(mine, OPENS)[:, 0]
     pairs = list(combinations(range(len(TRANSFERS)), 2))
@@ -182,20 +191,16 @@ def transfer_order(tested: pd.DataFrame, learners: Sequence[str] = ()) -> pd.Dat
         verdict = AGREES if low > 0 else DISAGREES if high <= 0 else UNDECIDED
         rows.append((*names, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
         for (a, b), value, low, high in zip(pairs, ours, lows, highs, strict=True):
-            published_gap = paper[a] - paper[b]
-            if abs(published_gap) < MARGIN:
+            gap = paper[a] - paper[b]
+            if abs(gap) < MARGIN:
                 alike = low >= -MARGIN and high <= MARGIN
                 apart = low > MARGIN or high < -MARGIN
             else:
-                alike, apart = (low > 0, high < 0) if published_gap > 0 else (high < 0, low > 0)
+                alike, apart = (low > 0, high < 0) if gap > 0 else (high < 0, low > 0)
             verdict = AGREES if alike else DISAGREES if apart else UNDECIDED
             pair = f"{TRANSFERS[a]} − {TRANSFERS[b]}"
-            row = (*names, pair, value, low, high, published_gap, UNDECIDED if few else verdict)
-            rows.append(row)
+            rows.append((*names, pair, value, low, high, gap, UNDECIDED if few else verdict))
     return pd.DataFrame(rows, columns=ORDER_COLUMNS)
-
-
-ORDER_COLUMNS = ["learner", "protocol", "pair", "ours", "ci_low", "ci_high", "paper", "verdict"]
 
 
 def kendall(values: Sequence[FloatArray], paper: FloatArray) -> FloatArray:
@@ -206,73 +211,53 @@ def kendall(values: Sequence[FloatArray], paper: FloatArray) -> FloatArray:
     return tau
 
 
-def baseline_course(parts: pd.DataFrame, learners: Sequence[str] = ()) -> pd.DataFrame:
-    """Figure 6 as shares: block by block, the paper's first.
-
-    Args:
-        parts: From :func:`~causal_openlock.analysis.results.deep.visits.shares` with five parts.
-        learners: The order of learners.
+def baseline_course(parts: pd.DataFrame) -> pd.DataFrame:
+    """Figure 6 as shares of five parts: block by block, the paper's first.
 
     Returns:
         ``learner`` (the paper's DDQN is ``paper``), ``condition``, ``protocol``, ``measure``,
         ``block1`` to ``block5``, and ``attempts``, how many each subject made.
     """
-    published = reference.results()["cogsci2018"]["ddqn"]["baseline_counts"]
+    measures = (OPENS, FINDS_ALL, ELSE)
     rows: list[tuple[Any, ...]] = []
-    for condition in BASELINES:
-        blocks = [published_shares(counts) for counts in published[condition].values()]
-        total = sum(sum(counts.values()) for counts in published[condition].values())
-        for measure in (OPENS, FINDS_ALL, ELSE):
-            values = [block[measure] for block in blocks]
-            rows.append(("paper", condition, "", measure, *values, round(total, -3)))
-    for group, mine in _baselines(parts, learners):
+    for condition, counts in _published("train").items():
+        blocks = [published_shares(block) for block in counts]
+        total = round(sum(sum(block.values()) for block in counts), -3)
+        for measure in measures:
+            rows.append(("paper", condition, "", measure, *(b[measure] for b in blocks), total))
+    for group, mine in _baselines(parts):
         attempts = mine["attempts"].sum() / mine.groupby(SUBJECT, observed=True).ngroups
-        for measure in (OPENS, FINDS_ALL, ELSE):
-            values = matrix(mine, measure).mean(axis=0).tolist()
-            rows.append((*group, measure, *values, attempts))
+        for measure in measures:
+            rows.append((*group, measure, *matrix(mine, measure).mean(axis=0).tolist(), attempts))
     blocks_named = [f"block{number}" for number in range(1, PARTS + 1)]
     return pd.DataFrame(rows, columns=[*Group._fields, "measure", *blocks_named, "attempts"])
 
 
-def baseline_points(parts: pd.DataFrame, learners: Sequence[str] = ()) -> pd.DataFrame:
+def baseline_points(parts: pd.DataFrame) -> pd.DataFrame:
     """Figure 6: whether ``else`` grows, and what the first and the last block come to.
-
-    Args:
-        parts: As in :func:`baseline_course`.
-        learners: The order of learners.
 
     Returns:
         Rows of :data:`POINT_COLUMNS`; ``point`` is ``else grows`` or a share with its block, such
         as ``opens, block 1``.
     """
-    published = reference.results()["cogsci2018"]["ddqn"]["baseline_counts"]
-    rows = []
-    for group, mine in _baselines(parts, learners):
-        counts = list(published[group.condition].values())
-        blocks = [published_shares(block) for block in counts]
+    published = _published("train")
+    rows: list[tuple[Any, ...]] = []
+    for group, mine in _baselines(parts):
+        first, *_, last = (published_shares(block)[ELSE] for block in published[group.condition])
         other = matrix(mine, ELSE)
         gain = other[:, -1] - other[:, 0]
-        published_gain = blocks[-1][ELSE] - blocks[0][ELSE]
-        growth = (float(gain.mean()), *interval(gain), published_gain, MARGIN, grows(gain))
+        growth = (float(gain.mean()), *interval(gain), last - first, MARGIN, grows(gain))
         rows.append((*group, "else grows", *growth))
-        for measure in (OPENS, FINDS_ALL, ELSE):
-            share = matrix(mine, measure)
-            for block in (0, PARTS - 1):
-                paper = blocks[block][measure]
-                visits = sum(counts[block].values()) / ATTEMPTS_OF_VISIT
-                margin = margin_of(measure, paper, visits)
-                of = mine.loc[mine["part"] == block + 1, "visits"]
-                made = int(of.sum()) if measure == FINDS_ALL else 0
-                ours, low, high, verdict = same(share[:, block], paper, margin, made)
-                point = f"{measure}, block {block + 1}"
-                rows.append((*group, point, ours, low, high, paper, margin, verdict))
+        ends = _beside_paper(group, mine, (OPENS, FINDS_ALL, ELSE), (0, PARTS - 1))
+        for measure, block, found in ends:
+            rows.append((*group, f"{measure}, block {block + 1}", *found))
     return pd.DataFrame(rows, columns=POINT_COLUMNS)
 
 
-def _baselines(parts: pd.DataFrame, learners: Sequence[str]) -> list[tuple[Group, pd.DataFrame]]:
+def _baselines(parts: pd.DataFrame) -> list[tuple[Group, pd.DataFrame]]:
     """Baselines whose course is long enough for as many blocks as the paper's."""
     return [
         (group, mine)
-        for group, mine in each_group(parts, "train", learners)
+        for group, mine in each_group(parts, "train")
         if group.condition in BASELINES and matrix(mine, ELSE).shape[1] == PARTS
     ]

@@ -20,13 +20,7 @@ from causal_openlock.world.schema import Schema
 
 @lru_cache(maxsize=256)
 def chance_of_opening(schema: Schema, action_limit: int, positions: int) -> float:
-    """Probability that an attempt of random actions opens the door.
-
-    Args:
-        schema: What governs the room.
-        action_limit: Actions in an attempt.
-        positions: Size of the room.
-    """
+    """Probability that so many random actions open the door, in a room of so many positions."""
     opened, _ = _outcomes(schema, action_limit, positions)
     return opened
 
@@ -35,14 +29,7 @@ def chance_of_opening(schema: Schema, action_limit: int, positions: int) -> floa
 def chance_of_finding_all(
     schema: Schema, action_limit: int, positions: int, attempts: int
 ) -> float:
-    """Probability that random actions find every solution within some attempts.
-
-    Args:
-        schema: What governs the room.
-        action_limit: Actions in an attempt.
-        positions: Size of the room.
-        attempts: How many there are.
-    """
+    """Probability that random actions find every solution within so many attempts."""
     from scipy.special import gammaln
 
     _, solutions = _outcomes(schema, action_limit, positions)

@@ -39,12 +39,8 @@ _BELOW_ONE = 0.99  # with an offset, a decay of 1 is a straight line of any slop
 class DecayFit:
     """A curve ``offset + scale * decay ** t`` over trials, t = 0 being the first.
 
-    Attributes:
-        form: How it was fitted: ``exponential``, ``log-linear`` or ``with offset``.
-        scale: Attempts in the first trial, above the offset.
-        decay: The factor from one trial to the next.
-        offset: What attempts shrink to.
-        error: Root of the mean squared deviation, in attempts.
+    ``form`` is how it was fitted: ``exponential``, ``log-linear`` or ``with offset``; ``error`` is
+    the root of the mean squared deviation, in attempts.
     """
 
     form: str
@@ -74,9 +70,8 @@ def log_linear_fit(values: Sequence[float] | FloatArray) -> DecayFit:
 def offset_fit(values: Sequence[float] | FloatArray) -> DecayFit:
     """Least squares of ``c + a * d ** t``.
 
-    Returns:
-        The fit; NaN but for its error where the best decay is next to 0 or 1, as of a level curve
-        or a straight line, which no such curve describes.
+    NaN but for its error where the best decay is next to 0 or 1, as of a level curve or a straight
+    line, which no such curve describes.
     """
     found = _least_squares("with offset", values, with_offset=True)
     if _SEARCHED[0] * 2 < found.decay < _BELOW_ONE - 1e-3:
@@ -169,9 +164,7 @@ def fitted(curves: Mapping[str, Sequence[float]]) -> pd.DataFrame:
 def learning_curves(trials: pd.DataFrame, protocol: str) -> dict[tuple[str, str], list[float]]:
     """Learners' mean attempts in successive trials before the test, by learner and condition.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        protocol: Which protocol; its loops follow one another.
+    Loops of the protocol follow one another.
     """
     chosen = trials[(trials["protocol"] == protocol) & (trials["phase"] == "train")]
     means = mean_by_trial(chosen, ["loop", "trial"])
@@ -182,15 +175,12 @@ def learning_curves(trials: pd.DataFrame, protocol: str) -> dict[tuple[str, str]
 
 
 def steps_until(decay: float, floor: float = 0.01, start: float = 1.0) -> int:
-    """How often a share must shrink until it is below ``floor``.
+    """How often a share must shrink by a factor below 1 until it is below ``floor``.
 
     >>> steps_until(0.5)
     7
 
-    Args:
-        decay: The factor, below 1.
-        floor: Where exploration counts as over; the paper says less than one percent.
-        start: The share at first.
+    The paper counts exploration as over at less than one percent.
     """
     if not 0 < decay < 1:
         raise ValueError(f"a share that shrinks by {decay} never gets below {floor}")

@@ -9,14 +9,13 @@ subjects.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import CELL, START, SUBJECT, ordered
-from causal_openlock.analysis.results.people.comparable import HUMAN_PROTOCOL
+from causal_openlock.analysis.measures import CELL, START, SUBJECT
 from causal_openlock.analysis.statistics import LEVEL, SEED, mean_interval
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.world.fsm import FloatArray
@@ -25,12 +24,8 @@ PARTS = 5
 """Into how many parts a phase is cut: the paper's Figure 6 has five blocks."""
 
 OPENS, FINDS_ALL, ELSE = "opens", "finds_all", "else"
-SHARES = {
-    OPENS: "share of attempts that open the door",
-    FINDS_ALL: "share of visits in which every solution is found",
-    ELSE: "share of attempts that neither unlock nor open the door",
-}
-"""What is measured of a part, by the name of its column."""
+"""What is measured of a part: the shares of attempts that open the door, of visits in which every
+solution is found, and of attempts that neither unlock nor open the door."""
 
 LEAST_SUBJECTS = 4
 """With fewer subjects the bootstrap interval is hardly narrower than from lowest to highest."""
@@ -50,13 +45,10 @@ def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
     A subject's visits in a phase are cut into ``parts`` shares that are equal up to one visit; a
     phase of fewer visits has a part for each.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        parts: How many; 1 takes the whole phase.
-
     Returns:
         One row for each subject, phase and part (from 1): the columns of a cell and of a subject,
-        ``phase``, ``part``, ``visits``, ``attempts`` and the columns of :data:`SHARES`.
+        ``phase``, ``part``, ``visits``, ``attempts`` and the shares :data:`OPENS`,
+        :data:`FINDS_ALL` and :data:`ELSE`.
     """
     by = [*CELL, "phase", *SUBJECT]
     whole = trials.groupby(by, sort=False, observed=True)
@@ -78,9 +70,6 @@ def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
 def starts(trials: pd.DataFrame) -> pd.DataFrame:
     """What every subject could do at first in training.
 
-    Args:
-        trials: As in :func:`shares`.
-
     Returns:
         One row for each subject: the columns of a cell and of a subject, ``opens``, at the
         :data:`~causal_openlock.analysis.measures.START` of its first visit, and ``finds_all``, 0 or
@@ -93,22 +82,13 @@ def starts(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def each_group(
-    table: pd.DataFrame, phase: str | None = None, learners: Sequence[str] = ()
+    table: pd.DataFrame, phase: str | None = None
 ) -> Iterator[tuple[Group, pd.DataFrame]]:
-    """The rows of every learner, condition and protocol, in the order of tables.
-
-    Args:
-        table: Rows with the columns of a cell, and ``phase`` if one is asked for.
-        phase: Which phase to keep; by default all.
-        learners: The order of learners.
-    """
+    """The rows of every learner, protocol and condition (of one phase), in the order of names."""
     kept = table if phase is None else table[table["phase"] == phase]
-    found = dict(list(kept.groupby(CELL, sort=False, observed=True)))
-    for learner in ordered({key[0] for key in found}, learners):
-        mine = [key for key in found if key[0] == learner]
-        for protocol in ordered({key[2] for key in mine}, (HUMAN_PROTOCOL,)):
-            for condition in ordered({key[1] for key in mine if key[2] == protocol}):
-                yield Group(learner, condition, protocol), found[(learner, condition, protocol)]
+    by = ["learner", "protocol", "condition"]
+    for (learner, protocol, condition), rows in kept.groupby(by, observed=True):
+        yield Group(learner, condition, protocol), rows
 
 
 def matrix(rows: pd.DataFrame, measure: str) -> FloatArray:
@@ -119,12 +99,7 @@ def matrix(rows: pd.DataFrame, measure: str) -> FloatArray:
 
 
 def interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
-    """Bootstrap interval of a mean over subjects; NaN for fewer than two.
-
-    Args:
-        values: ``[n]`` one for each subject.
-        level: Probability that it is to cover.
-    """
+    """Bootstrap interval of the mean of ``[n]`` subjects; NaN for fewer than two."""
     low, high = mean_interval(values[None], np.random.default_rng(SEED), level=level)
     return float(low[0]), float(high[0])
 
@@ -136,5 +111,5 @@ def many_attempts(experiment: Experiment) -> set[str]:
 
 
 def going_on(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
-    """The trials under protocols that go on after a trial is solved; see :func:`many_attempts`."""
+    """The trials under protocols that go on after a trial is solved."""
     return trials[trials["protocol"].isin(many_attempts(experiment))]

@@ -30,10 +30,7 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
 )
 from causal_openlock.analysis.results.people.hypotheses import GroupSummary, contrast_test
-from causal_openlock.analysis.results.people.published import model, people
-
-POINT = ["condition", "phase", "trial"]
-"""What tells the fourteen points apart."""
+from causal_openlock.analysis.results.people.published import POINT, model, people
 
 PUBLISHED_MODEL = "published model"
 Place = tuple[str, str, int]
@@ -97,11 +94,10 @@ EFFECTS = (
 
 
 def published_points() -> pd.DataFrame:
-    """What is published at each of the fourteen points.
+    """People's and the published model's means and error bars at each of the fourteen points.
 
-    Returns:
-        Their :data:`POINT`, and ``people_mean``, ``people_se``, ``model_mean`` and ``model_se`` in
-        attempts; error bars as published, population SD / √n.
+    Columns: :data:`~causal_openlock.analysis.results.people.published.POINT`, ``people_mean``,
+    ``people_se``, ``model_mean`` and ``model_se``, in attempts.
     """
     both = [
         table.set_index(POINT)[["mean", "se"]].add_prefix(f"{name}_")
@@ -111,15 +107,11 @@ def published_points() -> pd.DataFrame:
 
 
 def points_of(trials: pd.DataFrame) -> pd.DataFrame:
-    """What each learner did at the points that it came to.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, of learners that
-            played as people did.
+    """What each learner that played as people did came to at the points.
 
     Returns:
-        One row for each ``learner`` and point, in the order of publication: :data:`POINT`,
-        ``subjects``, ``mean`` and ``se`` (population SD / √n), ``people_mean`` and ``people_se``.
+        One row for each ``learner`` and point, in the order of publication: ``condition``,
+        ``phase``, ``trial``, ``subjects``, ``mean`` and ``se``, ``people_mean`` and ``people_se``.
     """
     names = ["learner", "condition", "phase"]
     return _beside_people(mean_by_trial(trials).astype(dict.fromkeys(names, str)))
@@ -144,11 +136,7 @@ def _beside_people(means: pd.DataFrame) -> pd.DataFrame:
 def distance(points: pd.DataFrame) -> tuple[float, float]:
     """How far means are from people's: root mean square, in attempts and in standard errors.
 
-    Args:
-        points: Some rows of one learner, as :func:`points_of` gives them.
-
-    Returns:
-        Distance in attempts, and in standard errors of people's means; NaN without points.
+    NaN without points.
     """
     if points.empty:
         return float("nan"), float("nan")
@@ -217,10 +205,6 @@ def _within(effect: Effect, trials: pd.DataFrame) -> tuple[float, float, int, fl
 
 def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """Learners in the order of their distance from people.
-
-    Args:
-        points: Of each learner, as :func:`points_of` gives them.
-        effects: Of each learner, from :func:`effects_of`.
 
     Returns:
         One row for each, the nearest first, those with fewer points last: ``learner``, ``points``

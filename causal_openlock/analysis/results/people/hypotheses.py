@@ -12,7 +12,7 @@ has no numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,10 +29,7 @@ squares of type III)."""
 class GroupSummary:
     """What a comparison of means needs to know of a group of subjects.
 
-    Attributes:
-        size: How many subjects.
-        mean: Of their values.
-        variance: Of their values, with size − 1 in the denominator; 0 for a single subject.
+    The variance has size − 1 in the denominator; it is 0 for a single subject.
     """
 
     size: int
@@ -94,28 +91,18 @@ def t_test(first: Sample, second: Sample) -> SignificanceTest:
     >>> print(t_test(*people))
     t(78) = 1.95, p = .055
 
-    Args:
-        first: A group, or ``[n]`` values.
-        second: A group, or ``[m]`` values.
-
     Returns:
         t with n + m − 2 degrees of freedom, positive where the first mean is larger, and
         Cohen's d.
     """
-    from scipy.stats import ttest_ind_from_stats
-
+    found = contrast_test([first, second])  # of two groups F is t squared
+    df = found.df[1:]
+    if found.value is None:
+        return replace(found, statistic="t", df=df)
+    t = float(np.copysign(np.sqrt(found.value), found.difference))
     one, other = _summaries([first, second])
-    difference = one.mean - other.mean
-    _, df, reason = _pooled([one, other])
-    if reason:
-        return SignificanceTest("t", (df,), difference, undefined=reason)
-    found = ttest_ind_from_stats(
-        *(one.mean, np.sqrt(one.variance), one.size),
-        *(other.mean, np.sqrt(other.variance), other.size),
-    )
-    t = float(found.statistic)
     d = t * float(np.sqrt(1 / one.size + 1 / other.size))
-    return SignificanceTest("t", (df,), difference, t, float(found.pvalue), d)
+    return replace(found, statistic="t", df=df, value=t, effect=d)
 
 
 def contrast_test(groups: Sequence[Sample], weights: Sequence[float] = (1, -1)) -> SignificanceTest:
@@ -130,7 +117,7 @@ def contrast_test(groups: Sequence[Sample], weights: Sequence[float] = (1, -1)) 
 
     Args:
         groups: G groups, or ``[n]`` values of each.
-        weights: A weight for each of them; they sum to 0.
+        weights: One for each of them; they sum to 0.
 
     Returns:
         F(1, N − G) and partial η²; the difference is the weighted sum.
@@ -155,8 +142,8 @@ def trial_test(groups: Sequence[FloatArray]) -> SignificanceTest:
         groups: ``[n_g, T]`` values of the subjects of each of G groups in the same T trials.
 
     Returns:
-        F(T − 1, N − G − T + 2) and partial η², which is 1 − Wilks' Λ; the difference is the first
-        trial's mean minus the last one's, groups counting alike.
+        F(T − 1, N − G − T + 2) and partial η²; the difference is the first trial's mean minus the
+        last one's, groups counting alike.
     """
     steps = [np.diff(np.asarray(one, float), axis=1) for one in groups]
     means = np.array([one.mean(axis=0) for one in steps])

@@ -13,6 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,27 +32,12 @@ from causal_openlock.world import reference
 from causal_openlock.world.fsm import FloatArray
 
 TEST_COLUMNS = (
-    "learner",
-    "family",
-    "test",
-    "subjects",
-    "difference",
-    "statistic",
-    "df",
-    "value",
-    "p",
-    "p_holm",
-    "effect",
-    "effect_size",
-    "hedges_g",
-    "paper",
-    "note",
+    *("learner", "family", "test", "subjects", "difference", "statistic", "df", "value"),
+    *("p", "p_holm", "effect", "effect_size", "hedges_g", "paper", "note"),
 )
 """Columns of the tables of this module; see :func:`paper_tests`."""
 
 PEOPLE = "People"
-
-_TRIAL = ["phase", "trial"]
 
 _PRINTED_OF_TRAINING = {
     # The paper draws no training trials: these four stand in its text alone.
@@ -143,6 +129,7 @@ TESTS = (
 the effect."""
 
 
+@cache
 def printed_tests() -> pd.DataFrame:
     """What the paper prints, in the form of :func:`paper_tests`.
 
@@ -150,11 +137,6 @@ def printed_tests() -> pd.DataFrame:
     differences from the published means. Training trials are not published: there differences are
     NaN, and t has no sign.
     """
-    return _published_tests().copy()
-
-
-@cache
-def _published_tests() -> pd.DataFrame:
     rows = []
     means = people()
     size = int(means["subjects"].iloc[0])
@@ -174,12 +156,7 @@ def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
     """Every test of the paper: people's as printed, then those of each learner.
 
     Subjects that have not played every trial of a condition are left out of it; the loops of a
-    subject are averaged first.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, under the
-            conditions that people had.
-        learners: Labels of learners, in order.
+    subject are averaged first. Trials are those under the conditions that people had.
 
     Returns:
         A row for each test of the paper's conditions that a learner played, in the paper's order
@@ -195,7 +172,7 @@ def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
         - ``paper``: what the paper prints of people.
         - ``note``: why the test is not defined; then its numbers are NaN. Empty otherwise.
     """
-    means = by_subject(trials, _TRIAL)
+    means = by_subject(trials, ["phase", "trial"])
     own = [table for name in learners if len(table := _tests_of(means, name))]
     return pd.concat([printed_tests(), *own], ignore_index=True) if own else _corrected([])
 
@@ -222,7 +199,7 @@ def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
     return _corrected(rows)
 
 
-def outcome_text(row: Mapping[str, object]) -> str:
+def outcome_text(row: Mapping[Any, Any]) -> str:
     """A row of such a table as a paper prints it, with the corrected p and the effect's size."""
     if row["note"]:
         return str(row["note"])
@@ -235,12 +212,11 @@ def outcome_text(row: Mapping[str, object]) -> str:
     return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
 
 
-def _number(value: object) -> str:
-    return f"{float(str(value)) + 0.0:.2f}".replace("-", "−")
+def _number(value: float) -> str:
+    return f"{value + 0.0:.2f}".replace("-", "−")
 
 
-def _p(name: str, value: object) -> str:
-    p = float(str(value))
+def _p(name: str, p: float) -> str:
     if p < 0.001:
         return f"{name} < .001"
     return f"{name} = {p:.3f}".replace("= 0.", "= .").replace("= 1.000", "= 1")

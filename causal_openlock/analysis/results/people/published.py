@@ -1,24 +1,32 @@
-"""What is published to compare with: what people did, and what a model of people did.
+"""What is published to compare with, and which learners of an experiment it can be compared with.
 
 Only means and error bars are published, of the same trials: the baseline trials, and the test after
 training. People are those of the paper (Figures 3 and 4). The published model is the theory-based
 causal model of a later paper, *Theory-based Causal Transfer* (Edmonds et al., AAAI 2020, Figure 5),
 whose agents played as people had. They are compared only with learners that played under the same
-protocol, ``human``, in the same rooms; see
-:mod:`~causal_openlock.analysis.results.people.comparable`.
+protocol, ``human``, in the same rooms. A record holds names only, and a schema of one's own may be
+called ``CC4`` too: so the rooms and budgets of the experiment are compared with the paper's, and
+where they differ, no published result is shown.
+
+Of the paper's own DDQN the categories of attempts are published (Figures 6 and 7).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.results.people.comparable import HUMAN_PROTOCOL, Pairs
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
+from causal_openlock.formats.schema_file import bundled_schemas
 from causal_openlock.world import reference
 from causal_openlock.world.fsm import BoolArray
+
+HUMAN_PROTOCOL = "human"
+"""The only protocol under which learners and people can be compared."""
 
 AGENTS = 40
 """Number of agents behind each published mean of the model."""
@@ -26,7 +34,11 @@ AGENTS = 40
 PUBLISHED_COLUMNS = ("human_attempts", "human_se", "difference", "model_attempts", "model_se")
 """What :func:`beside_published` adds to a table."""
 
-_PLACE = ["condition", "phase", "trial"]
+POINT = ["condition", "phase", "trial"]
+"""What identifies the trials of which means are published."""
+
+Pairs = Collection[tuple[str, str]]
+"""Labels of learners, each with the name of a condition that it played."""
 
 
 def people() -> pd.DataFrame:
@@ -44,12 +56,86 @@ def people() -> pd.DataFrame:
 
 
 def model() -> pd.DataFrame:
-    """What the theory-based model did, as published.
+    """What the theory-based model did, in the form of :func:`people`; ``se`` as drawn."""
+    return _means(reference.results()["aaai2020"]["model"], AGENTS)
+
+
+def _means(source: Mapping[str, Any], subjects: int) -> pd.DataFrame:
+    rows = [
+        (condition, "train", trial, subjects, mean, se)
+        for condition, values in source["baseline"].items()
+        for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
+    ]
+    rows += [
+        (condition, "test", 1, subjects, values["mean"], values["se"])
+        for condition, values in source["transfer"].items()
+    ]
+    return pd.DataFrame(rows, columns=[*POINT, "subjects", "mean", "se"])
+
+
+def paper_ddqn() -> pd.DataFrame:
+    """What attempts of the paper's DDQN came to: five blocks of the baselines, and the tests.
 
     Returns:
-        A table as :func:`people` has it, of the same trials; ``se`` is the error bar as drawn.
+        One row for each ``condition``, ``phase``, ``block`` (from 1) and ``category``, with
+        ``count`` and ``until``, the attempts up to the end of the block.
     """
-    return _means(reference.results()["aaai2020"]["model"], AGENTS)
+    ddqn = reference.results()["cogsci2018"]["ddqn"]
+    courses = [(name, "train", list(own.values())) for name, own in ddqn["baseline_counts"].items()]
+    courses += [(name, "test", [own]) for name, own in ddqn["transfer_counts"].items()]
+    rows = [
+        (condition, phase, number, category, count, number * round(sum(block.values()), -3))
+        for condition, phase, blocks in courses
+        for number, block in enumerate(blocks, 1)
+        for category, count in block.items()
+    ]
+    return pd.DataFrame(rows, columns=["condition", "phase", "block", "category", "count", "until"])
+
+
+def comparable(experiment: Experiment) -> Pairs:
+    """The learners, each with a condition, that played as people did.
+
+    Returns:
+        Each learner that plays under the protocol ``human``, as this package has it, with each
+        condition that has the paper's rooms, as many of them and in random order.
+    """
+    rooms = paper_conditions(experiment)
+    return frozenset(
+        (spec.name, condition.name)
+        for spec in experiment.learners
+        if spec.protocol == PROTOCOLS[HUMAN_PROTOCOL]
+        for condition in experiment.conditions
+        if condition.name in rooms and _has_trials_of_people(condition)
+    )
+
+
+def paper_conditions(experiment: Experiment) -> Collection[str]:
+    """Names of the conditions that are the paper's by their schemas, not by their name alone."""
+    schemas = bundled_schemas()
+    return frozenset(
+        one.name
+        for one in experiment.conditions
+        if one.name in PAPER_CONDITIONS
+        and _schemas(one) == _schemas(Condition.named(one.name, schemas.__getitem__))
+    )
+
+
+def _has_trials_of_people(condition: Condition) -> bool:
+    human = PROTOCOLS[HUMAN_PROTOCOL]
+    train = human.training_trials if condition.test else human.baseline_trials
+    return all(
+        trials.layouts in (None, "published") and trials.number in (None, number) and trials.shuffle
+        for group, number in ((condition.train, train), (condition.test, human.test_trials))
+        for trials in group
+    )
+
+
+def _schemas(condition: Condition) -> list[list[dict[str, Any]]]:
+    """The schemas of each phase, without their titles, which change nothing."""
+    return [
+        [{**trials.schema.as_dict(), "title": ""} for trials in group]
+        for group in (condition.train, condition.test)
+    ]
 
 
 def did_what_people_did(table: pd.DataFrame, pairs: Pairs | None = None) -> BoolArray:
@@ -72,23 +158,10 @@ def beside_published(table: pd.DataFrame, pairs: Pairs | None = None) -> pd.Data
         The table with :data:`PUBLISHED_COLUMNS`, which are NaN where nothing compares.
     """
     compares = did_what_people_did(table, pairs)
-    keys = pd.MultiIndex.from_arrays([table[column].astype(object) for column in _PLACE])
+    keys = pd.MultiIndex.from_arrays([table[column].astype(object) for column in POINT])
     found: dict[str, Any] = {}
     for source, means in (("human", people()), ("model", model())):
-        beside = means.set_index(_PLACE).reindex(keys)
+        beside = means.set_index(POINT).reindex(keys)
         for column, value in (("attempts", "mean"), ("se", "se")):
             found[f"{source}_{column}"] = np.where(compares, beside[value].to_numpy(float), np.nan)
     return table.assign(**found, difference=table["attempts"] - found["human_attempts"])
-
-
-def _means(source: Mapping[str, Any], subjects: int) -> pd.DataFrame:
-    rows = [
-        (condition, "train", trial, subjects, mean, se)
-        for condition, values in source["baseline"].items()
-        for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
-    ]
-    rows += [
-        (condition, "test", 1, subjects, values["mean"], values["se"])
-        for condition, values in source["transfer"].items()
-    ]
-    return pd.DataFrame(rows, columns=[*_PLACE, "subjects", "mean", "se"])
