@@ -134,3 +134,15 @@ class FileError(OpenLockError):
 
     def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:
         return FileError, (self.path, self.faults)
+
+
+def in_short(error: BaseException) -> str:
+    r"""An error's text on one line, at most 200 characters of it; empty if it fails to give one.
+
+    >>> in_short(ValueError("two\n  lines"))
+    'two lines'
+    """
+    try:
+        return " ".join(str(error).split())[:200]
+    except Exception:
+        return ""

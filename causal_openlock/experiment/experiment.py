@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -173,20 +172,25 @@ class Experiment:
     command: str = ""
     version: str = __version__
 
-    def cells(self) -> Iterator[Cell]:
+    def cells(self) -> tuple[Cell, ...]:
         """The units of work, always in the same order."""
-        return iter(self._cells)
+        return self._cells
 
     @cached_property
     def _cells(self) -> tuple[Cell, ...]:
-        return tuple(self._cut())
-
-    def _cut(self) -> Iterator[Cell]:
-        for spec in self.learners:
-            for condition in self.conditions:
-                for first in range(0, spec.subjects, self.cell_size):
-                    many = min(self.cell_size, spec.subjects - first)
-                    yield Cell(self.name, self.seed, spec, condition, first, many)
+        return tuple(
+            Cell(
+                self.name,
+                self.seed,
+                spec,
+                condition,
+                first,
+                min(self.cell_size, spec.subjects - first),
+            )
+            for spec in self.learners
+            for condition in self.conditions
+            for first in range(0, spec.subjects, self.cell_size)
+        )
 
     @property
     def protocols(self) -> tuple[Protocol, ...]:

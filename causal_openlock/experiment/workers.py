@@ -12,11 +12,12 @@ import multiprocessing
 import os
 import signal
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from causal_openlock.errors import OpenLockError
 
@@ -26,12 +27,14 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 Result = TypeVar("Result")
 
 
-class Crew(Protocol):
-    """What plays: takes so many jobs at a time, and says what became of those it lost."""
+class Crew(ABC):
+    """Plays cells, as many at a time as it can."""
 
     def free(self) -> bool:
         """Whether it takes another job."""
+        return True
 
+    @abstractmethod
     def submit(
         self, job: Callable[..., Result], *arguments: Any, alone: bool = False
     ) -> Future[Result]:
@@ -39,15 +42,45 @@ class Crew(Protocol):
 
     def begun(self, future: Future[Any]) -> bool:
         """Whether it is known to be at a job."""
+        return False
 
     def end(self, future: Future[Any]) -> bool:
         """End a job that does not end by itself; returns whether that can be done."""
+        return False
+
+    @abstractmethod
+    def done(self, future: Future[Any]) -> str:
+        """Called once a job is done; returns how its process ended, if it did not survive the job.
+
+        Raises:
+            OpenLockError: If no other job can be done.
+        """
+
+
+class Given(Crew):
+    """An executor that somebody gives; it says nothing of its processes, and ends none."""
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def submit(
+        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
+    ) -> Future[Result]:
+        """Give it a job; which others its process does is up to it."""
+        return self._executor.submit(job, *arguments)
 
     def done(self, future: Future[Any]) -> str:
-        """Be told that a job is done; how its process ended, if it did not survive the job."""
+        """Refuse to go on if it is broken, with everything that it still had to do."""
+        if isinstance(future.exception(), BrokenExecutor):
+            raise OpenLockError(
+                "a worker of the executor ended without a word (killed, out of memory, or a "
+                "learner that ends its process); run the same command again, perhaps with fewer "
+                "workers: it goes on where it was"
+            )
+        return ""
 
 
-class Processes:
+class Processes(Crew):
     """Processes of this machine, each of which can die without the others.
 
     Args:
@@ -68,13 +101,11 @@ class Processes:
         """Have a job done by a process that has nothing to do."""
         process = self._idle.pop(0)
         if process.is_spent or (alone and process.has_worked):
-            process.close()
-            process = _Process()
+            process = process.replaced()
         try:
             future = process.submit(job, *arguments, alone=alone)
         except BrokenExecutor:  # it died while it was idle
-            process.close()
-            process = _Process()
+            process = process.replaced()
             future = process.submit(job, *arguments, alone=alone)
         self._busy[future] = process
         return future
@@ -108,10 +139,10 @@ class Processes:
         self._idle.append(_Process())
         return how
 
-    def close(self, kill: bool) -> None:
-        """End the processes, in the midst of what they do or when they have done it."""
+    def close(self) -> None:
+        """End the processes, also in the midst of what they do."""
         for process in (*self._idle, *self._busy.values()):
-            process.close(kill)
+            process.close()
 
 
 class _Process:
@@ -146,55 +177,16 @@ class _Process:
         """Whether it was ever ready to play."""
         return self._hello.done() and self._hello.exception() is None
 
-    def close(self, kill: bool = True) -> str:
+    def close(self) -> str:
         """End it; returns how it ended."""
-        if kill:
-            self.process.kill()
-        self.pool.shutdown(cancel_futures=kill)
+        self.process.kill()
+        self.pool.shutdown(cancel_futures=True)
         return how_ended(self.process.exitcode)
 
-
-class Given:
-    """An executor that somebody gives, which does what it does.
-
-    Args:
-        executor: The executor.
-    """
-
-    def __init__(self, executor: Executor) -> None:
-        self._executor = executor
-
-    def free(self) -> bool:
-        """It always takes another job."""
-        return True
-
-    def submit(
-        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
-    ) -> Future[Result]:
-        """Give it a job; after which other jobs it does that is for it to say."""
-        return self._executor.submit(job, *arguments)
-
-    def begun(self, future: Future[Any]) -> bool:
-        """It does not say which jobs wait for their turn."""
-        return False
-
-    def end(self, future: Future[Any]) -> bool:
-        """Nobody can end what it has begun."""
-        return False
-
-    def done(self, future: Future[Any]) -> str:
-        """It does not say how its processes end.
-
-        Raises:
-            OpenLockError: If it is broken, with everything that it still had to do.
-        """
-        if isinstance(future.exception(), BrokenExecutor):
-            raise OpenLockError(
-                "a worker of the executor ended without a word (killed, out of memory, or a "
-                "learner that ends its process); run the same command again, perhaps with fewer "
-                "workers: it goes on where it was"
-            )
-        return ""
+    def replaced(self) -> _Process:
+        """End it; returns a new one."""
+        self.close()
+        return _Process()
 
 
 @contextmanager
@@ -207,11 +199,8 @@ def crew(executor: Executor | None, workers: int) -> Iterator[Crew]:
         processes = Processes(workers)
         try:
             yield processes
-        except BaseException:
-            processes.close(kill=True)
-            raise
-        # Nothing is left to do; a thread that a learner has started must not keep them.
-        processes.close(kill=True)
+        finally:  # killed also where nothing is left to do: a learner's thread must not keep them
+            processes.close()
 
 
 @contextmanager

@@ -452,7 +452,7 @@ class Runs:
 def noting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
     monkeypatch.setenv(STATE, str(tmp_path / "state"))
     text = TEXT[: TEXT.index("  - random")] + "  - test_checkpoint:Noting\n"
-    return next(experiment_of(text + TEXT[TEXT.index("protocols:") :], tmp_path).cells())
+    return experiment_of(text + TEXT[TEXT.index("protocols:") :], tmp_path).cells()[0]
 
 
 def forged(state: dict[str, Any], mark: Path) -> None:
@@ -587,7 +587,7 @@ def test_a_learner_without_state_has_no_checkpoint(
 ) -> None:
     text = TEXT[: TEXT.index("  - random")] + f"  - test_checkpoint:{learner}\n"
     experiment = experiment_of(text + TEXT[TEXT.index("protocols:") :], tmp_path)
-    cell = next(experiment.cells())
+    cell = experiment.cells()[0]
     written: list[Path] = []
     replacing = checkpoint.replacing
     monkeypatch.setattr(
