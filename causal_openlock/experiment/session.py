@@ -11,7 +11,7 @@ the same loop by hand, for a notebook or a person.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -223,15 +223,20 @@ class Session:
             learner: The learner.
             after: Called after every step, once the learner has learned from it.
         """
+        for _ in self.steps(learner):
+            if after:
+                after()
+        return self.record()
+
+    def steps(self, learner: Learner) -> Iterator[Step]:
+        """Let a learner that has begun play on; gives each step once it has learned from it."""
         informed = learner if isinstance(learner, InformedLearner) else None
         while not self.over:
             step = self.step(learner.act(self._view))
             learner.learn(step)
             if informed and step.trial_over.any():
                 informed.inform(self.truth)
-            if after:
-                after()
-        return self.record()
+            yield step
 
     def step(self, action: Any) -> Step:
         """Take one action for each subject.

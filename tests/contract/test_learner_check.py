@@ -46,7 +46,7 @@ class DrawsForOne(OneSubjectLearner):
 class Seeds(Tidy):
     def begin(self, brief):
         super().begin(brief)
-        random.seed(0)
+        random.seed(5)  # other tests seed with 0
 
 
 class DrawsFromTorch(Tidy):

@@ -260,7 +260,7 @@ class DrawsFromTorch(Dice):
 
 class LooksBehindTheScenes(Dice):
     def act(self, view):
-        session = sys._getframe(2).f_locals["session"]
+        session = sys._getframe(1).f_locals["session"]
         schema = session.truth.rooms[0].schema
         return np.full(
             self.brief.subjects, len(schema.causes("L1") if schema.name == "known" else ())
