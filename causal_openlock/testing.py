@@ -207,9 +207,9 @@ class LearnerContract:
             not hasattr(learner_class(self.learner), "inform"),
             "it has a method inform, which is only called for an InformedLearner",
         )
-        places = [(5, 0, 3), (2, 6, 1)]
-        known = Schema("known", ["L0", "L1", "L2"], {"L0": ["L1", "L2"]} | _to_door("L1", "L2"))
-        other = Schema("other", ["Z", "Y", "X"], {"X": ["Y", "Z"]} | _to_door("Y", "Z"))
+        places, door = [(5, 0, 3), (2, 6, 1)], ["door"]
+        known = Schema("known", ["L0", "L1", "L2"], {"L0": ["L1", "L2"], "L1": door, "L2": door})
+        other = Schema("other", ["Z", "Y", "X"], {"X": ["Y", "Z"], "Y": door, "Z": door})
         played = []
         for schema, step in ((known, 1), (other, -1)):
             layouts = tuple(Layout(place[::step]) for place in places)
@@ -377,10 +377,6 @@ class LearnerContract:
 
     def _answers(self, condition: Condition, *change: Change) -> list[NDArray[Any]]:
         return [*self._steps(self._session(condition), self._made(), *change)]
-
-
-def _to_door(*levers: str) -> dict[str, list[str]]:
-    return {lever: ["door"] for lever in levers}
 
 
 def _common(one: Sequence[Any], other: Sequence[Any]) -> int:

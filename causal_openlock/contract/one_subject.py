@@ -65,6 +65,12 @@ class OneSubjectLearner(ABC):
 
     Args:
         parameters: An instance of the class's ``Parameters``; by default their defaults.
+
+    Example:
+        >>> class Dice(OneSubjectLearner):
+        ...     def act(self, observation):
+        ...         return int(self.generator.integers(self.brief.actions))
+        >>> learner = PerSubjectAdapter(Dice)  # plays many subjects, each with its own Dice
     """
 
     Parameters: ClassVar[type] = NoParameters

@@ -89,8 +89,7 @@ class Checkpoint:
             return False
         except CheckpointError:
             raise
-        # It reads back as what was written, but who wrote it is not known; and a learner can fail
-        # in any way.
+        # Whoever wrote it is not known, and a learner can fail in any way.
         except Exception as error:
             raise CheckpointError(f"{self.path} cannot be used ({in_short(error)})") from None
         self._rows, self._checksum = kept["rows"], kept["checksum"]
@@ -159,19 +158,17 @@ class Checkpoint:
             "session": here,
             "learner": state,
         }
+        at = self._rows * session.log.row_type.itemsize
         with replacing(self.path) as file:
             write_state(file, kept)
             # Attempts that no checkpoint counts do no harm; one that counts too many would.
-            self._add(new, self._rows * session.log.row_type.itemsize)
+            with self.attempts.open("r+b" if at else "wb") as attempts:
+                attempts.seek(at)
+                attempts.write(new)
+                attempts.truncate()
+                attempts.flush()
+                os.fsync(attempts.fileno())
         self._rows, self._checksum = rows, checksum
-
-    def _add(self, new: bytes, at: int) -> None:
-        with self.attempts.open("r+b" if at else "wb") as file:
-            file.seek(at)
-            file.write(new)
-            file.truncate()
-            file.flush()
-            os.fsync(file.fileno())
 
     def _warn(self, sentence: str) -> None:
         if sentence not in self.warnings:

@@ -95,16 +95,7 @@ class LearnerSpec:
 
 @dataclass(frozen=True)
 class Cell:
-    """One unit of work: some subjects of one learner in one condition.
-
-    Attributes:
-        experiment: Name of the experiment, for the record.
-        seed: Its seed.
-        spec: The learner.
-        condition: The condition.
-        first_subject: Number of the first subject.
-        subjects: How many subjects.
-    """
+    """One unit of work: some subjects of one learner in one condition of an experiment."""
 
     experiment: str
     seed: int
@@ -133,14 +124,14 @@ class Cell:
     def in_words(self) -> str:
         """The cell in words, such as ``ddqn in CC4, subjects 0-19``."""
         first, last = self.first_subject, self.first_subject + self.subjects - 1
-        who = f"subject {first}" if first == last else f"subjects {first}-{last}"
-        return f"{self.spec.name} in {self.condition.name}, {who}"
+        numbers = f"subject {first}" if first == last else f"subjects {first}-{last}"
+        return f"{self.spec.name} in {self.condition.name}, {numbers}"
 
     @property
     def name(self) -> str:
         """The cell in words that fit into a file name."""
-        last = self.first_subject + self.subjects - 1
-        return f"{self.spec.name}_{self.condition.name}_{self.first_subject}-{last}"
+        first, last = self.first_subject, self.first_subject + self.subjects - 1
+        return f"{self.spec.name}_{self.condition.name}_{first}-{last}"
 
     @property
     def file_name(self) -> str:
@@ -151,6 +142,8 @@ class Cell:
 @dataclass(frozen=True)
 class Experiment:
     """A declared experiment, everything in it resolved and checked.
+
+    :func:`~causal_openlock.experiment.file.read_experiment` makes one from a file.
 
     Attributes:
         name: A short name.
@@ -228,8 +221,9 @@ class Experiment:
     @cached_property
     def identity(self) -> str:
         """A hash of all of :meth:`as_dict` that determines the results."""
-        told = ("title", "command")
-        return _digest({key: value for key, value in self.as_dict().items() if key not in told})
+        decides = self.as_dict()
+        del decides["title"], decides["command"]
+        return _digest(decides)
 
 
 def _digest(data: Any) -> str:

@@ -221,6 +221,12 @@ def read_experiment(
         FileError: With line, column and remedy of every fault of the file, or of a schema file
             that it names.
         OpenLockError: If one of the changes does not fit.
+
+    Example:
+        >>> changes = Changes(learners=["oracle"], conditions=["CC3", "CC3-CC4"], subjects=10)
+        >>> experiment = read_experiment(find_experiment("default"), changes)
+        >>> [cell.in_words for cell in experiment.cells()]
+        ['oracle in CC3, subjects 0-9', 'oracle in CC3-CC4, subjects 0-9']
     """
     document = read_document(path)
     if isinstance(document.data, dict) and {"levers", "edges"} <= document.data.keys():

@@ -64,10 +64,10 @@ def record_schema() -> pa.Schema:
 
 
 def compact(record: pa.Table) -> pa.Table:
-    """The same values with names coded by fewer bytes, which an analysis of many cells is glad of.
+    """The same values with names coded by fewer bytes, for an analysis of many cells.
 
-    How many is a matter of the column and never of what a record happens to hold, so that compact
-    records of any cells can be put together, and their names be counted as one.
+    How many depends on the column and not on what a record holds, so that compact records of any
+    cells can be put together, and their names be counted as one.
     """
     import pyarrow as pa
 
@@ -86,13 +86,13 @@ def compact(record: pa.Table) -> pa.Table:
 def categorise(
     unlocked: BoolArray, opened: BoolArray, new: BoolArray, found: IntArray
 ) -> NDArray[np.int8]:
-    """What attempts came to, as indices into :data:`CATEGORIES`.
+    """``[N]`` what attempts came to, as indices into :data:`CATEGORIES`.
 
-    Args:
-        unlocked: ``[N]`` whether the door was unlocked at any moment.
-        opened: ``[N]`` whether it was opened.
-        new: ``[N]`` whether that was a new solution.
-        found: ``[N]`` solutions found in the trial, this one included.
+    The arguments are columns of a record: ``unlocked``, ``opened``, ``new_solution`` and
+    ``solutions_found``.
+
+    >>> CATEGORIES[categorise(*np.array([[True], [True], [True], [2]]))[0]]
+    'open2'
     """
     nth = np.where(new, np.clip(found, 1, 3), 1)
     return np.where(opened, 1 + nth, unlocked).astype(np.int8)

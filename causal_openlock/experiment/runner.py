@@ -64,6 +64,17 @@ def run(
         OpenLockError: If TensorBoard's logs are asked for and it is not installed, or no process
             can be started.
         StoreError: If the folder holds something else or cannot be written to.
+
+    Example:
+        >>> from concurrent.futures import ThreadPoolExecutor
+        >>> from tempfile import TemporaryDirectory
+        >>> from causal_openlock import Changes, find_experiment, read_experiment
+        >>> changes = Changes(learners=["oracle"], conditions=["CC3"], subjects=2)
+        >>> experiment = read_experiment(find_experiment("default"), changes)
+        >>> with TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
+        ...     record, _ = run(experiment, folder, executor=executor).record()
+        >>> record.num_rows
+        20
     """
     watching, warn = watching or Watching(), warn or _ignore
     if time_limit is not None:  # a cell that is ended is to have got on

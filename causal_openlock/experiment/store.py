@@ -64,10 +64,15 @@ _CELL = re.compile(r"(?!\.)[^/\\:\x00-\x1f\x7f-\x9f]{1,240}\.parquet")
 
 
 class Store:
-    """A results folder.
+    """A results folder, as :func:`~causal_openlock.experiment.runner.run` leaves it.
 
     Args:
         folder: Where it is.
+
+    Example:
+        >>> store = Store("results/first_look")
+        >>> store.name is None  # nothing was played there
+        True
     """
 
     def __init__(self, folder: Path | str) -> None:
@@ -245,12 +250,9 @@ class Store:
         return None
 
     def blame(self, cell: Cell, what: str, trace: str) -> str:
-        """Keep why a cell failed; returns a sentence that says so.
+        """Keep why a cell failed: a clause that follows its name, and the traceback.
 
-        Args:
-            cell: The cell.
-            what: What became of it, to follow its name.
-            trace: The traceback, or what is known instead.
+        Returns the sentence.
 
         Raises:
             OpenLockError: If it cannot be written.
@@ -281,15 +283,12 @@ class Store:
     def read(
         self, path: Path, identity: str | None = None, columns: Sequence[str] | None = None
     ) -> pa.Table:
-        """A cell's record.
+        """The record in a cell's file; its metadata hold :data:`IDENTITY` and :data:`VERSIONS`.
 
         Args:
             path: Its file.
-            identity: The cell that it is to be of; by default the one that its name tells.
+            identity: The cell that it is to be of; by default the one that the file's name gives.
             columns: Those to read; by default all.
-
-        Returns:
-            The record; the metadata of its schema have :data:`IDENTITY` and :data:`VERSIONS`.
 
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
@@ -337,16 +336,14 @@ class Store:
     def record(
         self, columns: Sequence[str] | None = None, *, small: bool = False
     ) -> tuple[pa.Table, StoredExperiment]:
-        """The records of all cells as one, and what they are the record of.
+        """The records of all cells as one, in their order, and :meth:`experiment`.
+
+        The latter has the versions of the packages that the cells were made with, the cells that
+        are missing, and why those of them that failed did.
 
         Args:
             columns: Those to read, in the order of a record; by default all.
             small: Whether it is to be :func:`~causal_openlock.experiment.record.compact`.
-
-        Returns:
-            The record, in the order of the cells; and :meth:`experiment` with the versions of the
-            packages that the cells were made with, the cells that are missing, and why those of
-            them that failed did.
 
         Raises:
             StoreError: If there is no cell, or one is damaged.

@@ -59,10 +59,10 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> list[str]:
         with ExitStack() as stack:
             after = [_teller(session, store.path(cell).with_suffix(PROGRESS))]
             if watching.tensorboard is not None:
-                from causal_openlock.experiment.tensorboard import Curves
+                from causal_openlock.experiment.tensorboard import curves
 
-                curves = Curves(session, learner, Path(watching.tensorboard) / cell.name)
-                after.append(stack.enter_context(curves).draw)
+                logs = Path(watching.tensorboard) / cell.name
+                after.append(stack.enter_context(curves(session, learner, logs)))
 
             def watch() -> None:
                 checkpoint.keep(session, learner)

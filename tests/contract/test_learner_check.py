@@ -163,7 +163,7 @@ def test_a_look_changes_nothing_of_what_is_played(
         store = Store(tmp_path / f"out{looks}")
         store.cells.mkdir(parents=True)
         told = play_cell(cell, str(store.folder), Watching())
-        assert [line.startswith("DoesBoth: ") for line in told.warnings] == [True] * looks
+        assert [line.startswith("DoesBoth: ") for line in told] == [True] * looks
         record = store.read(store.path(cell)).replace_schema_metadata(None)
         assert record.drop_columns(["wall_time", "experiment"]).equals(expected)
 

@@ -184,7 +184,7 @@ def test_a_killed_cell_ends_as_if_it_had_not_been(
     assert ".parquet" not in files_beside(killed)
 
     played = play_cell(cell, str(killed), AFTER_EVERY_STEP)
-    assert played.warnings == ()
+    assert played == []
     assert whole > 25
     assert steps[0] == whole - 19, "it went on from the last checkpoint"
     assert contents(cell, killed).equals(contents(cell, tmp_path / "undisturbed"))
@@ -236,7 +236,7 @@ def test_it_may_be_interrupted_again_and_again(
     for saves in (1, 2, 30):
         interrupt(cell, tmp_path / "often", saves)
     played = play_cell(cell, str(tmp_path / "often"), AFTER_EVERY_STEP)
-    assert played.warnings == ()
+    assert played == []
     assert contents(cell, tmp_path / "often").equals(contents(cell, tmp_path / "undisturbed"))
 
 
@@ -332,9 +332,9 @@ def test_a_damaged_checkpoint_is_told_and_its_cell_begins_again(
     assert steps[0] == whole
     # Without the file that says what counts there is no checkpoint.
     if (suffix, damage) == (".checkpoint", None):
-        assert played.warnings == ()
+        assert played == []
     else:
-        (warning,) = played.warnings
+        (warning,) = played
         assert str(path) in warning
         assert warning.endswith("begins again")
     assert contents(cell, tmp_path / "out").equals(contents(cell, tmp_path / "undisturbed"))
@@ -367,11 +367,11 @@ def test_a_checkpoint_of_another_cell_or_made_with_other_packages_is_not_used(
     for suffix in (".checkpoint", ".attempts"):
         mine = store.path(cell).with_suffix(suffix)
         store.path(other).with_suffix(suffix).write_bytes(mine.read_bytes())
-    (warning,) = play_cell(other, str(tmp_path / "out"), Watching()).warnings
+    (warning,) = play_cell(other, str(tmp_path / "out"), Watching())
     assert "is of another cell" in warning
     now = worker.versions()
     monkeypatch.setattr(worker, "versions", lambda: {**now, "numpy": "9.9"})
-    (warning,) = play_cell(cell, str(tmp_path / "out"), Watching()).warnings
+    (warning,) = play_cell(cell, str(tmp_path / "out"), Watching())
     assert f"was made with numpy {now['numpy']}, and here it is 9.9" in warning
     assert contents(cell, tmp_path / "out").equals(contents(cell, tmp_path / "undisturbed"))
 
@@ -387,7 +387,7 @@ def test_a_state_that_the_learner_cannot_load_is_told_and_its_cell_begins_again(
         raise KeyError("streams")
 
     monkeypatch.setattr(RandomLearner, "load_state_dict", fails)
-    (warning,) = play_cell(cell, str(tmp_path / "out"), Watching()).warnings
+    (warning,) = play_cell(cell, str(tmp_path / "out"), Watching())
     assert "cannot be used" in warning
     assert contents(cell, tmp_path / "out").equals(contents(cell, tmp_path / "undisturbed"))
 
@@ -486,10 +486,10 @@ def test_players_are_unpickled_only_if_this_user_has_kept_them(
     played = play_cell(noting, str(tmp_path / "out"), Watching())
     if change is None:
         assert steps[0] < whole
-        assert played.warnings == ()
+        assert played == []
     else:
         assert steps[0] == whole
-        (warning,) = played.warnings
+        (warning,) = played
         assert "what Noting held was not kept by this user on this machine" in warning
         assert warning.endswith("begins again")
     assert not (tmp_path / "mark").exists()
@@ -504,7 +504,7 @@ def test_the_key_of_another_user_opens_nothing(
     assert key.stat().st_mode & 0o777 == 0o600
     assert len(key.read_bytes()) == 32
     monkeypatch.setenv(STATE, str(tmp_path / "other"))
-    (warning,) = play_cell(noting, str(tmp_path / "out"), Watching()).warnings
+    (warning,) = play_cell(noting, str(tmp_path / "out"), Watching())
     assert "was not kept by this user" in warning
     assert (tmp_path / "other" / "seal.key").read_bytes() != key.read_bytes()
 
@@ -529,7 +529,7 @@ def test_without_a_key_players_go_on_in_their_process_and_are_not_kept(
     noting: Cell, tmp_path: Path, spoil: Callable[[Path], None]
 ) -> None:
     spoil(tmp_path / "state")
-    (warning,) = play_cell(noting, str(tmp_path / "out"), AFTER_EVERY_STEP).warnings
+    (warning,) = play_cell(noting, str(tmp_path / "out"), AFTER_EVERY_STEP)
     assert "so a killed cell begins again (the key of its seal cannot be stored in" in warning
     assert files_beside(tmp_path / "out") == [".parquet"]
     one, other = create("test_checkpoint:Noting"), create("test_checkpoint:Noting")
@@ -595,10 +595,10 @@ def test_a_learner_without_state_has_no_checkpoint(
     )
     played = play_cell(cell, str(tmp_path / "out"), AFTER_EVERY_STEP)
     if warning is None:
-        assert played.warnings == ()
+        assert played == []
         assert written == []
     else:
-        (said,) = played.warnings
+        (said,) = played
         assert f"{learner}: {warning}" in said
         assert "memory.rooms.0" in said
         assert len(written) == 1
@@ -643,7 +643,7 @@ def test_a_full_disk_costs_a_checkpoint_and_not_the_cell(
     interrupt(cell, tmp_path / "out", 40)
     monkeypatch.undo()
     assert calls[0] > 80
-    assert play_cell(cell, str(tmp_path / "out"), Watching()).warnings == ()
+    assert play_cell(cell, str(tmp_path / "out"), Watching()) == []
     play_cell(cell, str(tmp_path / "undisturbed"), Watching())
     assert contents(cell, tmp_path / "out").equals(contents(cell, tmp_path / "undisturbed"))
 
