@@ -16,7 +16,7 @@ learner gets settings and schemas with which each test takes seconds::
         schemas = ("CC3", "CE4")
         attempts = 40  # until when it has been trained a few hundred times
 
-Each test stands for one promise of :class:`~causal_openlock.contract.learner.Learner`, and its
+Each test checks one promise of :class:`~causal_openlock.contract.learner.Learner`, and its
 message says what was promised, what happened and where to look. What a learner is good for is not
 tested.
 """
@@ -156,8 +156,8 @@ class LearnerContract:
             self._require_same(
                 ours,
                 theirs,
-                f"differs for subject {subject}, who played as one of {self.subjects} and then as "
-                f"one of {len(among)}",
+                f"differs for subject {subject}, which played as one of {self.subjects} and then "
+                f"as one of {len(among)}",
             )
 
     def test_it_ignores_subjects_that_have_finished(self) -> None:
@@ -176,7 +176,7 @@ class LearnerContract:
             self._require(
                 one == other,
                 f"{moment} steps after a subject had finished, the others' actions depend on what "
-                f"it is said to have done since: {one} or {other}; look at step.view.playing",
+                f"it seems to have done since: {one} or {other}; look at step.view.playing",
             )
 
     def test_it_keeps_no_global_randomness(self) -> None:
@@ -218,7 +218,7 @@ class LearnerContract:
         self._require(
             played[0] == played[1],
             "it plays differently in rooms that differ in the names of their levers alone, which "
-            "no learner is told",
+            "no learner sees",
         )
 
     # -- what it does to others -----------------------------------------------------------------
@@ -319,7 +319,7 @@ class LearnerContract:
     def _made(self) -> Learner:
         if not self.learner:
             raise AssertionError(
-                f"{type(self).__name__} says not what it tests; give it an attribute, as in "
+                f"{type(self).__name__} does not say what it tests; give it an attribute, as in "
                 'learner = "my_package:MyLearner"'
             )
         return create(self.learner, self.parameters)

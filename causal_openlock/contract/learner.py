@@ -164,7 +164,7 @@ class Learner(ABC):
         """Hash of what it plays by besides code and parameters; empty if there is nothing.
 
         A learner that reads a file of weights returns a hash of the file's content, so that
-        results of other weights are told apart.
+        results of other weights are distinguished.
         """
         return ""
 

@@ -111,7 +111,7 @@ class PerSubjectAdapter(Learner):
 
     def act(self, view: View) -> IntArray:
         """Ask each player that still plays."""
-        # What a player writes into what it is shown does not change what it is told later.
+        # What a player writes into what it is shown must not change what it learns from.
         self._seen = view.observation.copy()
         actions = np.zeros(len(self._players), dtype=np.int64)
         for subject in np.flatnonzero(view.playing):

@@ -1,4 +1,4 @@
-"""What a learner is handled with to see whether it keeps its contract.
+"""How to see whether a learner keeps its contract.
 
 :mod:`causal_openlock.testing` plays learners with views that cannot be written to, with rows that
 mean nothing, and under an eye on the generators that everything in a process shares.
@@ -105,7 +105,7 @@ class GlobalRandomness:
 
     @classmethod
     def now(cls) -> GlobalRandomness:
-        """Where they stand; torch's counts once torch is imported."""
+        """Their states now; torch's counts once torch is imported."""
         states: dict[str, Any] = {
             "random": random.getstate(),
             "numpy.random": np.random.get_state(),  # noqa: NPY002
@@ -123,17 +123,17 @@ class GlobalRandomness:
             torch.manual_seed(seed)
 
     def restore(self) -> None:
-        """Put them back to where they stood."""
+        """Put these states back."""
         random.setstate(self.states["random"])
         np.random.set_state(self.states["numpy.random"])  # noqa: NPY002
         if torch := sys.modules.get("torch"):
-            # One that was imported since then stood where every new generator stands.
+            # One that was imported since then had the state of every new generator.
             held = self.states.get("torch")
             fresh = torch.Generator().get_state() if held is None else torch.from_numpy(held)
             torch.random.set_rng_state(fresh)
 
     def differs_from(self, other: GlobalRandomness) -> list[str]:
-        """Names of the generators that do not stand where they stood."""
+        """Names of the generators whose state has changed."""
         return [
             name
             for name, state in self.states.items()

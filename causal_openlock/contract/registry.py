@@ -22,7 +22,7 @@ import inspect
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import Distribution, EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
@@ -61,11 +61,15 @@ def _origin(entry: EntryPoint) -> str:
     return f"{entry.value} by {entry.dist.name}" if entry.dist else entry.value
 
 
+def _package(name: str) -> Distribution | None:
+    entry = registry().get(name)
+    return entry.dist if entry else None
+
+
 def origin(name: str) -> str:
     """Name and version of a learner's package; for ``module:Class``, a hash of its source file."""
-    entry = registry().get(name)
-    if entry is not None and entry.dist is not None:
-        return f"{entry.dist.name} {entry.dist.version}"
+    if package := _package(name):
+        return f"{package.name} {package.version}"
     source = inspect.getsourcefile(learner_class(name))
     if source is None:
         return "unknown"
@@ -74,8 +78,8 @@ def origin(name: str) -> str:
 
 def is_ours(name: str) -> bool:
     """Whether a registered learner comes with the toolkit; ``module:Class`` never counts."""
-    entry = registry().get(name)
-    return entry is not None and entry.dist is not None and entry.dist.name == "causal-openlock"
+    package = _package(name)
+    return package is not None and package.name == "causal-openlock"
 
 
 def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:

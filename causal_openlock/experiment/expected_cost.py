@@ -1,4 +1,4 @@
-"""What learners will cost in a room, said before they play: estimates from the work they count.
+"""What learners will cost in a room, before they play: estimates from the work they count.
 
 A learner whose work grows with the room says so in a class method::
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from causal_openlock.world.schema import Schema
 
 WORTH_SAYING = 1.0
-"""Seconds a trial from which on they are said."""
+"""Seconds a trial above which a cost is mentioned."""
 MUCH_MEMORY = 500.0
 """The same in megabytes."""
 
@@ -42,7 +42,7 @@ class Cost:
     megabytes: float = 0.0
 
     def __str__(self) -> str:
-        """The cost in words, without who and where."""
+        """The cost in words, to follow the name of the learner."""
         if self.seconds == float("inf"):
             return f"cannot play it: {self.work}"
         time = f"{self.seconds:.0f} s" if self.seconds < 90 else f"{self.seconds / 60:.0f} minutes"

@@ -25,7 +25,7 @@ RANDOM_CLASS = "learners.random:RandomLearner"
 
 @dataclass(frozen=True)
 class Origin:
-    """Which code a learner is, so that results of other code are told apart.
+    """Which code a learner is, so that results of other code can be distinguished.
 
     Attributes:
         class_name: Its class, ``module:Class``.
@@ -209,7 +209,7 @@ class Experiment:
         }
 
     def cautions(self) -> list[str]:
-        """What nobody can do in this experiment, a sentence each."""
+        """A sentence for each schema that cannot be solved under a protocol."""
         return [
             f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
             f"gives {counted(protocol.attempt_limit, 'attempt')}, so nobody can solve its trials"

@@ -75,7 +75,7 @@ Name = Annotated[
 
 
 def _form(value: Any) -> str:
-    """Which arm of a union is meant: told by the form of what is written."""
+    """Which arm of a union is meant, by the form of what is written."""
     if isinstance(value, Mapping | BaseModel):
         return "<mapping>"
     return "<list>" if isinstance(value, list) else "<name>"

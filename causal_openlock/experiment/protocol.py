@@ -41,7 +41,7 @@ YAML = (".yaml", ".yml")
 
 
 def default_action_limit(schema: Schema) -> int:
-    """Actions in an attempt where nothing is said: the paper's 3, or as many as are needed."""
+    """Actions in an attempt by default: the paper's 3, or as many as the schema needs."""
     return max(PAPER_ACTION_LIMIT, schema.least_action_limit)
 
 
@@ -303,7 +303,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Visit:
-    """One trial of one subject: where it stands in the condition, and its room."""
+    """One trial of one subject: its place in the condition, and its room."""
 
     phase: str
     loop: int

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 CATEGORIES = ("else", "unlock", "open1", "open2", "open3")
 """Ruling on Figures 6 and 7: what an attempt came to, as an event and not as a sum of rewards.
 
-``openK`` is the K-th new solution of the trial (``open3`` stands for the third and all later
+``openK`` is the K-th new solution of the trial (``open3`` is the third and all later
 ones); opening the door in any other way is ``open1``; ``unlock`` means that the door was unlocked
 at some moment but not opened; ``else`` is the rest.
 """

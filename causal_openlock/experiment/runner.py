@@ -130,7 +130,7 @@ def run(
 
 
 def _ignore(*_: object) -> None:
-    """What is called where nobody wants to know."""
+    """The callback where none is given."""
 
 
 @dataclass

@@ -4,14 +4,14 @@ The session steps all subjects at once, whatever trial each of them is in, hands
 subject perceives and nothing else, and keeps the record. When attempts and trials end, and which
 solutions are new, is decided by :mod:`causal_openlock.world.batch`.
 
-:meth:`Session.play` runs a learner to the end. :meth:`Session.view` and :meth:`Session.step` are
-the same loop by hand, for a notebook or a person.
+:meth:`Session.play` runs a learner to the end, :meth:`Session.steps` step by step.
+:meth:`Session.view` and :meth:`Session.step` are the same loop by hand, for a person.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -199,22 +199,17 @@ class Session:
             LearnerError: If the learner answers with anything but B action indices.
         """
         self.begin(learner)
-        return self.go_on(learner)
+        for _ in self.steps(learner):
+            pass
+        return self.record()
 
     def begin(self, learner: Learner, state: dict[str, Any] | None = None) -> None:
-        """Let a learner begin, perhaps with a state to go on from; first half of :meth:`play`."""
+        """Let a learner begin, perhaps with a state to go on from; :meth:`steps` is next."""
         learner.begin(self.brief)
         if state is not None:
             learner.load_state_dict(state)
         if isinstance(learner, InformedLearner):
             learner.inform(self.truth)
-
-    def go_on(self, learner: Learner, after: Callable[[], None] | None = None) -> pa.Table:
-        """Let a learner that has begun play to the end; ``after`` is called after every step."""
-        for _ in self.steps(learner):
-            if after:
-                after()
-        return self.record()
 
     def steps(self, learner: Learner) -> Iterator[Step]:
         """Let a learner that has begun play on; gives each step once it has learned from it."""

@@ -54,7 +54,7 @@ IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
 LOCK = ".lock"
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
-"""What stands beside a cell's file while it is played; see
+"""What is beside a cell's file while it is played; see
 :mod:`causal_openlock.experiment.checkpoint`."""
 LOG = "log.jsonl"
 """What people did, in a folder of theirs; see :mod:`causal_openlock.play.log`."""
@@ -493,8 +493,8 @@ def _akin(held: Experiment, experiment: Experiment) -> bool:
     )
 
 
-def _unusable(path: Path, said: str | None) -> StoreError:
+def _unusable(path: Path, why: str | None) -> StoreError:
     return StoreError(
-        f"{path} cannot be written ({said or 'the system does not say why'}); free some space or "
+        f"{path} cannot be written ({why or 'the system does not say why'}); free some space or "
         "choose another folder, then run the same command again: it goes on where it was"
     )

@@ -64,12 +64,11 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> list[str]:
                 logs = Path(watching.tensorboard) / cell.name
                 after.append(stack.enter_context(curves(session, learner, logs)))
 
-            def watch() -> None:
+            for _ in session.steps(learner):
                 checkpoint.keep(session, learner)
                 for look in after:
                     look()
-
-            record = session.go_on(learner, watch)
+        record = session.record()
     except (Exception, SystemExit) as error:
         # A learner that failed will be mended, and is then another one: nothing to go on from.
         store.clear(cell)

@@ -12,7 +12,6 @@ import multiprocessing
 import os
 import signal
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -27,60 +26,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 Result = TypeVar("Result")
 
 
-class Crew(ABC):
-    """Plays cells, as many at a time as it can."""
-
-    def free(self) -> bool:
-        """Whether it takes another job."""
-        return True
-
-    @abstractmethod
-    def submit(
-        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
-    ) -> Future[Result]:
-        """Give it a job; one that is done ``alone`` leaves nothing behind for those that follow."""
-
-    def begun(self, future: Future[Any]) -> bool:
-        """Whether it is known to be at a job."""
-        return False
-
-    def end(self, future: Future[Any]) -> bool:
-        """End a job that does not end by itself; returns whether that can be done."""
-        return False
-
-    @abstractmethod
-    def done(self, future: Future[Any]) -> str:
-        """Called once a job is done; returns how its process ended, if it did not survive the job.
-
-        Raises:
-            OpenLockError: If no other job can be done.
-        """
-
-
-class Given(Crew):
-    """An executor that somebody gives; it says nothing of its processes, and ends none."""
-
-    def __init__(self, executor: Executor) -> None:
-        self._executor = executor
-
-    def submit(
-        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
-    ) -> Future[Result]:
-        """Give it a job; which others its process does is up to it."""
-        return self._executor.submit(job, *arguments)
-
-    def done(self, future: Future[Any]) -> str:
-        """Refuse to go on if it is broken, with everything that it still had to do."""
-        if isinstance(future.exception(), BrokenExecutor):
-            raise OpenLockError(
-                "a worker of the executor ended without a word (killed, out of memory, or a "
-                "learner that ends its process); run the same command again, perhaps with fewer "
-                "workers: it goes on where it was"
-            )
-        return ""
-
-
-class Processes(Crew):
+class Processes:
     """Processes of this machine, each of which can die without the others.
 
     Args:
@@ -98,7 +44,7 @@ class Processes(Crew):
     def submit(
         self, job: Callable[..., Result], *arguments: Any, alone: bool = False
     ) -> Future[Result]:
-        """Have a job done by a process that has nothing to do."""
+        """Have a job done; one that is done ``alone`` shares its process with no other."""
         process = self._idle.pop(0)
         if process.is_spent or (alone and process.has_worked):
             process = process.replaced()
@@ -115,12 +61,15 @@ class Processes(Crew):
         return self._busy[future].has_begun
 
     def end(self, future: Future[Any]) -> bool:
-        """Kill the process that does a job; its future then says that the pool is broken."""
+        """Kill the process that does a job; returns whether it can be ended.
+
+        The future then says that the pool is broken.
+        """
         self._busy[future].process.kill()
         return True
 
     def done(self, future: Future[Any]) -> str:
-        """Take a process back, or another one in its place; returns how it ended.
+        """Take back the process of a job that is done; returns how it ended, if it did.
 
         Raises:
             OpenLockError: If it could not even begin, as the next could not, either.
@@ -187,6 +136,44 @@ class _Process:
         """End it; returns a new one."""
         self.close()
         return _Process()
+
+
+class Given:
+    """An executor that somebody gives; it says nothing of its processes, and ends none."""
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def free(self) -> bool:
+        """It always takes another job."""
+        return True
+
+    def submit(
+        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
+    ) -> Future[Result]:
+        """Give it a job; which others its process does is up to it."""
+        return self._executor.submit(job, *arguments)
+
+    def begun(self, future: Future[Any]) -> bool:
+        """It does not say which jobs wait."""
+        return False
+
+    def end(self, future: Future[Any]) -> bool:
+        """It does not end what it has begun."""
+        return False
+
+    def done(self, future: Future[Any]) -> str:
+        """Refuse to go on if it is broken, with everything that it still had to do."""
+        if isinstance(future.exception(), BrokenExecutor):
+            raise OpenLockError(
+                "a worker of the executor ended without a word (killed, out of memory, or a "
+                "learner that ends its process); run the same command again, perhaps with fewer "
+                "workers: it goes on where it was"
+            )
+        return ""
+
+
+Crew = Processes | Given
 
 
 @contextmanager
@@ -270,7 +257,7 @@ def start_alone() -> None:
 def how_ended(code: int | None) -> str:
     """How a process ended, in words, by its exit code."""
     if code is None:
-        return "nobody knows how"
+        return "it is not known how"
     if code >= 0:
         return f"exit status {code}"
     try:

@@ -392,7 +392,7 @@ class TestDice(LearnerContract):
         (AnswersFloats, ANSWERS, "act answered float64"),
         (AnswersForOne, ANSWERS, r"of shape \(\), 3, where 4 integers"),
         (DrawsItsOwnSeed, SEED, r"twice with the same seed .* row 0: actions .* or "),
-        (SharesOneGenerator, BATCH, "subject 0, who played as one of 4 and then as one of 1"),
+        (SharesOneGenerator, BATCH, "subject 0, which played as one of 4 and then as one of 1"),
         (RemembersInItsClass, BATCH, "row 0: actions .* or "),
         (LearnsFromTheFinished, FINISHED, "1 steps after .* step.view.playing"),
         (DrawsGlobally, GLOBAL, r"used or seeded numpy.random; draw from brief.generators"),

@@ -14,7 +14,7 @@ import time
 import tracemalloc
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ import pyarrow as pa
 import pytest
 import torch
 
-from causal_openlock.contract.learner import Learner, View
+from causal_openlock.contract.learner import Learner, Step, View
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError, ProtocolError
@@ -261,6 +261,12 @@ def test_wall_time_counts_the_time_played(
     assert gaps.max() < 1e5, "the pause is left out"
 
 
+def played_on(session: Session, learner: Learner) -> pa.Table:
+    for _ in session.steps(learner):
+        pass
+    return session.record()
+
+
 def test_a_session_goes_on_by_hand_from_its_state() -> None:
     def made() -> Session:
         return Session(named("noisy_CC3"), HUMAN, 4, seed=3)
@@ -270,12 +276,12 @@ def test_a_session_goes_on_by_hand_from_its_state() -> None:
     while first.progress < 0.4:
         learner.learn(first.step(learner.act(first.view)))
     session_state, learner_state = first.state_dict(), learner.state_dict()
-    whole = first.go_on(learner)
+    whole = played_on(first, learner)
     second, other = made(), RandomLearner()
     second.load_state_dict(session_state)
     second.begin(other, learner_state)
     assert second.progress >= 0.4
-    resumed = second.go_on(other)
+    resumed = played_on(second, other)
     assert second.progress == 1
     assert resumed.drop_columns(["wall_time"]).equals(whole.drop_columns(["wall_time"]))
 
@@ -770,16 +776,14 @@ def test_progress_inside_cells_is_told(
 ) -> None:
     monkeypatch.setattr(worker, "TELL_EVERY", 0.0)
     seen: list[Any] = []
-    go_on = Session.go_on
+    steps = Session.steps
 
-    def watched(self: Session, learner: Learner, after: Callable[[], None]) -> pa.Table:
-        def look() -> None:
-            after()
+    def watched(self: Session, learner: Learner) -> Iterator[Step]:
+        for step in steps(self, learner):
+            yield step  # the worker looks on here
             seen.append(Store(tmp_path).share(cell))
 
-        return go_on(self, learner, look)
-
-    monkeypatch.setattr(Session, "go_on", watched)
+    monkeypatch.setattr(Session, "steps", watched)
     (tmp_path / "cells").mkdir()
     cell = cell_of(experiment, "random")
     play_cell(cell, str(tmp_path), Watching())
