@@ -115,7 +115,7 @@ def played(cell: Cell, folder: Path, every: float, after: float | None = None) -
     if not child:
         status = 1
         try:
-            warnings = play_cell(cell, str(folder), Watching(checkpoint_every=every)).warnings
+            warnings = play_cell(cell, str(folder), Watching(checkpoint_every=every))
             for warning in warnings:
                 print(warning, file=sys.stderr, flush=True)
             status = 0

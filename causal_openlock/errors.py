@@ -1,4 +1,4 @@
-"""What can go wrong, said in one sentence.
+"""What can go wrong, in one sentence each.
 
 Every error that a user can cause derives from :class:`OpenLockError`; its text is complete and
 names the remedy, so the command line prints it as it is and exits with status 2.
@@ -6,11 +6,17 @@ names the remedy, so the command line prints it as it is and exits with status 2
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-MOST_TOLD = 20
+MOST_LISTED = 20
+
+
+def _first(lines: Sequence[str], before: str = "", after: str = "") -> list[str]:
+    """The first of many lines, and how many more there are."""
+    left = len(lines) - MOST_LISTED
+    return [*lines[:MOST_LISTED], *([f"{before}and {left:,} more{after}"] if left > 0 else [])]
 
 
 class OpenLockError(Exception):
@@ -75,10 +81,7 @@ class CellsFailed(LearnerError):  # noqa: N818 - the others did not
     def __init__(self, reasons: Iterable[str], cells: int) -> None:
         self.reasons = tuple(reasons)
         self.cells = cells
-        told = list(self.reasons[:MOST_TOLD])
-        if (more := len(self.reasons) - MOST_TOLD) > 0:
-            told.append(f"and {more:,} more")
-        super().__init__("\n".join([*told, self.summary]))
+        super().__init__("\n".join([*_first(self.reasons), self.summary]))
 
     @property
     def summary(self) -> str:
@@ -124,13 +127,23 @@ class FileError(OpenLockError):
     def __init__(self, path: Path | str, faults: Iterable[Fault]) -> None:
         self.path = str(path)
         self.faults = tuple(sorted(faults, key=lambda fault: (fault.line, fault.column)))
-        told = [
+        lines = [
             f"{self.path}:{fault.line}:{fault.column}: {' '.join(fault.message.splitlines())}"
-            for fault in self.faults[:MOST_TOLD]
+            for fault in self.faults
         ]
-        if len(self.faults) > MOST_TOLD:
-            told.append(f"{self.path}: and {len(self.faults) - MOST_TOLD:,} more faults")
-        super().__init__("\n".join(told))
+        super().__init__("\n".join(_first(lines, f"{self.path}: ", " faults")))
 
     def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:
         return FileError, (self.path, self.faults)
+
+
+def in_short(error: BaseException) -> str:
+    r"""An error's text on one line, at most 200 characters of it; empty if it fails to give one.
+
+    >>> in_short(ValueError("two\n  lines"))
+    'two lines'
+    """
+    try:
+        return " ".join(str(error).split())[:200]
+    except Exception:
+        return ""

@@ -16,7 +16,7 @@ learner gets settings and schemas with which each test takes seconds::
         schemas = ("CC3", "CE4")
         attempts = 40  # until when it has been trained a few hundred times
 
-Each test stands for one promise of :class:`~causal_openlock.contract.learner.Learner`, and its
+Each test checks one promise of :class:`~causal_openlock.contract.learner.Learner`, and its
 message says what was promised, what happened and where to look. What a learner is good for is not
 tested.
 """
@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import pickle
 import unittest
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, asdict, fields, is_dataclass, replace
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -33,8 +33,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.contract.learner import InformedLearner, Learner, Step, View
-from causal_openlock.contract.probes import GlobalRandomness, Shown, WrittenTo, without
+from causal_openlock.contract.learner import InformedLearner, Learner
+from causal_openlock.contract.probes import GlobalRandomness, WrittenTo, watch, without
 from causal_openlock.contract.registry import (
     create,
     learner_class,
@@ -53,6 +53,9 @@ if TYPE_CHECKING:
 
 SHORT = Protocol("contract", 5, stop_when_solved=True, baseline_trials=2, training_trials=2)
 """What the tests play: two trials of five attempts, and a third one to test on."""
+
+Change = Callable[[Any, int], Any]
+"""Changes a view or a step, by the number of steps taken before."""
 
 EARLY = 12
 """Actions after which a learner is interrupted, or a subject leaves."""
@@ -98,9 +101,7 @@ class LearnerContract:
         """``act`` gives B integers within the action space, in rooms of every size and kind."""
         names = bundled_schemas() if self.schemas is None else self.schemas
         for schema in [*map(find_schema, names), NINE]:
-            session = self._session(_baseline(schema))
-            for _ in self._steps(self._begun(session), session):
-                pass  # every answer is looked at there
+            self._answers(Condition(schema.name, (Trials(schema),)))
 
     def test_it_plays_a_session_to_its_end(self) -> None:
         """Every trial of every subject is in the record, with all of its attempts."""
@@ -155,18 +156,27 @@ class LearnerContract:
             self._require_same(
                 ours,
                 theirs,
-                f"differs for subject {subject}, who played as one of {self.subjects} and then as "
-                f"one of {len(among)}",
+                f"differs for subject {subject}, which played as one of {self.subjects} and then "
+                f"as one of {len(among)}",
             )
 
     def test_it_ignores_subjects_that_have_finished(self) -> None:
         """Where ``view.playing`` is false, what a view or a step says means nothing."""
-        plain, garbled = (self._actions_after_a_departure(garble) for garble in (False, True))
+        gone = np.arange(self.subjects) == 1
+
+        def others(garble: bool) -> list[list[int]]:
+            def departed(given: Any, steps: int) -> Any:
+                return given if steps < EARLY else without(given, gone, garble)
+
+            answers = self._answers(self._transfer(), departed)
+            return [answer[~gone].tolist() for answer in answers[EARLY:]]
+
+        plain, garbled = others(garble=False), others(garble=True)
         for moment, (one, other) in enumerate(zip(plain, garbled, strict=True)):
             self._require(
                 one == other,
                 f"{moment} steps after a subject had finished, the others' actions depend on what "
-                f"it is said to have done since: {one} or {other}; look at step.view.playing",
+                f"it seems to have done since: {one} or {other}; look at step.view.playing",
             )
 
     def test_it_keeps_no_global_randomness(self) -> None:
@@ -197,35 +207,28 @@ class LearnerContract:
             not hasattr(learner_class(self.learner), "inform"),
             "it has a method inform, which is only called for an InformedLearner",
         )
-        places = [(5, 0, 3), (2, 6, 1)]
-        known = Schema("known", ["L0", "L1", "L2"], {"L0": ["L1", "L2"]} | _to_door("L1", "L2"))
-        other = Schema("other", ["Z", "Y", "X"], {"X": ["Y", "Z"]} | _to_door("Y", "Z"))
-        told = []
+        places, door = [(5, 0, 3), (2, 6, 1)], ["door"]
+        known = Schema("known", ["L0", "L1", "L2"], {"L0": ["L1", "L2"], "L1": door, "L2": door})
+        other = Schema("other", ["Z", "Y", "X"], {"X": ["Y", "Z"], "Y": door, "Z": door})
+        played = []
         for schema, step in ((known, 1), (other, -1)):
             layouts = tuple(Layout(place[::step]) for place in places)
             condition = Condition("alike", (Trials(schema, layouts, shuffle=False),))
-            session = self._session(condition)
-            steps = self._steps(self._begun(session), session)
-            told.append([answer.tolist() for _, answer, _ in steps])
+            played.append([answer.tolist() for answer in self._answers(condition)])
         self._require(
-            told[0] == told[1],
+            played[0] == played[1],
             "it plays differently in rooms that differ in the names of their levers alone, which "
-            "no learner is told",
+            "no learner sees",
         )
 
     # -- what it does to others -----------------------------------------------------------------
 
     def test_it_never_changes_what_it_is_given(self) -> None:
         """Views and steps belong to the session; others may look at them later."""
-        session = self._session(self._transfer())
-        learner = self._begun(session)
-        shown = Shown()
+        learner = self._made()
+        watch(learner)
         try:
-            while not session.over:
-                step = session.step(shown.to(learner.act, session.view))
-                shown.to(learner.learn, step)
-                if isinstance(learner, InformedLearner) and step.trial_over.any():
-                    learner.inform(session.truth)
+            self._session(self._transfer()).play(learner)
         except WrittenTo as error:
             raise AssertionError(f"{self.learner}: {error}; let it work on a copy") from error
 
@@ -233,12 +236,16 @@ class LearnerContract:
         """A new learner with an old one's state does what the old one would have done."""
         if not self.resumable:
             raise unittest.SkipTest(f"{self.learner} is not resumable")
-        course = [answer for _, answer, _ in self._steps(*self._starting())]
+
+        def session() -> Session:
+            return self._session(self._transfer(), attempt_limit=self.attempts)
+
+        course = [*self._steps(session(), self._made())]
         moments = [min(EARLY, len(course) // 2), len(course) // 2, 3 * len(course) // 4]
-        learner, session = self._starting()
+        learner = self._made()
         kept: list[tuple[int, bytes]] = []
         state: Any = None
-        for moment, (_, answer, _) in enumerate(self._steps(learner, session), 1):
+        for moment, answer in enumerate(self._steps(session(), learner), 1):
             self._require(
                 np.array_equal(answer, course[moment - 1]),
                 f"its action {moment} is another once its state has been asked for",
@@ -255,13 +262,11 @@ class LearnerContract:
             (kept[-1][0], state, asked.format("came from")),
             (kept[-1][0], state, asked.format("went to")),
         ):
-            resumed, session = self._starting()
+            resumed = session()
             for answer in course[:moment]:
-                session.step(answer)
-            resumed.load_state_dict(loaded)
-            if isinstance(resumed, InformedLearner):
-                resumed.inform(session.truth)
-            again = [answer.tolist() for _, answer, _ in self._steps(resumed, session)]
+                resumed.step(answer)
+            steps = self._steps(resumed, self._made(), state=loaded)
+            again = [answer.tolist() for answer in steps]
             after = [answer.tolist() for answer in course[moment:]]
             self._require(
                 again == after,
@@ -269,10 +274,6 @@ class LearnerContract:
                 f"{_common(after, again)} of {len(after)} steps "
                 "(does state_dict hold all that was learned, and its generators' state?)",
             )
-
-    def _starting(self) -> tuple[Learner, Session]:
-        session = self._session(self._transfer(), attempt_limit=self.attempts)
-        return self._begun(session), session
 
     # -- what it says of itself -----------------------------------------------------------------
 
@@ -318,17 +319,10 @@ class LearnerContract:
     def _made(self) -> Learner:
         if not self.learner:
             raise AssertionError(
-                f"{type(self).__name__} says not what it tests; give it an attribute, as in "
+                f"{type(self).__name__} does not say what it tests; give it an attribute, as in "
                 'learner = "my_package:MyLearner"'
             )
         return create(self.learner, self.parameters)
-
-    def _begun(self, session: Session) -> Learner:
-        learner = self._made()
-        learner.begin(session.brief)
-        if isinstance(learner, InformedLearner):
-            learner.inform(session.truth)
-        return learner
 
     def _transfer(self) -> Condition:
         names = self.schemas or ("CC3", "CE4")
@@ -346,61 +340,43 @@ class LearnerContract:
         session = self._session(self._transfer(), subjects, attempt_limit=attempts)
         return session.play(self._made())
 
-    def _answer(self, learner: Learner, view: View, session: Session) -> NDArray[Any]:
-        """What the learner answers, as a copy, if it is an answer."""
-        answer = np.array(learner.act(view))
-        actions = session.brief.actions
-        self._require(
-            answer.shape == (self.subjects,)
-            and answer.dtype.kind in "iu"
-            and bool((((answer >= 0) & (answer < actions)) | ~view.playing).all()),
-            f"in a room of {session.brief.positions} positions, act answered {answer.dtype} of "
-            f"shape {answer.shape}, {answer.tolist()}, where {self.subjects} integers from 0 to "
-            f"{actions - 1} are wanted",
-        )
-        return answer
-
     def _steps(
-        self, learner: Learner, session: Session
-    ) -> Iterator[tuple[View, NDArray[Any], Step]]:
-        """Play on by hand: what was seen, what was answered, what came of it."""
+        self,
+        session: Session,
+        learner: Learner,
+        change: Change = lambda given, steps: given,
+        state: Any = None,
+    ) -> Iterator[NDArray[Any]]:
+        """Play on by hand; gives the learner's answers, each once it has learned from its step.
+
+        Args:
+            session: What is played.
+            learner: It has not begun.
+            change: Changes what the learner is shown, by how many steps were taken.
+            state: A state to give to the learner when it begins.
+        """
+        session.begin(learner, state)
+        actions, steps = session.brief.actions, 0
         while not session.over:
-            view = session.view
-            answer = self._answer(learner, view, session)
-            step = session.step(answer)
-            learner.learn(step)
+            view = change(session.view, steps)
+            answer = np.array(learner.act(view))
+            self._require(
+                answer.shape == (self.subjects,)
+                and answer.dtype.kind in "iu"
+                and bool((((answer >= 0) & (answer < actions)) | ~view.playing).all()),
+                f"in a room of {session.brief.positions} positions, act answered {answer.dtype} "
+                f"of shape {answer.shape}, {answer.tolist()}, where {self.subjects} integers from "
+                f"0 to {actions - 1} are wanted",
+            )
+            step = session.step(np.where(view.playing, answer, 0))
+            learner.learn(change(step, steps))
             if isinstance(learner, InformedLearner) and step.trial_over.any():
                 learner.inform(session.truth)
-            yield view, answer, step
+            steps += 1
+            yield answer
 
-    def _actions_after_a_departure(self, garble: bool) -> list[list[int]]:
-        """The others' actions in a session in which one subject is said to finish early."""
-        session = self._session(self._transfer())
-        learner = self._begun(session)
-        gone = np.arange(self.subjects) == 1
-        told = []
-        moment = 0
-        while not session.over:
-            leaves = moment >= EARLY
-            view = without(session.view, gone, garble) if leaves else session.view
-            answer = self._answer(learner, view, session)
-            step = session.step(np.where(gone & leaves, 0, answer))
-            if leaves:
-                told.append(answer[~gone].tolist())
-                step = without(replace(step, view=view), gone, garble)
-            learner.learn(step)
-            if isinstance(learner, InformedLearner) and step.trial_over.any():
-                learner.inform(session.truth)
-            moment += 1
-        return told
-
-
-def _baseline(schema: Schema) -> Condition:
-    return Condition(schema.name, (Trials(schema),))
-
-
-def _to_door(*levers: str) -> dict[str, list[str]]:
-    return {lever: ["door"] for lever in levers}
+    def _answers(self, condition: Condition, *change: Change) -> list[NDArray[Any]]:
+        return [*self._steps(self._session(condition), self._made(), *change)]
 
 
 def _common(one: Sequence[Any], other: Sequence[Any]) -> int:

@@ -1,10 +1,10 @@
-"""The contract of a learner: what it is told, what it sees, what it answers.
+"""The contract of a learner: what it is given, what it sees, what it answers.
 
 A :class:`Learner` plays B subjects at once: every array is ``[B, ...]`` and no subject sees
-another's data. It is told a :class:`Brief`, sees a :class:`View`, answers with actions, and is
-told in a :class:`Step` what they led to. None of these types can hold a role, a schema or a
-solution: what is latent lives in :class:`Truth`, and only an :class:`InformedLearner`, which the
-record then shows beside the others as a bound, is ever given one.
+another's data. It gets a :class:`Brief`, sees a :class:`View`, answers with actions, and learns
+from a :class:`Step` what they led to. None of these types can hold a role, a schema or a solution:
+what is latent is in :class:`Truth`, and only an :class:`InformedLearner`, which the record then
+shows beside the others as a bound, is ever given one.
 
 Learners are found by name through :mod:`causal_openlock.contract.registry`. For a first learner,
 :class:`~causal_openlock.contract.one_subject.OneSubjectLearner` asks for a single method,
@@ -29,7 +29,7 @@ Observations = NDArray[np.int8]
 
 @dataclass(frozen=True)
 class Brief:
-    """What a learner is told before it starts.
+    """What a learner knows before it starts.
 
     Attributes:
         subjects: How many subjects it plays, B.
@@ -145,6 +145,13 @@ class Learner(ABC):
 
     Args:
         parameters: An instance of the class's ``Parameters``; by default their defaults.
+
+    Example:
+        >>> class PushesTheDoor(Learner):
+        ...     def begin(self, brief):
+        ...         self.brief = brief
+        ...     def act(self, view):
+        ...         return np.full(self.brief.subjects, self.brief.actions - 1)
     """
 
     Parameters: ClassVar[type] = NoParameters
@@ -157,7 +164,7 @@ class Learner(ABC):
         """Hash of what it plays by besides code and parameters; empty if there is nothing.
 
         A learner that reads a file of weights returns a hash of the file's content, so that
-        results of other weights are told apart.
+        results of other weights are distinguished.
         """
         return ""
 
@@ -197,8 +204,8 @@ class Learner(ABC):
 
 
 class InformedLearner(Learner):
-    """A learner that is told what is latent: a bound to compare others with, never a rival."""
+    """A learner that sees what is latent: a bound to compare others with, never a rival."""
 
     @abstractmethod
     def inform(self, truth: Truth) -> None:
-        """Told after :meth:`begin`, and again whenever a subject enters another room."""
+        """Called after :meth:`begin`, and again whenever a subject enters another room."""

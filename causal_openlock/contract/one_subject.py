@@ -65,6 +65,12 @@ class OneSubjectLearner(ABC):
 
     Args:
         parameters: An instance of the class's ``Parameters``; by default their defaults.
+
+    Example:
+        >>> class Dice(OneSubjectLearner):
+        ...     def act(self, observation):
+        ...         return int(self.generator.integers(self.brief.actions))
+        >>> learner = PerSubjectAdapter(Dice)  # plays many subjects, each with its own Dice
     """
 
     Parameters: ClassVar[type] = NoParameters
@@ -105,7 +111,7 @@ class PerSubjectAdapter(Learner):
 
     def act(self, view: View) -> IntArray:
         """Ask each player that still plays."""
-        # What a player writes into what it is shown does not change what it is told later.
+        # What a player writes into what it is shown must not change what it learns from.
         self._seen = view.observation.copy()
         actions = np.zeros(len(self._players), dtype=np.int64)
         for subject in np.flatnonzero(view.playing):

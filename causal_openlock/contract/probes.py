@@ -1,4 +1,4 @@
-"""What a learner is handled with to see whether it keeps its contract.
+"""How to see whether a learner keeps its contract.
 
 :mod:`causal_openlock.testing` plays learners with views that cannot be written to, with rows that
 mean nothing, and under an eye on the generators that everything in a process shares.
@@ -12,66 +12,64 @@ import random
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-
-def arrays(given: Any) -> Iterator[tuple[str, NDArray[Any]]]:
-    """All arrays in a view or a step, with their names."""
-    for field in fields(given):
-        value = getattr(given, field.name)
-        if isinstance(value, np.ndarray):
-            yield field.name, value
-        else:
-            yield from arrays(value)
-
-
-def read_only(given: Any) -> Any:
-    """A copy of a view or a step that cannot be written to."""
-    copied = pickle.loads(pickle.dumps(given))
-    for _, array in arrays(copied):
-        array.flags.writeable = False
-    return copied
+from causal_openlock.contract.learner import Learner
 
 
 class WrittenTo(Exception):  # noqa: N818 - it says what a learner did
     """A learner changed what it was shown."""
 
 
-class Shown:
-    """Shows a learner copies that cannot be written to, and looks at the last of them again.
+def watch(learner: Learner) -> None:
+    """From now on, show a learner copies that cannot be written to.
 
-    NumPy refuses to write to them. Other libraries do not heed that, and a learner may keep an
-    array for later, so the copies are compared with what they were after every call.
+    NumPy refuses to write to them. Other libraries ignore that, and a learner may keep an array for
+    later, so the last copies are compared with what they were after every call. ``act`` and
+    ``learn`` raise :class:`WrittenTo` if something has changed.
     """
+    kept: deque[tuple[Any, Any]] = deque(maxlen=6)
 
-    def __init__(self) -> None:
-        self._kept: deque[tuple[Any, Any]] = deque(maxlen=6)
+    def watched(method: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        fault = f"{method.__name__} changes an array that it is given"
 
-    def to(self, method: Callable[[Any], Any], given: Any) -> Any:
-        """What a method of a learner answers to a view or a step.
+        def call(given: Any) -> Any:
+            copied = deepcopy(given)
+            for _, array in _arrays(copied):
+                array.flags.writeable = False
+            kept.append((copied, deepcopy(given)))
+            try:
+                answer = method(copied)
+            except ValueError as error:
+                # Compiled code may ask for a writable buffer only to read it.
+                if "read-only" in str(error) and "buffer source" not in str(error):
+                    raise WrittenTo(f"{fault} ({error})") from error
+                raise
+            for now, before in kept:
+                for (name, one), (_, other) in zip(_arrays(now), _arrays(before), strict=True):
+                    if not np.array_equal(one, other):
+                        raise WrittenTo(f"{fault} ({name})")
+            return answer
 
-        Raises:
-            WrittenTo: If it changed that, or something that it was shown before.
-        """
-        copied = read_only(given)
-        self._kept.append((copied, pickle.loads(pickle.dumps(given))))
-        told = f"{method.__name__} changes an array that it is given"
-        try:
-            answer = method(copied)
-        except ValueError as error:
-            # Compiled code may ask for a writable buffer only to read it.
-            if "read-only" in str(error) and "buffer source" not in str(error):
-                raise WrittenTo(f"{told} ({error})") from error
-            raise
-        for copied, was in self._kept:
-            for (name, one), (_, other) in zip(arrays(copied), arrays(was), strict=True):
-                if not np.array_equal(one, other):
-                    raise WrittenTo(f"{told} ({name})")
-        return answer
+        return call
+
+    for name in ("act", "learn"):
+        setattr(learner, name, watched(getattr(learner, name)))
+
+
+def _arrays(given: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """All arrays in a view or a step, with their names."""
+    for field in fields(given):
+        value = getattr(given, field.name)
+        if isinstance(value, np.ndarray):
+            yield field.name, value
+        else:
+            yield from _arrays(value)
 
 
 def without(given: Any, gone: NDArray[Any], garble: bool) -> Any:
@@ -107,7 +105,7 @@ class GlobalRandomness:
 
     @classmethod
     def now(cls) -> GlobalRandomness:
-        """Where they stand; torch's counts once torch is imported."""
+        """Their states now; torch's counts once torch is imported."""
         states: dict[str, Any] = {
             "random": random.getstate(),
             "numpy.random": np.random.get_state(),  # noqa: NPY002
@@ -125,17 +123,17 @@ class GlobalRandomness:
             torch.manual_seed(seed)
 
     def restore(self) -> None:
-        """Put them back to where they stood."""
+        """Put these states back."""
         random.setstate(self.states["random"])
         np.random.set_state(self.states["numpy.random"])  # noqa: NPY002
         if torch := sys.modules.get("torch"):
-            # One that was imported since then stood where every new generator stands.
+            # One that was imported since then had the state of every new generator.
             held = self.states.get("torch")
             fresh = torch.Generator().get_state() if held is None else torch.from_numpy(held)
             torch.random.set_rng_state(fresh)
 
     def differs_from(self, other: GlobalRandomness) -> list[str]:
-        """Names of the generators that do not stand where they stood."""
+        """Names of the generators whose state has changed."""
         return [
             name
             for name, state in self.states.items()

@@ -20,11 +20,11 @@ from __future__ import annotations
 import hashlib
 import inspect
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, fields
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import Distribution, EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
@@ -61,15 +61,15 @@ def _origin(entry: EntryPoint) -> str:
     return f"{entry.value} by {entry.dist.name}" if entry.dist else entry.value
 
 
-def origin(name: str) -> str:
-    """Where a learner's code comes from, so that another version of it is told apart.
-
-    Returns:
-        Name and version of its package; for ``module:Class``, a hash of the module's source.
-    """
+def _package(name: str) -> Distribution | None:
     entry = registry().get(name)
-    if entry is not None and entry.dist is not None:
-        return f"{entry.dist.name} {entry.dist.version}"
+    return entry.dist if entry else None
+
+
+def origin(name: str) -> str:
+    """Name and version of a learner's package; for ``module:Class``, a hash of its source file."""
+    if package := _package(name):
+        return f"{package.name} {package.version}"
     source = inspect.getsourcefile(learner_class(name))
     if source is None:
         return "unknown"
@@ -78,20 +78,17 @@ def origin(name: str) -> str:
 
 def is_ours(name: str) -> bool:
     """Whether a registered learner comes with the toolkit; ``module:Class`` never counts."""
-    entry = registry().get(name)
-    return entry is not None and entry.dist is not None and entry.dist.name == "causal-openlock"
+    package = _package(name)
+    return package is not None and package.name == "causal-openlock"
 
 
 def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:
-    """Which file of no installed package a learner's name would run, said before it does.
+    """A sentence about the file that a learner's name would run; nothing is imported yet.
 
     Args:
-        name: As for :func:`learner_class`; nothing is imported.
+        name: As for :func:`learner_class`; ``None`` is returned if it is that of an installed one.
         beside: The folder of the experiment file that names it.
         role: What it runs as.
-
-    Returns:
-        A sentence; ``None`` for a learner that is installed or has no source.
     """
     module, colon, kind = name.partition(":")
     installed = {entry.module.partition(".")[0] for entry in registry().values()}
@@ -146,6 +143,10 @@ def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
 
     Raises:
         LearnerError: If there is no such learner, or a parameter is unknown or has a wrong value.
+
+    Example:
+        >>> create("ddqn", {"gamma": 0.9}).parameters.gamma
+        0.9
     """
     kind = learner_class(name)
     checked = parse_parameters(name, parameters or {})
@@ -166,12 +167,12 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
 
     declared: Any = learner_class(name).Parameters
     hints = get_type_hints(declared, include_extras=True)
+    known = [field.name for field in fields(declared)]
     values = {}
     for key, value in parameters.items():
-        if key not in {field.name for field in fields(declared)}:
+        if key not in known:
             raise LearnerError(
-                f"the learner {name} has no parameter {key!r}; "
-                f"{nearest(str(key), (field.name for field in fields(declared)))}"
+                f"the learner {name} has no parameter {key!r}; {nearest(str(key), known)}"
             )
         try:
             text = to_json(value, inf_nan_mode="constants")
@@ -181,9 +182,9 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
                 f"the parameter {key} of {name} must be plain data, and this is {value!r}"
             ) from None
         except ValidationError as error:
-            said = error.errors(include_url=False)[0]["msg"].removeprefix("Input ")
+            fault = error.errors(include_url=False)[0]["msg"].removeprefix("Input ")
             raise LearnerError(
-                f"the parameter {key} of {name} {said}, and this is {value!r}"
+                f"the parameter {key} of {name} {fault}, and this is {value!r}"
             ) from None
     try:
         return declared(**values)
@@ -191,9 +192,8 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
         raise LearnerError(f"the parameters of {name} do not fit: {error}") from None
 
 
-@dataclass(frozen=True)
-class ParameterInfo:
-    """A hyper-parameter as it is told to users."""
+class ParameterInfo(NamedTuple):
+    """A hyper-parameter as users see it."""
 
     name: str
     default: Any
@@ -201,19 +201,23 @@ class ParameterInfo:
 
 
 def parameter_table(name: str) -> list[ParameterInfo]:
-    """The hyper-parameters of a learner, with defaults and meanings."""
+    """The hyper-parameters of a learner, with defaults and meanings.
+
+    >>> parameter_table("ddqn")[0]
+    ParameterInfo(name='gamma', default=0.8, meaning='discount factor (paper: .8)')
+    """
     declared: Any = learner_class(name).Parameters
     hints = get_type_hints(declared, include_extras=True)
     table = []
     for field in fields(declared):
         notes = getattr(hints[field.name], "__metadata__", ())
-        meaning = " ".join(
+        texts = [
             note if isinstance(note, str) else note.description
             for note in notes
             if isinstance(note, str) or getattr(note, "description", None)
-        )
+        ]
         default = None if field.default is MISSING else field.default
         if field.default_factory is not MISSING:
             default = field.default_factory()
-        table.append(ParameterInfo(field.name, default, meaning))
+        table.append(ParameterInfo(field.name, default, " ".join(texts)))
     return table

@@ -8,7 +8,6 @@
 ``file``          Experiment files: YAML in.
 ``stored``        ``experiment.json`` in a results folder, read into typed objects.
 ``store``         A results folder: the cells that are done, checked.
-``inside``        Nothing in a results folder leads out of it.
 ``runner``        Plays the cells that are missing.
 ``workers``       The processes that cells are played in.
 ``worker``        Plays one cell, from its checkpoint if there is one.

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Learner
-from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import ATTEMPTS, CHECKPOINT
 from causal_openlock.files.atomic import replacing
@@ -89,10 +89,9 @@ class Checkpoint:
             return False
         except CheckpointError:
             raise
-        # It reads back as what was written, but who wrote it is not known; and a learner can fail
-        # in any way.
+        # Whoever wrote it is not known, and a learner can fail in any way.
         except Exception as error:
-            raise CheckpointError(f"{self.path} cannot be used ({_said(error)})") from None
+            raise CheckpointError(f"{self.path} cannot be used ({in_short(error)})") from None
         self._rows, self._checksum = kept["rows"], kept["checksum"]
         return True
 
@@ -131,9 +130,11 @@ class Checkpoint:
             self.every = float("inf")
         except StateError as error:
             self.every = float("inf")
-            self._warn(f"its state cannot be kept, so a killed cell begins again ({_said(error)})")
+            self._warn(
+                f"its state cannot be kept, so a killed cell begins again ({in_short(error)})"
+            )
         except (OpenLockError, OSError) as error:
-            self._warn(f"a checkpoint cannot be taken ({_said(error)})")
+            self._warn(f"a checkpoint cannot be taken ({in_short(error)})")
         now = time.perf_counter()
         least = (now - begun) / MOST_TIME if self.every else 0.0
         self._due = now + max(self.every, least)
@@ -157,19 +158,17 @@ class Checkpoint:
             "session": here,
             "learner": state,
         }
+        at = self._rows * session.log.row_type.itemsize
         with replacing(self.path) as file:
             write_state(file, kept)
             # Attempts that no checkpoint counts do no harm; one that counts too many would.
-            self._add(new, self._rows * session.log.row_type.itemsize)
+            with self.attempts.open("r+b" if at else "wb") as attempts:
+                attempts.seek(at)
+                attempts.write(new)
+                attempts.truncate()
+                attempts.flush()
+                os.fsync(attempts.fileno())
         self._rows, self._checksum = rows, checksum
-
-    def _add(self, new: bytes, at: int) -> None:
-        with self.attempts.open("r+b" if at else "wb") as file:
-            file.seek(at)
-            file.write(new)
-            file.truncate()
-            file.flush()
-            os.fsync(file.fileno())
 
     def _warn(self, sentence: str) -> None:
         if sentence not in self.warnings:
@@ -187,8 +186,4 @@ def _state_of(learner: Learner) -> dict[str, Any]:
     except LearnerError:
         raise
     except Exception as error:  # a learner can fail in any way
-        raise StateError(f"{type(error).__name__}: {_said(error)}") from None
-
-
-def _said(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
+        raise StateError(f"{type(error).__name__}: {in_short(error)}") from None

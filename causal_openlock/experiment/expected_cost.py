@@ -1,4 +1,4 @@
-"""What learners will cost in a room, said before they play: estimates from the work they count.
+"""What learners will cost in a room, before they play: estimates from the work they count.
 
 A learner whose work grows with the room says so in a class method::
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from causal_openlock.world.schema import Schema
 
 WORTH_SAYING = 1.0
-"""Seconds a trial from which on they are said."""
+"""Seconds a trial above which a cost is mentioned."""
 MUCH_MEMORY = 500.0
 """The same in megabytes."""
 
@@ -42,12 +42,13 @@ class Cost:
     megabytes: float = 0.0
 
     def __str__(self) -> str:
-        """The cost in words, without who and where."""
+        """The cost in words, to follow the name of the learner."""
         if self.seconds == float("inf"):
             return f"cannot play it: {self.work}"
+        time = f"{self.seconds:.0f} s" if self.seconds < 90 else f"{self.seconds / 60:.0f} minutes"
         memory = f" and up to {self.megabytes / 1000:.1f} GB a process"
         return (
-            f"takes about {_rounded(self.seconds)} a trial and subject on one core"
+            f"takes about {time} a trial and subject on one core"
             f"{memory if self.megabytes >= MUCH_MEMORY else ''} (an estimate: {self.work})"
         )
 
@@ -60,12 +61,10 @@ def expected_cost(
     Raises:
         LearnerError: If there is no such learner.
     """
-    kind = learner_class(learner)
-    ask = getattr(kind, "expected_cost", None)
+    ask = getattr(learner_class(learner), "expected_cost", None)
     cost: Cost | None = ask and ask(parse_parameters(learner, parameters), schema, action_limit)
-    if cost is None or (cost.seconds < WORTH_SAYING and cost.megabytes < MUCH_MEMORY):
-        return None
-    return cost
+    large = cost and (cost.seconds >= WORTH_SAYING or cost.megabytes >= MUCH_MEMORY)
+    return cost if large else None
 
 
 def cost_cautions(experiment: Experiment) -> Iterator[str]:
@@ -81,9 +80,3 @@ def cost_cautions(experiment: Experiment) -> Iterator[str]:
                 continue
             if cost is not None:
                 yield f"in {schema.name}, {entry.name} {cost}"
-
-
-def _rounded(seconds: float) -> str:
-    if seconds >= 90:
-        return f"{seconds / 60:.0f} minutes"
-    return f"{seconds:.0f} s"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -26,7 +25,7 @@ RANDOM_CLASS = "learners.random:RandomLearner"
 
 @dataclass(frozen=True)
 class Origin:
-    """Which code a learner is, so that results of other code are told apart.
+    """Which code a learner is, so that results of other code can be distinguished.
 
     Attributes:
         class_name: Its class, ``module:Class``.
@@ -96,16 +95,7 @@ class LearnerSpec:
 
 @dataclass(frozen=True)
 class Cell:
-    """One unit of work: some subjects of one learner in one condition.
-
-    Attributes:
-        experiment: Name of the experiment, for the record.
-        seed: Its seed.
-        spec: The learner.
-        condition: The condition.
-        first_subject: Number of the first subject.
-        subjects: How many subjects.
-    """
+    """One unit of work: some subjects of one learner in one condition of an experiment."""
 
     experiment: str
     seed: int
@@ -134,14 +124,14 @@ class Cell:
     def in_words(self) -> str:
         """The cell in words, such as ``ddqn in CC4, subjects 0-19``."""
         first, last = self.first_subject, self.first_subject + self.subjects - 1
-        who = f"subject {first}" if first == last else f"subjects {first}-{last}"
-        return f"{self.spec.name} in {self.condition.name}, {who}"
+        numbers = f"subject {first}" if first == last else f"subjects {first}-{last}"
+        return f"{self.spec.name} in {self.condition.name}, {numbers}"
 
     @property
     def name(self) -> str:
         """The cell in words that fit into a file name."""
-        last = self.first_subject + self.subjects - 1
-        return f"{self.spec.name}_{self.condition.name}_{self.first_subject}-{last}"
+        first, last = self.first_subject, self.first_subject + self.subjects - 1
+        return f"{self.spec.name}_{self.condition.name}_{first}-{last}"
 
     @property
     def file_name(self) -> str:
@@ -152,6 +142,8 @@ class Cell:
 @dataclass(frozen=True)
 class Experiment:
     """A declared experiment, everything in it resolved and checked.
+
+    :func:`~causal_openlock.experiment.file.read_experiment` makes one from a file.
 
     Attributes:
         name: A short name.
@@ -173,20 +165,25 @@ class Experiment:
     command: str = ""
     version: str = __version__
 
-    def cells(self) -> Iterator[Cell]:
+    def cells(self) -> tuple[Cell, ...]:
         """The units of work, always in the same order."""
-        return iter(self._cells)
+        return self._cells
 
     @cached_property
     def _cells(self) -> tuple[Cell, ...]:
-        return tuple(self._cut())
-
-    def _cut(self) -> Iterator[Cell]:
-        for spec in self.learners:
-            for condition in self.conditions:
-                for first in range(0, spec.subjects, self.cell_size):
-                    many = min(self.cell_size, spec.subjects - first)
-                    yield Cell(self.name, self.seed, spec, condition, first, many)
+        return tuple(
+            Cell(
+                self.name,
+                self.seed,
+                spec,
+                condition,
+                first,
+                min(self.cell_size, spec.subjects - first),
+            )
+            for spec in self.learners
+            for condition in self.conditions
+            for first in range(0, spec.subjects, self.cell_size)
+        )
 
     @property
     def protocols(self) -> tuple[Protocol, ...]:
@@ -212,7 +209,7 @@ class Experiment:
         }
 
     def cautions(self) -> list[str]:
-        """What nobody can do in this experiment, a sentence each."""
+        """A sentence for each schema that cannot be solved under a protocol."""
         return [
             f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
             f"gives {counted(protocol.attempt_limit, 'attempt')}, so nobody can solve its trials"
@@ -224,8 +221,9 @@ class Experiment:
     @cached_property
     def identity(self) -> str:
         """A hash of all of :meth:`as_dict` that determines the results."""
-        told = ("title", "command")
-        return _digest({key: value for key, value in self.as_dict().items() if key not in told})
+        decides = self.as_dict()
+        del decides["title"], decides["command"]
+        return _digest(decides)
 
 
 def _digest(data: Any) -> str:

@@ -31,20 +31,17 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, is_dataclass, replace
-from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel, Discriminator, Field, Tag, create_model
 
-from causal_openlock.contract.registry import (
-    file_that_runs,
-    learner_class,
-    parse_parameters,
-)
+from causal_openlock.contract.registry import file_that_runs, learner_class, parse_parameters
 from causal_openlock.errors import ExperimentError, FileError, OpenLockError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import (
@@ -59,7 +56,7 @@ from causal_openlock.files.module_source import look_beside
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import Document, Where, read_document
 from causal_openlock.formats.schema_file import JSON_SCHEMA_ID, bundled, find_schema
-from causal_openlock.wording import nearest
+from causal_openlock.wording import joined, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, WEIGHTS, find_reward
 from causal_openlock.world.room import Layout
 from causal_openlock.world.schema import NAME, Schema
@@ -78,7 +75,7 @@ Name = Annotated[
 
 
 def _form(value: Any) -> str:
-    """Which arm of a union is meant: told by the form of what is written."""
+    """Which arm of a union is meant, by the form of what is written."""
     if isinstance(value, Mapping | BaseModel):
         return "<mapping>"
     return "<list>" if isinstance(value, list) else "<name>"
@@ -139,21 +136,17 @@ class ConditionFile(StrictModel):
     test: list[TrialsFile] = Field(default_factory=list)
 
 
-class ProtocolFile(StrictModel):
-    """A protocol of one's own: another one with some settings changed."""
+def _setting(kind: Any) -> tuple[Any, None]:
+    """A field of :class:`Protocol` as a key of the file that may be left out."""
+    return (Positive if int in (kind, *get_args(kind)) else kind) | None, None
 
-    based_on: Annotated[str, Field(description="A protocol to start from.")] = "human"
-    attempt_limit: Positive | None = None
-    stop_when_solved: bool | None = None
-    baseline_trials: Positive | None = None
-    training_trials: Positive | None = None
-    test_trials: Positive | None = None
-    baseline_loops: Positive | None = None
-    train_loops: Positive | None = None
-    test_loops: Positive | None = None
-    layouts: Literal["published", "random"] | None = None
-    test_layout: str | None = None
-    action_limit: Positive | None = None
+
+_SETTINGS: dict[str, Any] = {
+    "based_on": (Annotated[str, Field(description="A protocol to start from.")], "human"),
+    **{name: _setting(kind) for name, kind in get_type_hints(Protocol).items() if name != "name"},
+}
+ProtocolFile = create_model("ProtocolFile", __base__=StrictModel, **_SETTINGS)
+ProtocolFile.__doc__ = "A protocol of one's own: another one with some settings changed."
 
 
 class LearnerFile(StrictModel):
@@ -228,6 +221,12 @@ def read_experiment(
         FileError: With line, column and remedy of every fault of the file, or of a schema file
             that it names.
         OpenLockError: If one of the changes does not fit.
+
+    Example:
+        >>> changes = Changes(learners=["oracle"], conditions=["CC3", "CC3-CC4"], subjects=10)
+        >>> experiment = read_experiment(find_experiment("default"), changes)
+        >>> [cell.in_words for cell in experiment.cells()]
+        ['oracle in CC3, subjects 0-9', 'oracle in CC3-CC4, subjects 0-9']
     """
     document = read_document(path)
     if isinstance(document.data, dict) and {"levers", "edges"} <= document.data.keys():
@@ -265,20 +264,10 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock experiment"}
 
 
-def _is_code(reward: Any) -> bool:
-    """Whether a reward is a function of one's own."""
-    return isinstance(reward, str) and ":" in reward
-
-
-def _listed(names: Iterable[str]) -> str:
-    *before, last = names
-    return f"{', '.join(before)} and {last}" if before else last
-
-
 def _in_short(names: Sequence[str], what: str) -> str:
     """Names as a part of a name; their number where they are many or long."""
-    said = re.sub(r"[^A-Za-z0-9_.-]+", "_", "_".join(names)).strip("_.-")
-    return said if 0 < len(said) <= LONGEST_NAMES else f"{len(names)}_{what}"
+    short = re.sub(r"[^A-Za-z0-9_.-]+", "_", "_".join(names)).strip("_.-")
+    return short if 0 < len(short) <= LONGEST_NAMES else f"{len(names)}_{what}"
 
 
 class _Builder:
@@ -289,14 +278,18 @@ class _Builder:
         self.folder = document.path.resolve().parent
         self.own_protocols: dict[str, Protocol] = {}
 
-    def at(self, where: Where | None, resolve: Callable[[], Any]) -> Any:
-        """Resolve something; a fault in it is a fault at ``where`` in the file, if it is there."""
+    @contextmanager
+    def at(self, *where: str | int) -> Iterator[None]:
+        """Report a fault in what is resolved here at its place in the file.
+
+        What the command line gives instead of the file's value has no such place.
+        """
         try:
-            return resolve()
+            yield
         except FileError:
             raise
         except OpenLockError as error:
-            if where is None:
+            if getattr(self.changes, str(where[0]), None) is not None:
                 raise
             raise self.document.error(where, str(error)) from None
 
@@ -309,56 +302,26 @@ class _Builder:
             if chosen is None or {one.name, one.learner} & {*chosen}
         ]
         runs = {file_that_runs(one.learner, self.folder) for one in learners}
-        rewards = {one.reward for one in learners if _is_code(one.reward)}
-        if _is_code(self.file.reward):
-            rewards.add(self.file.reward)
-        runs |= {file_that_runs(str(one), self.folder, "reward") for one in rewards}
-        for said in sorted(filter(None, runs)):
-            tell(said)
+        rewards = [self.file.reward, *(one.reward for one in learners)]
+        runs |= {
+            file_that_runs(one, self.folder, "reward") for one in rewards if isinstance(one, str)
+        }
+        for sentence in sorted(filter(None, runs)):
+            tell(sentence)
 
     def build(self) -> Experiment:
         file, changes = self.file, self.changes
         for name, declared in file.protocols.items():
-            self.own_protocols[name] = self.at(
-                ("protocols", name), partial(self.protocol, name, declared)
-            )
-        if changes.conditions is None:
-            conditions = [
-                self.at(
-                    ("conditions", index),
-                    partial(self.condition, condition, ("conditions", index)),
-                )
-                for index, condition in enumerate(file.conditions)
-            ]
-        else:
-            spelled_out = {c.name: c for c in file.conditions if isinstance(c, ConditionFile)}
-            conditions = [
-                self.condition(spelled_out.get(condition, condition), None)
-                for condition in changes.conditions
-            ]
-        if changes.learners is None:
-            entries = [
-                self.entry(self.as_learner(learner), ("learners", index))
-                for index, learner in enumerate(file.learners)
-            ]
-        else:
-            declared_learners = {
-                (known := self.as_learner(learner)).name or known.learner: known
-                for learner in file.learners
-            }
-            entries = [
-                self.entry(declared_learners.get(name) or LearnerFile(learner=name), None)
-                for name in changes.learners
-            ]
-        self.check_unique("condition", "conditions", [c.name for c in conditions])
-        self.check_unique("learner", "learners", [e.name for e in entries])
-        self.check_schemas(conditions)
-        self.check_fit(conditions, entries)
+            with self.at("protocols", name):
+                self.own_protocols[name] = self.protocol(name, declared)
+        conditions = self.resolved("conditions", self.condition)
+        learners = self.resolved("learners", self.learner)
+        check_together(conditions.values(), learners.values())
         name, title = file.name, file.title or file.name
         if changes.conditions is not None or changes.learners is not None:
-            players, places = [e.name for e in entries], [c.name for c in conditions]
+            players, places = [*learners], [*conditions]
             name = f"{_in_short(players, 'learners')}_in_{_in_short(places, 'conditions')}"
-            title = f"{_listed(players)} in {_listed(places)}"
+            title = f"{joined(players)} in {joined(places)}"
         words = ["causal-openlock", "compare", self.document.path.as_posix(), *changes.options]
         return Experiment(
             name=name,
@@ -366,9 +329,26 @@ class _Builder:
             command=shlex.join(words),
             seed=file.seed if changes.seed is None else changes.seed,
             cell_size=file.cell_size,
-            conditions=tuple(conditions),
-            learners=tuple(entries),
+            conditions=tuple(conditions.values()),
+            learners=tuple(learners.values()),
         )
+
+    def resolved(self, key: str, resolve: Callable[[Any, int], Any]) -> dict[str, Any]:
+        """By name, the conditions or learners of the file, or those of the command line."""
+        declared = getattr(self.file, key)
+        if (chosen := getattr(self.changes, key)) is not None:
+            known = {one.name or one.learner: one for one in declared if not isinstance(one, str)}
+            declared = [known.get(name, name) for name in chosen]
+        found: dict[str, Any] = {}
+        for index, entry in enumerate(declared):
+            one = resolve(entry, index)
+            with self.at(key, index):
+                if one.name in found:
+                    raise ExperimentError(
+                        f"the {key[:-1]} {one.name} is listed twice; give one of them another name"
+                    )
+            found[one.name] = one
+        return found
 
     @staticmethod
     def as_learner(learner: str | LearnerFile) -> LearnerFile:
@@ -377,104 +357,84 @@ class _Builder:
     def schema(self, name: str) -> Schema:
         return find_schema(name, beside=[self.folder])
 
-    def protocol(self, name: str, declared: ProtocolFile) -> Protocol:
+    def protocol(self, name: str, declared: BaseModel) -> Protocol:
         if name in PROTOCOLS:
             raise ExperimentError(
                 f"the protocol {name} comes with the package; choose another name"
             )
         if not NAME.fullmatch(name):
             raise ExperimentError(f"{name!r} is no name for a protocol; use letters and digits")
-        base = find_protocol(declared.based_on, self.own_protocols)
-        given = declared.model_dump(exclude_unset=True, exclude={"based_on"})
-        return replace(base, name=name, **given)
+        settings = declared.model_dump(exclude_unset=True)
+        base = find_protocol(settings.pop("based_on", "human"), self.own_protocols)
+        return replace(base, name=name, **settings)
 
-    def condition(self, declared: str | ConditionFile, where: Where | None) -> Condition:
-        if isinstance(declared, str):
-            return Condition.named(declared, self.schema)
-        train, test = (
-            tuple(
-                self.trials(trials, None if where is None else (*where, phase, index))
-                for index, trials in enumerate(groups)
+    def condition(self, declared: str | ConditionFile, index: int) -> Condition:
+        with self.at("conditions", index):
+            if isinstance(declared, str):
+                return Condition.named(declared, self.schema)
+            train, test = (
+                tuple(
+                    self.trials(trials, ("conditions", index, phase, number))
+                    for number, trials in enumerate(getattr(declared, phase))
+                )
+                for phase in ("train", "test")
             )
-            for phase, groups in (("train", declared.train), ("test", declared.test))
-        )
-        return Condition(declared.name, train, test)
+            return Condition(declared.name, train, test)
 
-    def trials(self, declared: TrialsFile, where: Where | None) -> Trials:
-        def part(*key: str | int) -> Where | None:
-            return None if where is None else (*where, *key)
-
-        schema = self.at(part("schema"), partial(self.schema, declared.schema_))
+    def trials(self, declared: TrialsFile, where: Where) -> Trials:
+        with self.at(*where, "schema"):
+            schema = self.schema(declared.schema_)
         layouts: Any = declared.layouts
         if isinstance(layouts, list):
-            layouts = tuple(
-                self.at(part("layouts", index), partial(Layout.of, schema, layout))
-                for index, layout in enumerate(layouts)
-            )
-            if declared.trials and declared.trials > len(layouts):
-                message = f"{declared.trials} trials need as many layouts; {len(layouts)} are given"
-                if where is None:
-                    raise ExperimentError(message)
-                raise self.document.error((*where, "trials"), message)
-        return Trials(schema, layouts, declared.trials, declared.shuffle)
+            places = []
+            for index, layout in enumerate(layouts):
+                with self.at(*where, "layouts", index):
+                    places.append(Layout.of(schema, layout))
+            layouts = tuple(places)
+        with self.at(*where, "trials"):
+            return Trials(schema, layouts, declared.trials, declared.shuffle)
 
-    def entry(self, declared: LearnerFile, where: Where | None) -> LearnerSpec:
-        changes, file = self.changes, self.file
-
-        def part(*key: str) -> Where | None:
-            return None if where is None else (*where, *key)
-
-        protocol = changes.protocol or declared.protocol or file.protocol
-        reward: Any = file.reward if declared.reward is None else declared.reward
+    def learner(self, entry: str | LearnerFile, index: int) -> LearnerSpec:
+        declared, file, where = self.as_learner(entry), self.file, ("learners", index)
+        own_reward = declared.reward is not None
+        reward: Any = declared.reward if own_reward else file.reward
         if isinstance(reward, BaseModel):
             reward = reward.model_dump(exclude_none=True)
         if ":" in declared.learner or ":" in reward:
             look_beside(self.folder)
-        self.at(part("learner"), lambda: learner_class(declared.learner))
-        parameters = self.at(
-            part("parameters"), lambda: parse_parameters(declared.learner, declared.parameters)
-        )
+        with self.at(*where, "learner"):
+            learner_class(declared.learner)
+        with self.at(*where, "parameters"):
+            parameters = parse_parameters(declared.learner, declared.parameters)
+        own_protocol = declared.protocol and not self.changes.protocol
+        with self.at(*(where if own_protocol else ()), "protocol"):
+            protocol = find_protocol(
+                self.changes.protocol or declared.protocol or file.protocol, self.own_protocols
+            )
+        with self.at(*(where if own_reward else ()), "reward"):
+            pays = find_reward(reward)
         return LearnerSpec(
             name=declared.name or declared.learner.rpartition(":")[2],
             learner=declared.learner,
             parameters=asdict(parameters) if is_dataclass(parameters) else {},  # type: ignore[arg-type]
-            protocol=self.at(
-                part("protocol")
-                if declared.protocol and not changes.protocol
-                else self.whole("protocol"),
-                lambda: find_protocol(protocol, self.own_protocols),
-            ),
-            reward=self.at(
-                part("reward") if declared.reward is not None else ("reward",),
-                lambda: find_reward(reward),
-            ),
-            subjects=changes.subjects or declared.subjects or file.subjects,
+            protocol=protocol,
+            reward=pays,
+            subjects=self.changes.subjects or declared.subjects or file.subjects,
         )
 
-    def whole(self, key: str) -> Where | None:
-        """A place in the file, unless the command line overrides it."""
-        return None if getattr(self.changes, key) is not None else (key,)
 
-    def check_unique(self, what: str, key: str, names: list[str]) -> None:
-        for index, name in enumerate(names):
-            if name in names[:index]:
-                message = f"the {what} {name} is listed twice; give one of them another name"
-                if getattr(self.changes, key) is not None:
-                    raise ExperimentError(message)
-                raise self.document.error((key, index), message)
+def check_together(conditions: Iterable[Condition], learners: Iterable[LearnerSpec]) -> None:
+    """Refuse schemas of one name, and those that do not fit a protocol.
 
-    def check_schemas(self, conditions: list[Condition]) -> None:
-        known: dict[str, Schema] = {}
-        for condition in conditions:
-            for schema in condition.schemas:
-                if known.setdefault(schema.name, schema) != schema:
-                    raise ExperimentError(
-                        f"two different schemas are called {schema.name}; rename one of them"
-                    )
-
-    def check_fit(self, conditions: list[Condition], entries: list[LearnerSpec]) -> None:
-        """Every schema fits every protocol, so that nothing fails an hour into a comparison."""
-        for entry in entries:
-            for condition in conditions:
-                once = replace(entry.protocol, baseline_loops=1, train_loops=1, test_loops=1)
-                plan(condition, once, np.random.default_rng(0))
+    So nothing fails an hour into a comparison.
+    """
+    known: dict[str, Schema] = {}
+    for condition in conditions:
+        for schema in condition.schemas:
+            if known.setdefault(schema.name, schema) != schema:
+                raise ExperimentError(
+                    f"two different schemas are called {schema.name}; rename one of them"
+                )
+    for spec, condition in product(learners, conditions):
+        once = replace(spec.protocol, baseline_loops=1, train_loops=1, test_loops=1)
+        plan(condition, once, np.random.default_rng(0))

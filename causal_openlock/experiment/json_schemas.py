@@ -7,24 +7,13 @@ that they describe.
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Any
 
-from causal_openlock.experiment import file as experiment_file
+from causal_openlock.experiment import file
 from causal_openlock.files.atomic import write_text
 from causal_openlock.formats import schema_file
-from causal_openlock.formats.schema_file import bundled
-
-
-def json_schema_files() -> dict[Path, dict[str, Any]]:
-    """The files and what belongs into them."""
-    return {
-        bundled("schemas") / "schema.json": schema_file.json_schema(),
-        bundled("experiments") / "schema.json": experiment_file.json_schema(),
-    }
-
 
 if __name__ == "__main__":
-    for path, content in json_schema_files().items():
-        write_text(path, json.dumps(content, indent=2) + "\n")
+    for kind, made in (("schemas", schema_file.json_schema()), ("experiments", file.json_schema())):
+        path = schema_file.bundled(kind) / "schema.json"
+        write_text(path, json.dumps(made, indent=2) + "\n")
         print(path)

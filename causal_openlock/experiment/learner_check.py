@@ -15,13 +15,11 @@ from __future__ import annotations
 
 import threading
 import warnings
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from itertools import islice
 
-from causal_openlock.contract.learner import InformedLearner
-from causal_openlock.contract.probes import GlobalRandomness, Shown, WrittenTo
+from causal_openlock.contract.probes import GlobalRandomness, WrittenTo, watch
 from causal_openlock.contract.registry import create, is_ours
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.session import Session
@@ -54,19 +52,18 @@ def check_learner(cell: Cell) -> list[str]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # torch has one for arrays that cannot be written to
-            try:
-                _play(cell, Shown().to)
-            except WrittenTo as error:
-                found.append(f"{error}; let it work on a copy, array.copy()")
-            except (Exception, SystemExit):
-                pass
+            with suppress(Exception, SystemExit):
+                try:
+                    _play(cell, watched=True)
+                except WrittenTo as error:
+                    found.append(f"{error}; let it work on a copy, array.copy()")
             # Only now, since what a learner imports while it plays may draw as well, and not
             # where other threads draw at the same time.
             if threading.current_thread() is threading.main_thread():
                 before.restore()  # one that seeds would find its own seed
-                start = GlobalRandomness.now()
+                start = GlobalRandomness.now()  # with torch, if that has been imported
                 with suppress(Exception, SystemExit):
-                    _play(cell, lambda method, given: method(given))
+                    _play(cell, watched=False)
                 if touched := start.differs_from(GlobalRandomness.now()):
                     found.append(
                         f"it uses or seeds the random numbers of {' and '.join(touched)}, which "
@@ -78,18 +75,14 @@ def check_learner(cell: Cell) -> list[str]:
     return found
 
 
-def _play(cell: Cell, show: Callable[[Callable[[Any], Any], Any], Any]) -> None:
-    """Play a few steps; ``show`` hands a view or a step to a method of the learner."""
+def _play(cell: Cell, watched: bool) -> None:
     short = replace(
         cell.spec.protocol, attempt_limit=ATTEMPTS, baseline_loops=1, train_loops=1, test_loops=1
     )
     learner = create(cell.spec.learner, cell.spec.parameters)
+    if watched:
+        watch(learner)
     session = Session(cell.condition, short, SUBJECTS, reward=cell.spec.reward)
     session.begin(learner)
-    for _ in range(STEPS):
-        if session.over:
-            break
-        step = session.step(show(learner.act, session.view))
-        show(learner.learn, step)
-        if isinstance(learner, InformedLearner) and step.trial_over.any():
-            learner.inform(session.truth)
+    for _ in islice(session.steps(learner), STEPS):
+        pass

@@ -20,7 +20,7 @@ when all solutions are found, how many trials there are and how often they are g
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from typing import Any, Literal
@@ -37,10 +37,11 @@ PAPER_ACTION_LIMIT = 3
 MAX_ACTION_LIMIT = int(ACTIONS_LEFT)
 PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
 LayoutSource = Literal["published", "random"]
+YAML = (".yaml", ".yml")
 
 
 def default_action_limit(schema: Schema) -> int:
-    """Actions in an attempt where nothing is said: the paper's 3, or as many as are needed."""
+    """Actions in an attempt by default: the paper's 3, or as many as the schema needs."""
     return max(PAPER_ACTION_LIMIT, schema.least_action_limit)
 
 
@@ -66,6 +67,11 @@ class Protocol:
             (the authors' program always used ``trial7``); none by default.
         action_limit: Actions in an attempt; by default 3, or as many as the schema's longest
             solution needs.
+
+    Example:
+        >>> short = replace(PROTOCOLS["human"], name="short", attempt_limit=5)
+        >>> short.attempt_limit, short.training_trials
+        (5, 6)
     """
 
     name: str
@@ -227,6 +233,11 @@ class Condition:
         name: For the record.
         train: Trials in the order in which they come; all of a baseline's trials are here.
         test: Trials to test on afterwards; empty for a baseline.
+
+    Example:
+        >>> from causal_openlock import find_schema
+        >>> [schema.name for schema in Condition.named("CC3-CC4", find_schema).schemas]
+        ['CC3', 'CC4']
     """
 
     name: str
@@ -247,9 +258,11 @@ class Condition:
             ProtocolError: If it has another form.
             OpenLockError: If there is no such schema, or its file has faults.
         """
-        ways = [parts for parts in _ways(name) if all(map(_may_be_schema, parts))]
+        dashes = [index for index, sign in enumerate(name) if sign == "-"]
         missing: tuple[int, OpenLockError] | None = None
-        for parts in ways:
+        for parts in ((name,), *((name[:dash], name[dash + 1 :]) for dash in dashes)):
+            if not all(NAME.fullmatch(part) or part.endswith(YAML) for part in parts):
+                continue
             schemas: list[Schema] = []
             try:
                 for part in parts:
@@ -257,7 +270,7 @@ class Condition:
             except FileError:  # it is there, and has faults
                 raise
             except OpenLockError as error:
-                # What is told is what is missing where the most is there.
+                # The message is about what is missing where the most is there.
                 if missing is None or len(schemas) > missing[0]:
                     missing = len(schemas), error
                 continue
@@ -288,20 +301,9 @@ class Condition:
         }
 
 
-def _ways(name: str) -> Iterator[tuple[str, ...]]:
-    """The whole name, and its two parts at each of its dashes."""
-    yield (name,)
-    for dash in (index for index, character in enumerate(name) if character == "-"):
-        yield name[:dash], name[dash + 1 :]
-
-
-def _may_be_schema(part: str) -> bool:
-    return bool(NAME.fullmatch(part)) or part.endswith((".yaml", ".yml"))
-
-
 @dataclass(frozen=True)
 class Visit:
-    """One trial of one subject: where it stands in the condition, and its room."""
+    """One trial of one subject: its place in the condition, and its room."""
 
     phase: str
     loop: int
@@ -319,55 +321,41 @@ def plan(condition: Condition, protocol: Protocol, generator: np.random.Generato
         ProtocolError: If a schema does not fit the protocol or its ``test_layout``, or has fewer
             layouts than trials.
     """
+    train = (protocol.training_trials, protocol.train_loops)
+    if not condition.test:
+        train = (protocol.baseline_trials, protocol.baseline_loops)
+    tested = condition.test
+    if protocol.test_layout is not None:
+        try:
+            tested = tuple(
+                replace(trials, layouts=(Layout.of(trials.schema, protocol.test_layout),))
+                for trials in tested
+            )
+        except LayoutError as error:
+            message = f"test_layout of protocol {protocol.name}: {error}"
+            raise ProtocolError(message) from None
     visits: list[Visit] = []
-    baseline = not condition.test
-    train = (
-        (protocol.baseline_trials, protocol.baseline_loops)
-        if baseline
-        else (protocol.training_trials, protocol.train_loops)
-    )
-    test = (protocol.test_trials, protocol.test_loops)
-    for phase, groups, (number, loops) in (
-        ("train", condition.train, train),
-        ("test", _with_test_layout(condition.test, protocol), test),
+    for phase, groups, number, loops in (
+        ("train", condition.train, *train),
+        ("test", tested, protocol.test_trials, protocol.test_loops),
     ):
-        for loop in range(loops if groups else 0):
-            drawn: Iterable[tuple[Schema, Layout]] = (
+        for loop in range(1, loops + 1):
+            drawn = (
                 (trials.schema, layout)
                 for trials in groups
                 for layout in trials.draw(generator, number, protocol.layouts)
             )
-            visits += [
-                Visit(phase, loop + 1, trial + 1, schema, layout)
-                for trial, (schema, layout) in enumerate(drawn)
-            ]
+            visits += [Visit(phase, loop, trial, *room) for trial, room in enumerate(drawn, 1)]
     for schema in condition.schemas:
         protocol.actions_for(schema)
     return visits
 
 
 def check_trial(trial: int, trials: int, where: str) -> None:
-    """Refuse a number that no trial has.
-
-    Args:
-        trial: The number, counted over a whole condition from 1.
-        trials: How many trials there are.
-        where: In what, for the message.
+    """Refuse a number that none of the trials of a condition has; ``where`` is for the message.
 
     Raises:
         ProtocolError: If there is no such trial.
     """
     if not 1 <= trial <= trials:
         raise ProtocolError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
-
-
-def _with_test_layout(groups: tuple[Trials, ...], protocol: Protocol) -> tuple[Trials, ...]:
-    if protocol.test_layout is None:
-        return groups
-    try:
-        return tuple(
-            replace(trials, layouts=(Layout.of(trials.schema, protocol.test_layout),))
-            for trials in groups
-        )
-    except LayoutError as error:
-        raise ProtocolError(f"test_layout of protocol {protocol.name}: {error}") from None

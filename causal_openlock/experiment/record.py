@@ -6,6 +6,7 @@ measures, draws or reports. A record is an Arrow table, kept as one Parquet file
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 CATEGORIES = ("else", "unlock", "open1", "open2", "open3")
 """Ruling on Figures 6 and 7: what an attempt came to, as an event and not as a sum of rewards.
 
-``openK`` is the K-th new solution of the trial (``open3`` stands for the third and all later
+``openK`` is the K-th new solution of the trial (``open3`` is the third and all later
 ones); opening the door in any other way is ``open1``; ``unlock`` means that the door was unlocked
 at some moment but not opened; ``else`` is the rest.
 """
@@ -63,10 +64,10 @@ def record_schema() -> pa.Schema:
 
 
 def compact(record: pa.Table) -> pa.Table:
-    """The same values with names coded by fewer bytes, which an analysis of many cells is glad of.
+    """The same values with names coded by fewer bytes, for an analysis of many cells.
 
-    How many is a matter of the column and never of what a record happens to hold, so that compact
-    records of any cells can be put together, and their names be counted as one.
+    How many depends on the column and not on what a record holds, so that compact records of any
+    cells can be put together, and their names be counted as one.
     """
     import pyarrow as pa
 
@@ -85,13 +86,13 @@ def compact(record: pa.Table) -> pa.Table:
 def categorise(
     unlocked: BoolArray, opened: BoolArray, new: BoolArray, found: IntArray
 ) -> NDArray[np.int8]:
-    """What attempts came to, as indices into :data:`CATEGORIES`.
+    """``[N]`` what attempts came to, as indices into :data:`CATEGORIES`.
 
-    Args:
-        unlocked: ``[N]`` whether the door was unlocked at any moment.
-        opened: ``[N]`` whether it was opened.
-        new: ``[N]`` whether that was a new solution.
-        found: ``[N]`` solutions found in the trial, this one included.
+    The arguments are columns of a record: ``unlocked``, ``opened``, ``new_solution`` and
+    ``solutions_found``.
+
+    >>> CATEGORIES[categorise(*np.array([[True], [True], [True], [2]]))[0]]
+    'open2'
     """
     nth = np.where(new, np.clip(found, 1, 3), 1)
     return np.where(opened, 1 + nth, unlocked).astype(np.int8)
@@ -104,59 +105,57 @@ class AttemptLog:
 
     Args:
         action_limit: The most actions that an attempt of this session can have.
+
+    Attributes:
+        rows: How many attempts there are.
+        row_type: An attempt as one piece of bytes: what :meth:`since` gives, :meth:`extend` takes.
     """
 
     def __init__(self, action_limit: int) -> None:
         self.action_limit = action_limit
-        self.rows = 0
-        self._columns: dict[str, NDArray[Any]] = {
-            "subject": np.zeros(0, np.int32),
-            "visit": np.zeros(0, np.int32),
-            "attempt": np.zeros(0, np.int32),
-            "used": np.zeros(0, np.int8),
-            "actions": np.zeros((0, action_limit), np.uint8),
-            "moved": np.zeros((0, action_limit), bool),
-            "unlocked": np.zeros(0, bool),
-            "opened": np.zeros(0, bool),
-            "solution": np.zeros(0, np.int16),
-            "new_solution": np.zeros(0, bool),
-            "solutions_found": np.zeros(0, np.int16),
-            "reward": np.zeros(0, np.float64),
-            "wall_time": np.zeros(0, np.float32),
-        }
+        self.rows = self._capacity = 0
+        self.row_type = np.dtype(
+            [
+                ("subject", np.int32),
+                ("visit", np.int32),
+                ("attempt", np.int32),
+                ("used", np.int8),
+                ("actions", np.uint8, (action_limit,)),
+                ("moved", bool, (action_limit,)),
+                ("unlocked", bool),
+                ("opened", bool),
+                ("solution", np.int16),
+                ("new_solution", bool),
+                ("solutions_found", np.int16),
+                ("reward", np.float64),
+                ("wall_time", np.float32),
+            ]
+        )
+        empty = np.zeros(0, self.row_type)
+        self._columns = {name: empty[name].copy() for name in self.row_type.names or ()}
 
     def append(self, **values: NDArray[Any] | float) -> None:
         """Add the attempts that have just ended; every column must be given."""
-        many = len(np.atleast_1d(values["subject"]))
-        end = self.rows + many
-        capacity = len(self._columns["subject"])
-        if end > capacity:
-            self._grow(max(end, capacity + capacity // 2, 1024))
+        end = self.rows + len(np.atleast_1d(values["subject"]))
+        if end > self._capacity:
+            self._capacity = max(end, self._capacity + self._capacity // 2, 1024)
+            for name, column in self._columns.items():
+                grown = np.zeros((self._capacity, *column.shape[1:]), column.dtype)
+                grown[: self.rows] = column[: self.rows]
+                self._columns[name] = grown
         for name, column in self._columns.items():
             column[self.rows : end] = values[name]
         self.rows = end
 
-    def _grow(self, capacity: int) -> None:
-        for name, column in self._columns.items():
-            grown = np.zeros((capacity, *column.shape[1:]), column.dtype)
-            grown[: self.rows] = column[: self.rows]
-            self._columns[name] = grown
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return self._columns[name][: self.rows]
-
-    @property
-    def row_type(self) -> np.dtype[np.void]:
-        """An attempt as one piece of bytes: what :meth:`since` gives and :meth:`extend` takes."""
-        return np.dtype(
-            [(name, column.dtype, column.shape[1:]) for name, column in self._columns.items()]
-        )
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The attempts so far, by column."""
+        return {name: column[: self.rows] for name, column in self._columns.items()}
 
     def since(self, row: int) -> NDArray[np.void]:
         """The attempts from a row on, as a structured array; a copy."""
         rows = np.empty(self.rows - row, self.row_type)
-        for name in self._columns:
-            rows[name] = self[name][row:]
+        for name, column in self.columns().items():
+            rows[name] = column[row:]
         return rows
 
     def extend(self, rows: NDArray[np.void]) -> None:
@@ -179,38 +178,21 @@ def assemble(
     import pyarrow as pa
 
     numbers = constants["subjects"]
-    order = numbers[log["subject"]].argsort(kind="stable")
-    subject, visit = log["subject"][order], log["visit"][order]
-    used = log["used"][order]
+    order = numbers[log.columns()["subject"]].argsort(kind="stable")
+    attempts = {name: column[order] for name, column in log.columns().items()}
+    subject, visit, used = attempts["subject"], attempts["visit"], attempts["used"]
     offsets = pa.array(np.concatenate([[0], np.cumsum(used)]), pa.int32())
     taken = np.arange(log.action_limit) < used[:, None]
-
-    def in_attempt(name: str, kind: pa.DataType) -> pa.Array:
-        return pa.ListArray.from_arrays(offsets, pa.array(log[name][order][taken], kind))
-
     category = categorise(
-        log["unlocked"][order],
-        log["opened"][order],
-        log["new_solution"][order],
-        log["solutions_found"][order],
+        *(attempts[name] for name in ("unlocked", "opened", "new_solution", "solutions_found"))
     )
     columns: dict[str, Any] = {
+        **attempts,
         "subject": numbers[subject],
-        "attempt": log["attempt"][order],
-        "actions": in_attempt("actions", pa.uint8()),
-        "moved": in_attempt("moved", pa.bool_()),
         "category": _dictionary(category, CATEGORIES),
         **{
-            name: log[name][order]
-            for name in (
-                "unlocked",
-                "opened",
-                "solution",
-                "new_solution",
-                "solutions_found",
-                "reward",
-                "wall_time",
-            )
+            name: pa.ListArray.from_arrays(offsets, pa.array(attempts[name][taken]))
+            for name in ("actions", "moved")
         },
     }
     for name, values in visits.items():
@@ -219,22 +201,14 @@ def assemble(
             names, codes = np.unique(values, return_inverse=True)
             column = _dictionary(codes.reshape(values.shape)[subject, visit], names.tolist())
         columns[name] = column
-    schema = record_schema()
     for name in ("experiment", "learner", "condition", "protocol"):
         columns[name] = _dictionary(np.zeros(log.rows, np.int32), [constants[name]])
     columns["seed"] = np.full(log.rows, constants["seed"])
-    return pa.table([_cast(columns[field.name], field.type) for field in schema], schema=schema)
+    schema = record_schema()
+    return pa.table([columns[field.name] for field in schema], schema=schema)
 
 
-def _dictionary(codes: IntArray | NDArray[Any], names: Any) -> pa.Array:
+def _dictionary(codes: IntArray | NDArray[Any], names: Sequence[str]) -> pa.Array:
     import pyarrow as pa
 
-    return pa.DictionaryArray.from_arrays(
-        pa.array(codes.astype(np.int32)), pa.array(list(names), pa.string())
-    )
-
-
-def _cast(column: Any, kind: pa.DataType) -> Any:
-    import pyarrow as pa
-
-    return column if isinstance(column, pa.Array) else pa.array(column, kind)
+    return pa.DictionaryArray.from_arrays(codes.astype(np.int32), pa.array(names, pa.string()))

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from causal_openlock.contract.registry import is_ours
@@ -21,7 +21,7 @@ from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.standing import Course, Standing
 from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.worker import Played, Watching, blame, play_cell
+from causal_openlock.experiment.worker import Watching, blame, play_cell
 from causal_openlock.experiment.workers import Crew, available_cores, crew
 
 LOOK_EVERY = 1.0
@@ -57,15 +57,26 @@ def run(
         watching: How often checkpoints are taken inside a cell, and what is logged.
         time_limit: Seconds after which a cell is ended, counted from when it is begun or gone on
             with; by default there is no limit. It then counts as failed, and keeps its checkpoint.
-            What an executor that is given has begun, nobody can end: there it is not heeded.
+            It is ignored where an executor is given, which does not end what it has begun.
 
     Raises:
         CellsFailed: If cells failed, after all others were played. Why is in ``errors``.
         OpenLockError: If TensorBoard's logs are asked for and it is not installed, or no process
             can be started.
         StoreError: If the folder holds something else or cannot be written to.
+
+    Example:
+        >>> from concurrent.futures import ThreadPoolExecutor
+        >>> from tempfile import TemporaryDirectory
+        >>> from causal_openlock import Changes, find_experiment, read_experiment
+        >>> changes = Changes(learners=["oracle"], conditions=["CC3"], subjects=2)
+        >>> experiment = read_experiment(find_experiment("default"), changes)
+        >>> with TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
+        ...     record, _ = run(experiment, folder, executor=executor).record()
+        >>> record.num_rows
+        20
     """
-    watching = watching or Watching()
+    watching, warn = watching or Watching(), warn or _ignore
     if time_limit is not None:  # a cell that is ended is to have got on
         often = min(watching.checkpoint_every, time_limit / 5)
         watching = replace(watching, checkpoint_every=often)
@@ -75,142 +86,136 @@ def run(
         require_tensorboard()
         # A worker may be in another directory.
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
-    if time_limit is not None and executor is not None and warn:
-        warn("the time limit is not heeded: nobody can end what a given executor has begun")
+    if time_limit is not None and executor is not None:
+        warn("the time limit is ignored: a given executor does not end what it has begun")
     store = Store(folder)
     store.open(experiment)
-    cells = list(experiment.cells())
-    reasons: list[str] = []
     try:
-        pending = []
-        for cell in cells:
+        missing = {}
+        for cell in experiment.cells():
             fault = store.check(cell)
             if fault is None:
                 store.clear(cell)
                 store.forgive(cell)
             else:
-                if fault != "missing" and warn:
+                missing[cell.file_name] = cell
+                if fault != "missing":
                     warn(f"{fault}; its cell is run again")
-                pending.append(cell)
-        many = min(workers or available_cores(), max(1, len(pending)))
-        playing = _Run(cells, pending, store, watching, many, time_limit)
-        playing.done, playing.failed = done, failed
-        playing.warn, playing.progress = warn, progress
-        playing.known()
-        if pending:
+        many = min(workers or available_cores(), max(1, len(missing)))
+        course = Course(experiment.cells(), many)
+        for cell in experiment.cells():
+            if cell.file_name not in missing:
+                course.ended(cell, 0.0)
+                (done or _ignore)(cell, True)
+        playing = _Run(
+            pending=deque(missing.values()),
+            store=store,
+            course=course,
+            watching=watching,
+            time_limit=float("inf") if time_limit is None else time_limit,
+            done=done or _ignore,
+            failed=failed or _ignore,
+            warn=warn,
+            progress=progress or _ignore,
+        )
+        if missing:
             with crew(executor, many) as those:
-                reasons = playing.play(those)
+                playing.play(those)
     finally:
         store.close()
-    if reasons:
-        raise CellsFailed(reasons, len(cells))
+    if playing.reasons:
+        reasons = [playing.reasons[name] for name in missing if name in playing.reasons]
+        raise CellsFailed(reasons, len(experiment.cells()))
     return store
 
 
+def _ignore(*_: object) -> None:
+    """The callback where none is given."""
+
+
+@dataclass
 class _Run:
-    """The cells that are to be played, are being played, and were."""
+    """The cells that wait and that are being played, and the callbacks of :func:`run`."""
 
-    done: Callable[[Cell, bool], None] | None
-    failed: Callable[[Cell, str], None] | None
-    warn: Callable[[str], None] | None
-    progress: Callable[[Standing], None] | None
+    pending: deque[Cell]
+    store: Store
+    course: Course
+    watching: Watching
+    time_limit: float
+    done: Callable[[Cell, bool], None]
+    failed: Callable[[Cell, str], None]
+    warn: Callable[[str], None]
+    progress: Callable[[Standing], None]
+    running: dict[Future[list[str]], Cell] = field(default_factory=dict)
+    overdue: set[Future[list[str]]] = field(default_factory=set)
+    reasons: dict[str, str] = field(default_factory=dict)
+    warned: set[str] = field(default_factory=set)
 
-    def __init__(
-        self,
-        cells: Iterable[Cell],
-        pending: Iterable[Cell],
-        store: Store,
-        watching: Watching,
-        workers: int,
-        time_limit: float | None,
-    ) -> None:
-        self._cells, self._pending = tuple(cells), deque(pending)
-        self._store, self._watching, self._time_limit = store, watching, time_limit
-        self._course = Course(self._cells, workers)
-        self._running: dict[Future[Played], Cell] = {}
-        self._overdue: set[Future[Played]] = set()
-        self._reasons: dict[str, str] = {}
-        self._warned: set[str] = set()
-        self._looked = time.monotonic()
-
-    def known(self) -> None:
-        """Tell of the cells that were done before."""
-        waiting = {cell.file_name for cell in self._pending}
-        for cell in self._cells:
-            if cell.file_name not in waiting:
-                self._course.ended(cell, 0.0)
-                if self.done:
-                    self.done(cell, True)
-
-    def play(self, crew: Crew) -> list[str]:
-        """Play all of them; returns why some failed."""
-        self._look(crew)
+    def play(self, crew: Crew) -> None:
+        """Play all of them; why some failed is in ``reasons``, by the file's name."""
+        folder = str(self.store.folder.resolve())
+        looked = self._look(crew)
         try:
-            while self._pending or self._running:
-                while self._pending and crew.free():
-                    cell = self._pending.popleft()
-                    folder = str(self._store.folder.resolve())
+            while self.pending or self.running:
+                while self.pending and crew.free():
+                    cell = self.pending.popleft()
                     # What code that is not ours changes in its process stays with its own cell.
                     alone = not is_ours(cell.spec.learner)
-                    future = crew.submit(play_cell, cell, folder, self._watching, alone=alone)
-                    self._running[future] = cell
+                    future = crew.submit(play_cell, cell, folder, self.watching, alone=alone)
+                    self.running[future] = cell
                     if crew.begun(future):
-                        self._course.began(cell, time.monotonic())
-                for future in wait(self._running, LOOK_EVERY, FIRST_COMPLETED).done:
+                        self.course.began(cell, time.monotonic())
+                for future in wait(self.running, LOOK_EVERY, FIRST_COMPLETED).done:
                     self._ended(future, crew)
-                if time.monotonic() >= self._looked + LOOK_EVERY:
-                    self._look(crew)
+                if time.monotonic() >= looked + LOOK_EVERY:
+                    looked = self._look(crew)
         finally:
-            for future in self._running:
+            for future in self.running:
                 future.cancel()
         self._look(crew)
-        names = [cell.file_name for cell in self._cells]
-        return [self._reasons[name] for name in names if name in self._reasons]
 
-    def _ended(self, future: Future[Played], crew: Crew) -> None:
-        cell, how = self._running.pop(future), crew.done(future)
+    def _ended(self, future: Future[list[str]], crew: Crew) -> None:
+        cell, how = self.running.pop(future), crew.done(future)
         error = future.exception()
-        kept = isinstance(error, BrokenExecutor) and self._store.check(cell) is None
+        kept = isinstance(error, BrokenExecutor) and self.store.check(cell) is None
         if error is None or kept:  # a process may end after its record was written
-            self._store.forgive(cell)
-            for warning in () if kept else future.result().warnings:
-                if self.warn and warning not in self._warned:
+            self.store.forgive(cell)
+            for warning in () if kept else future.result():
+                if warning not in self.warned:
                     self.warn(warning)
-                self._warned.add(warning)
-            self._course.ended(cell, time.monotonic())
-            if self.done:
-                self.done(cell, False)
+                self.warned.add(warning)
+            self.course.ended(cell, time.monotonic())
+            self.done(cell, False)
             return
-        if future in self._overdue:
-            what = f"was ended after {self._time_limit:g} s"
-            why = self._store.blame(cell, what, "It has no traceback.\n")
+        if future in self.overdue:
+            what = f"was ended after {self.time_limit:g} s"
+            why = self.store.blame(cell, what, "It has no traceback.\n")
         elif how:
             what = f"ended its process ({how})"
-            why = self._store.blame(cell, what, "A process that ends so leaves no traceback.\n")
+            why = self.store.blame(cell, what, "A process that ends so leaves no traceback.\n")
         elif isinstance(error, LearnerError):
             why = str(error)
         elif isinstance(error, OpenLockError):  # a disk that is full is full for all of them
             raise error
         else:
-            why = blame(self._store, cell, error)
-        why = f"{why}; see {self._store.error(cell)}"
-        self._reasons[cell.file_name] = why
-        self._course.ended(cell, time.monotonic(), failed=True)
-        if self.failed:
-            self.failed(cell, why)
+            why = blame(self.store, cell, error)
+        why = f"{why}; see {self.store.error(cell)}"
+        self.reasons[cell.file_name] = why
+        self.course.ended(cell, time.monotonic(), failed=True)
+        self.failed(cell, why)
 
-    def _look(self, crew: Crew) -> None:
-        """See how far the cells are, end those that take too long, and tell."""
-        self._looked = now = time.monotonic()
-        seconds = {one.cell.file_name: one.seconds for one in self._course.playing(now)}
-        for future, cell in self._running.items():
-            heard = self._store.share(cell)
+    def _look(self, crew: Crew) -> float:
+        """See how far the cells are, end those that take too long, and tell; returns the time."""
+        now = time.monotonic()
+        seconds = {one.cell.file_name: one.seconds for one in self.course.playing(now)}
+        for future, cell in self.running.items():
+            heard = self.store.share(cell)
             if cell.file_name not in seconds and (heard or crew.begun(future)):
-                self._course.began(cell, now)
+                self.course.began(cell, now)
             if heard:
-                self._course.heard(cell, *heard, now)
-            late = seconds.get(cell.file_name, 0.0) >= (self._time_limit or float("inf"))
-            if late and future not in self._overdue and crew.end(future):
-                self._overdue.add(future)
-        if self.progress:
-            self.progress(self._course.standing(now, self._pending))
+                self.course.heard(cell, *heard, now)
+            late = seconds.get(cell.file_name, 0.0) >= self.time_limit
+            if late and future not in self.overdue and crew.end(future):
+                self.overdue.add(future)
+        self.progress(self.course.standing(now, self.pending))
+        return now

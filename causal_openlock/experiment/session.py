@@ -4,14 +4,14 @@ The session steps all subjects at once, whatever trial each of them is in, hands
 subject perceives and nothing else, and keeps the record. When attempts and trials end, and which
 solutions are new, is decided by :mod:`causal_openlock.world.batch`.
 
-:meth:`Session.play` runs a learner to the end. :meth:`Session.view` and :meth:`Session.step` are
-the same loop by hand, for a notebook or a person.
+:meth:`Session.play` runs a learner to the end, :meth:`Session.steps` step by step.
+:meth:`Session.view` and :meth:`Session.step` are the same loop by hand, for a person.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +60,13 @@ class Session:
     Raises:
         ProtocolError: If a schema of the condition does not fit the protocol, or there is no
             subject or one twice.
+
+    Example:
+        >>> from causal_openlock import PROTOCOLS, create, find_schema
+        >>> condition = Condition.named("CC3", find_schema)
+        >>> session = Session(condition, PROTOCOLS["human"], subjects=4)
+        >>> session.play(create("oracle")).num_rows  # two attempts in each of five trials
+        40
     """
 
     def __init__(
@@ -119,7 +126,16 @@ class Session:
         )
         self._log = AttemptLog(self.brief.action_limit)
         self._clock = time.perf_counter()
-        self._begin()
+        self._batch.begin_trials(slice(None), self._rooms[:, 0])
+        self._visit = np.zeros(self.subjects, dtype=np.int64)
+        self._playing = np.ones(self.subjects, dtype=bool)
+        self._everyone = np.arange(self.subjects)
+        # What has happened in the attempt in progress.
+        self._actions = np.zeros((self.subjects, self.brief.action_limit), dtype=np.uint8)
+        self._moved = self._actions.astype(bool)
+        self._was_unlocked = np.zeros(self.subjects, dtype=bool)
+        self._earned = np.zeros(self.subjects)
+        self._view = self._perceive()
 
     def _stack(self, visits: list[list[Visit]]) -> tuple[IntArray, NDArray[np.object_]]:
         """``[B, T]`` index of the room of each trial, and ``[B, T]`` the name of its layout.
@@ -131,31 +147,16 @@ class Session:
         limits = {schema: protocol.actions_for(schema) for schema in self.condition.schemas}
         distinct: dict[tuple[int, Layout], int] = {}
         rooms: list[tuple[Schema, Layout, int]] = []
-        for row in visits:
-            for visit in row:
-                key = (id(visit.schema), visit.layout)
-                if key not in distinct:
-                    distinct[key] = len(rooms)
+        which = np.zeros((len(visits), len(visits[0])), dtype=np.int64)
+        for subject, row in enumerate(visits):
+            for trial, visit in enumerate(row):
+                room = distinct.setdefault((id(visit.schema), visit.layout), len(rooms))
+                which[subject, trial] = room
+                if room == len(rooms):
                     layout = visit.layout.in_room(positions)
                     rooms.append((visit.schema, layout, limits[visit.schema]))
-        which = np.array(
-            [[distinct[id(visit.schema), visit.layout] for visit in row] for row in visits]
-        )
         names = np.array([layout.name for _, layout, _ in rooms], dtype=object)
         return self._tables.add(rooms)[which], names[which]
-
-    def _begin(self) -> None:
-        subjects = self.subjects
-        self._batch.begin_trials(slice(None), self._rooms[:, 0])
-        self._visit = np.zeros(subjects, dtype=np.int64)
-        self._playing = np.ones(subjects, dtype=bool)
-        self._everyone = np.arange(subjects)
-        # What has happened in the attempt in progress.
-        self._actions = np.zeros((subjects, self.brief.action_limit), dtype=np.uint8)
-        self._moved = np.zeros((subjects, self.brief.action_limit), dtype=bool)
-        self._was_unlocked = np.zeros(subjects, dtype=bool)
-        self._earned = np.zeros(subjects)
-        self._view = self._perceive()
 
     # -- what is seen, and what is latent -------------------------------------------------------
 
@@ -192,46 +193,33 @@ class Session:
     # -- the loop -------------------------------------------------------------------------------
 
     def play(self, learner: Learner) -> pa.Table:
-        """Let a learner play to the end.
-
-        Returns:
-            The record, sorted by subject and time.
+        """Let a learner play to the end; returns :meth:`record`.
 
         Raises:
             LearnerError: If the learner answers with anything but B action indices.
         """
         self.begin(learner)
-        return self.go_on(learner)
+        for _ in self.steps(learner):
+            pass
+        return self.record()
 
     def begin(self, learner: Learner, state: dict[str, Any] | None = None) -> None:
-        """Tell a learner what it has to know before it plays; the first half of :meth:`play`.
-
-        Args:
-            learner: The learner.
-            state: A learner's state to go on with.
-        """
+        """Let a learner begin, perhaps with a state to go on from; :meth:`steps` is next."""
         learner.begin(self.brief)
         if state is not None:
             learner.load_state_dict(state)
         if isinstance(learner, InformedLearner):
             learner.inform(self.truth)
 
-    def go_on(self, learner: Learner, after: Callable[[], None] | None = None) -> pa.Table:
-        """Let a learner that has begun play to the end; the second half of :meth:`play`.
-
-        Args:
-            learner: The learner.
-            after: Called after every step, once the learner has learned from it.
-        """
+    def steps(self, learner: Learner) -> Iterator[Step]:
+        """Let a learner that has begun play on; gives each step once it has learned from it."""
         informed = learner if isinstance(learner, InformedLearner) else None
         while not self.over:
             step = self.step(learner.act(self._view))
             learner.learn(step)
             if informed and step.trial_over.any():
                 informed.inform(self.truth)
-            if after:
-                after()
-        return self.record()
+            yield step
 
     def step(self, action: Any) -> Step:
         """Take one action for each subject.
@@ -337,11 +325,7 @@ class Session:
         return own | self._batch.arrays()
 
     def state_dict(self, since: int = 0) -> dict[str, Any]:
-        """Where the session stands, for a checkpoint; the rooms follow from its arguments.
-
-        Args:
-            since: How many attempts are known already; ``log`` holds the others.
-        """
+        """Where the session is, for a checkpoint; ``log`` holds the attempts from ``since`` on."""
         return {
             **{name: array.copy() for name, array in self._arrays().items()},
             "luck": self._luck.state_dict() if self._luck else None,

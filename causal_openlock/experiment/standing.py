@@ -16,6 +16,7 @@ import numpy as np
 
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
+from causal_openlock.world.fsm import FloatArray
 
 
 @dataclass(frozen=True)
@@ -63,14 +64,18 @@ class _Begun:
     cell: Cell
     began: float
     heard: float
-    told: int = 0
-    since: float = 0.0
+    since: float
+    report: int = 0
     first: float = 0.0
     share: float = 0.0
 
+    def spent(self, now: float, share: float) -> FloatArray:
+        """Seconds, and the attempts that were played in them, once this share of it is over."""
+        return np.array([now - self.since, (share - self.first) * work(self.cell)])
+
 
 class Course:
-    """Follows the cells of an experiment. It has no clock: the time is told, in seconds.
+    """Follows the cells of an experiment. It has no clock: every call passes the time in seconds.
 
     Args:
         cells: All of them.
@@ -78,36 +83,33 @@ class Course:
     """
 
     def __init__(self, cells: Iterable[Cell], workers: int) -> None:
-        self._work = {cell.file_name: work(cell) for cell in cells}
-        self._left = dict.fromkeys(self._work)  # in order
+        self._left = {cell.file_name: work(cell) for cell in cells}
+        self._cells, self._work = len(self._left), sum(self._left.values())
         self._workers = workers
-        self._done = self._failed = 0
+        self._failed = 0
         self._begun: dict[str, _Begun] = {}
-        self._spent: dict[str, list[float]] = {}  # of each learner: seconds, and work done in them
+        self._spent: dict[str, FloatArray] = {}  # of each learner: seconds, attempts
 
     def began(self, cell: Cell, now: float) -> None:
         """A cell is played from now on."""
         self._begun[cell.file_name] = _Begun(cell, now, now, since=now)
 
-    def heard(self, cell: Cell, told: int, share: float, now: float) -> None:
-        """A cell has said how far it is; ``told`` is another number each time that it does."""
+    def heard(self, cell: Cell, report: int, share: float, now: float) -> None:
+        """A cell has reported how far it is; each report has another number."""
         begun = self._begun[cell.file_name]
-        if told == begun.told:
+        if report == begun.report:
             return
-        if not begun.told:  # what it had done before it began here has cost nothing here
+        if not begun.report:  # what it had done before it began here has cost nothing here
             begun.since, begun.first = now, share
-        begun.told, begun.heard, begun.share = told, now, share
+        begun.report, begun.heard, begun.share = report, now, share
 
     def ended(self, cell: Cell, now: float, failed: bool = False) -> None:
         """A cell is done, or has failed; it may have been done before."""
         begun = self._begun.pop(cell.file_name, None)
         if begun and not failed:
-            spent = self._spent.setdefault(cell.spec.name, [0.0, 0.0])
-            spent[0] += now - begun.since
-            spent[1] += (1 - begun.first) * self._work[cell.file_name]
+            self._spent[cell.spec.name] = begun.spent(now, 1.0) + self._spent.get(cell.spec.name, 0)
         del self._left[cell.file_name]
         self._failed += failed
-        self._done += not failed
 
     def playing(self, now: float) -> tuple[Playing, ...]:
         """The cells that are being played."""
@@ -123,32 +125,30 @@ class Course:
             now: The time.
             pending: The cells that have not begun.
         """
-        spent = {name: list(both) for name, both in self._spent.items()}
-        for name, one in self._begun.items():
-            mine = spent.setdefault(one.cell.spec.name, [0.0, 0.0])
-            mine[0] += now - one.since
-            mine[1] += (one.share - one.first) * self._work[name]
-        rates = {name: both[0] / both[1] for name, both in spent.items() if both[1] > 0}
-        mean = sum(b[0] for b in spent.values()) / max(sum(b[1] for b in spent.values()), 1e-9)
-
-        def cost(cell: Cell, share: float) -> float:
-            return (1 - share) * self._work[cell.file_name] * rates.get(cell.spec.name, mean)
-
-        costs = [cost(one.cell, one.share) for one in self._begun.values()]
-        costs += [cost(cell, 0.0) for cell in pending]
+        spent = dict(self._spent)
+        for one in self._begun.values():
+            name = one.cell.spec.name
+            spent[name] = spent.get(name, 0) + one.spent(now, one.share)
+        rates = {name: seconds / played for name, (seconds, played) in spent.items() if played > 0}
+        seconds, played = sum(spent.values(), np.zeros(2))
+        open_ = [(one.cell, 1 - one.share) for one in self._begun.values()]
+        open_ += [(cell, 1.0) for cell in pending]
+        costs = [
+            share * work(cell) * rates.get(cell.spec.name, seconds / max(played, 1e-9))
+            for cell, share in open_
+        ]
         left = None
         if rates or not costs:
             left = max(sum(costs) / self._workers, max(costs, default=0.0))
-        whole = sum(self._work.values())
-        open_: float = sum(self._work[name] for name in self._left)
-        open_ -= sum(one.share * self._work[name] for name, one in self._begun.items())
+        begun = sum(one.share * work(one.cell) for one in self._begun.values())
+        to_do = sum(self._left.values()) - begun
         return Standing(
-            len(self._work),
-            self._done,
-            self._failed,
-            self.playing(now),
-            1 - open_ / whole if whole else 1.0,
-            left,
+            cells=self._cells,
+            done=self._cells - len(self._left) - self._failed,
+            failed=self._failed,
+            playing=self.playing(now),
+            share=1 - to_do / self._work if self._work else 1.0,
+            left=left,
         )
 
 

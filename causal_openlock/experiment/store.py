@@ -22,6 +22,7 @@ on it, which the system takes back when the process ends, however it ends.
 from __future__ import annotations
 
 import json
+import os
 import platform
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,9 +32,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
-from causal_openlock.experiment.inside import check_inside
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.atomic import PARTIAL, sweep, write_bytes
 from causal_openlock.files.checksums import (
@@ -54,23 +54,31 @@ IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
 LOCK = ".lock"
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
-"""What stands beside a cell's file while it is played; see
+"""What is beside a cell's file while it is played; see
 :mod:`causal_openlock.experiment.checkpoint`."""
 LOG = "log.jsonl"
 """What people did, in a folder of theirs; see :mod:`causal_openlock.play.log`."""
 _ERRORS = re.compile(r".+_[0-9a-f]{12}\.txt")
+_CELL = re.compile(r"(?!\.)[^/\\:\x00-\x1f\x7f-\x9f]{1,240}\.parquet")
+"""A file name, and nothing that any system takes for a path."""
 
 
 class Store:
-    """A results folder.
+    """A results folder, as :func:`~causal_openlock.experiment.runner.run` leaves it.
 
     Args:
         folder: Where it is.
+
+    Example:
+        >>> store = Store("results/first_look")
+        >>> store.name is None  # nothing was played there
+        True
     """
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
         self.cells = self.folder / "cells"
+        self._declared = self.folder / "experiment.json"
         self._lock: IO[bytes] | None = None
 
     # -- the folder -----------------------------------------------------------------------------
@@ -98,11 +106,13 @@ class Store:
             raise
 
     def _prepare(self, experiment: Experiment, changed: bool) -> None:
-        declared = self.folder / "experiment.json"
         if self.folder.exists() and not self.folder.is_dir():
             raise StoreError(f"{self.folder} is a file; choose a folder for the results")
         check_inside(self.folder)
-        if not declared.exists() and self._holds_something():
+        there = self.folder.iterdir() if self.folder.exists() else ()
+        # A start that was cut short leaves a lock and parts of files.
+        foreign = any(path.name != LOCK and not path.match(PARTIAL) for path in there)
+        if foreign and not self._declared.exists():
             raise StoreError(
                 f"{self.folder} is not empty and holds no results; choose another folder"
             )
@@ -126,7 +136,7 @@ class Store:
     def _is_of(self, experiment: Experiment, files: set[str], changed: bool) -> bool:
         """Whether the folder is to be declared as of an experiment; refuses if it must not be."""
         done = {path.name for path in self.cells.glob("*.parquet")}
-        if not (self.folder / "experiment.json").exists():
+        if not self._declared.exists():
             return True
         try:
             held = self.experiment()
@@ -160,12 +170,9 @@ class Store:
     def declare(
         self, experiment: Experiment, cells: Iterable[Cell], identity: str | None = None
     ) -> None:
-        """Write ``experiment.json``, if that is not what it holds.
+        """Write ``experiment.json``, if that is not what it holds: the experiment and these cells.
 
-        Args:
-            experiment: The experiment that the folder is of.
-            cells: The cells that it lists.
-            identity: The identity that it states; by default the experiment's own.
+        The identity is by default the experiment's own.
 
         Raises:
             OpenLockError: If it cannot be written.
@@ -175,23 +182,17 @@ class Store:
             **experiment.as_dict(),
             "cells": [cell.file_name for cell in cells],
         }
-        path, content = self.folder / "experiment.json", json_bytes(held)
+        content = json_bytes(held)
         with suppress(OSError):
-            if path.read_bytes() == content:
+            if self._declared.read_bytes() == content:
                 return
-        write_bytes(path, content)
+        write_bytes(self._declared, content)
 
     def close(self) -> None:
         """Let others work in the folder."""
         if self._lock is not None:
             self._lock.close()
             self._lock = None
-
-    def _holds_something(self) -> bool:
-        """Whether there is more in the folder than what a start cut short can have left."""
-        if not self.folder.exists():
-            return False
-        return any(path.name != LOCK and not path.match(PARTIAL) for path in self.folder.iterdir())
 
     def _take_lock(self) -> None:
         try:
@@ -218,16 +219,15 @@ class Store:
         """
         from causal_openlock.experiment.stored import parse_experiment
 
-        path = self.folder / "experiment.json"
         try:
-            found = parse_experiment(read_json(path.read_bytes()))
+            found = parse_experiment(read_json(self._declared.read_bytes()))
         except OSError:
             raise StoreError(
                 f"{self.folder} holds no results (there is no experiment.json); give the folder "
                 "that compare wrote to"
             ) from None
         except (ChecksumError, StoreError) as error:
-            raise self._damaged(path, str(error)) from None
+            raise self._damaged(self._declared, str(error)) from None
         check_inside(self.folder, found.files)
         return found
 
@@ -243,25 +243,16 @@ class Store:
             self.path(cell).with_suffix(suffix).unlink(missing_ok=True)
 
     def share(self, cell: Cell) -> tuple[int, float] | None:
-        """How far a cell is that is being played: when that was told, and the share that is over.
-
-        The time is one of the file system's, good only to see whether it is another.
-        """
+        """How far a cell is that is being played: the number of its report, and the share over."""
         path = self.path(cell).with_suffix(PROGRESS)
         with suppress(OSError, ValueError):  # just written, or just removed
             return path.stat().st_mtime_ns, float(path.read_text(encoding="utf-8"))
         return None
 
     def blame(self, cell: Cell, what: str, trace: str) -> str:
-        """Keep why a cell failed.
+        """Keep why a cell failed: a clause that follows its name, and the traceback.
 
-        Args:
-            cell: The cell.
-            what: What became of it, to follow its name.
-            trace: The traceback, or what is known instead.
-
-        Returns:
-            A sentence that says so.
+        Returns the sentence.
 
         Raises:
             OpenLockError: If it cannot be written.
@@ -278,25 +269,8 @@ class Store:
         """Forget that a cell failed."""
         self.error(cell).unlink(missing_ok=True)
 
-    def failures(self, missing: Iterable[str]) -> dict[str, str]:
-        """Why cells failed, in a sentence each.
-
-        Args:
-            missing: Cells, by the names of their files without the suffix.
-        """
-        found = {}
-        for name in missing:
-            with suppress(OSError):
-                text = (self.folder / "errors" / f"{name}.txt").read_text("utf-8", "replace")
-                found[name] = text.partition("\n")[0]
-        return found
-
     def check(self, cell: Cell) -> str | None:
-        """Whether a cell's record is there and whole.
-
-        Returns:
-            ``None`` if it is; otherwise why not: ``"missing"``, or what is damaged.
-        """
+        """What is wrong with a cell's record: ``"missing"``, or what is damaged; else ``None``."""
         path = self.path(cell)
         if not path.exists():
             return "missing"
@@ -309,15 +283,12 @@ class Store:
     def read(
         self, path: Path, identity: str | None = None, columns: Sequence[str] | None = None
     ) -> pa.Table:
-        """A cell's record.
+        """The record in a cell's file; its metadata hold :data:`IDENTITY` and :data:`VERSIONS`.
 
         Args:
             path: Its file.
-            identity: The cell that it is to be of; by default the one that its name tells.
+            identity: The cell that it is to be of; by default the one that the file's name gives.
             columns: Those to read; by default all.
-
-        Returns:
-            The record; the metadata of its schema have :data:`IDENTITY` and :data:`VERSIONS`.
 
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
@@ -355,29 +326,24 @@ class Store:
         Raises:
             StoreError: If it cannot be written; nothing is left of it then.
         """
-        metadata = {
-            IDENTITY: cell.identity.encode(),
-            VERSIONS: json.dumps(versions()).encode(),
-        }
+        metadata = {IDENTITY: cell.identity.encode(), VERSIONS: json.dumps(versions()).encode()}
         path = self.path(cell)
         try:
             write_bytes(path, table_bytes(record, metadata))
         except OpenLockError as error:
-            raise _unusable(path, " ".join(str(error.__cause__ or error).split())) from None
+            raise _unusable(path, in_short(error.__cause__ or error)) from None
 
     def record(
         self, columns: Sequence[str] | None = None, *, small: bool = False
     ) -> tuple[pa.Table, StoredExperiment]:
-        """The records of all cells as one, and what they are the record of.
+        """The records of all cells as one, in their order, and :meth:`experiment`.
+
+        The latter has the versions of the packages that the cells were made with, the cells that
+        are missing, and why those of them that failed did.
 
         Args:
             columns: Those to read, in the order of a record; by default all.
             small: Whether it is to be :func:`~causal_openlock.experiment.record.compact`.
-
-        Returns:
-            The record, in the order of the cells; and :meth:`experiment` with the versions of the
-            packages that the cells were made with, the cells that are missing, and why those of
-            them that failed did.
 
         Raises:
             StoreError: If there is no cell, or one is damaged.
@@ -387,34 +353,37 @@ class Store:
         from causal_openlock.experiment.record import compact
 
         experiment = self.experiment()
+        listed = {
+            "learner": {spec.name for spec in experiment.learners},
+            "condition": {condition.name for condition in experiment.conditions},
+        }
         there, absent = self._split(experiment)
         tables, made_with = [], []
         for path in there:
             table = self.read(path, columns=columns)
-            made_with.append(versions_of(table, path))
+            for column in listed.keys() & set(table.column_names):
+                names = {
+                    name for part in table[column].chunks for name in part.dictionary.to_pylist()
+                }
+                if strange := sorted(names - listed[column]):
+                    raise StoreError(
+                        f"{self.folder} holds cells of the {column} {strange[0]!r}, which its "
+                        "experiment.json does not list; give compare another --out"
+                    )
+            made_with.append(_versions_of(table, path))
             table = table.replace_schema_metadata(None)
             tables.append(compact(table) if small else table)
-        record = pa.concat_tables(tables)
-        self._check_labels(record, "learner", [spec.name for spec in experiment.learners])
-        self._check_labels(record, "condition", [one.name for one in experiment.conditions])
-        missing = tuple(path.stem for path in absent)
-        return record, replace(
+        failures = {}
+        for path in absent:
+            with suppress(OSError):
+                text = (self.folder / "errors" / f"{path.stem}.txt").read_text("utf-8", "replace")
+                failures[path.stem] = text.partition("\n")[0]
+        return pa.concat_tables(tables), replace(
             experiment,
             versions=merged_versions(made_with),
-            missing=missing,
-            failures=self.failures(missing),
+            missing=tuple(path.stem for path in absent),
+            failures=failures,
         )
-
-    def _check_labels(self, record: pa.Table, column: str, known: Sequence[str]) -> None:
-        """Refuse cells that are of something else than ``experiment.json`` lists."""
-        if column not in record.column_names:
-            return
-        there = record[column].unique().to_pylist()
-        if strange := sorted(set(map(str, there)) - set(known)):
-            raise StoreError(
-                f"{self.folder} holds cells of the {column} {strange[0]!r}, which its "
-                "experiment.json does not list; give compare another --out"
-            )
 
     def files(self) -> tuple[list[Path], list[Path]]:
         """The files of the cells that are there, in order, and of those that are not.
@@ -425,11 +394,13 @@ class Store:
         return self._split(self.experiment())
 
     def _split(self, experiment: StoredExperiment) -> tuple[list[Path], list[Path]]:
-        paths = [self.cells / name for name in experiment.files]
-        there = [path for path in paths if path.exists()]
-        if not there:
+        parts: tuple[list[Path], list[Path]] = [], []
+        for name in experiment.files:
+            path = self.cells / name
+            parts[not path.exists()].append(path)
+        if not parts[0]:
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
-        return there, [path for path in paths if path not in set(there)]
+        return parts
 
     def _damaged(self, path: Path, what: str) -> StoreError:
         if (self.folder / LOG).exists():
@@ -439,24 +410,48 @@ class Store:
         return StoreError(f"{path} is damaged ({what}); {remedy}")
 
 
-def versions_of(record: pa.Table, path: Path) -> dict[str, Any]:
-    """What a cell was made with, as its file says: of each package its version, or several.
+def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
+    """Make sure that nothing in a results folder leads out of it.
+
+    Folders are passed on: what ``experiment.json`` says was written by whoever made it, and an
+    unpacked archive may hold links. (The folder itself may be a link; its owner has made that.)
 
     Args:
-        record: The cell's record, with its metadata.
-        path: Its file.
+        folder: The folder; it need not be there.
+        cells: What its ``experiment.json`` lists as the files of its cells.
 
     Raises:
-        StoreError: If it says nothing of the kind.
+        StoreError: If a cell's name is no name of a file, or a link leads elsewhere.
     """
+    for name in cells:
+        if not (isinstance(name, str) and _CELL.fullmatch(name)):
+            raise StoreError(
+                f"{folder / 'experiment.json'} lists {str(name)[:80]!r} among the cells, which is "
+                f"no file in {folder / 'cells'}; do not use this folder, somebody has changed it"
+            )
+    home = folder.resolve()
+    for place, folders, files in os.walk(folder):  # which does not follow links to folders
+        for path in (Path(place, name) for name in (*folders, *files)):
+            if path.is_symlink():
+                if not path.resolve().is_relative_to(home):
+                    raise StoreError(
+                        f"{path} is a link that leads out of {folder}; put what it points to in "
+                        "its place, if you know where it comes from"
+                    )
+            elif not (path.is_file() or path.is_dir()):
+                raise StoreError(f"{path} is neither a file nor a folder; remove it")
+
+
+def _versions_of(record: pa.Table, path: Path) -> dict[str, Any]:
+    """What a cell was made with, as its file says: of each package its version, or several."""
+    from pydantic import TypeAdapter, ValidationError
+
+    held = (record.schema.metadata or {}).get(VERSIONS, b"{}")
     try:
-        held = json.loads(record.schema.metadata.get(VERSIONS, b"{}"))
-        several = [[said] if isinstance(said, str) else [*said] for said in held.values()]
-        if all(isinstance(one, str) for said in several for one in said):
-            return dict(held)
-    except (ValueError, TypeError, AttributeError, RecursionError):
-        pass
-    raise StoreError(f"{path} does not say what it was made with; do not use it")
+        return TypeAdapter(dict[str, str | list[str]]).validate_json(held)
+    except ValidationError:
+        message = f"{path} does not say what it was made with; do not use it"
+        raise StoreError(message) from None
 
 
 def versions() -> dict[str, str]:
@@ -472,13 +467,12 @@ def versions() -> dict[str, str]:
 
 def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Of each package its version, or a list where there are several."""
-    found: dict[str, list[str]] = {}
+    found: dict[str, dict[str, None]] = {}
     for versions in all_of_them:
-        for package, said in versions.items():
-            several = [said] if isinstance(said, str) else said
-            known = found.setdefault(package, [])
-            known += [one for one in several if one not in known]
-    return {package: one[0] if len(one) == 1 else one for package, one in found.items()}
+        for package, held in versions.items():
+            several = [held] if isinstance(held, str) else held
+            found.setdefault(package, {}).update(dict.fromkeys(several))
+    return {name: next(iter(held)) if len(held) == 1 else [*held] for name, held in found.items()}
 
 
 def _akin(held: Experiment, experiment: Experiment) -> bool:
@@ -499,8 +493,8 @@ def _akin(held: Experiment, experiment: Experiment) -> bool:
     )
 
 
-def _unusable(path: Path, said: str | None) -> StoreError:
+def _unusable(path: Path, why: str | None) -> StoreError:
     return StoreError(
-        f"{path} cannot be written ({said or 'the system does not say why'}); free some space or "
+        f"{path} cannot be written ({why or 'the system does not say why'}); free some space or "
         "choose another folder, then run the same command again: it goes on where it was"
     )

@@ -9,21 +9,21 @@ or a reward function need not be installed.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from pydantic import Discriminator, Field, GetCoreSchemaHandler, Tag, ValidationError
-from pydantic_core import CoreSchema, core_schema
+from pydantic import Discriminator, Field, Tag, ValidationError
 
+from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import OpenLockError, RewardError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec, Origin
-from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.protocol import Condition, LayoutSource, Protocol, Trials
 from causal_openlock.files.validation import StrictModel, sentence
 from causal_openlock.formats.schema_file import SchemaFile
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.reward_code import OwnReward
-from causal_openlock.world.rewards import TERMS, AuthorsReward, Reward, RewardFunction, Weights
+from causal_openlock.world.rewards import TERMS, AuthorsReward, Reward, Weights
 from causal_openlock.world.room import Layout, position_names, positions_for, published_layouts
 from causal_openlock.world.schema import Schema
 
@@ -63,13 +63,13 @@ def parse_experiment(data: Any) -> StoredExperiment:
         where = tuple(part for part in fault["loc"] if not str(part).startswith("<"))
         if fault["type"] == "json_invalid":
             message = "it is nested too deeply, or holds text that is no Unicode"
-        elif fault["type"] == "value_error":
-            message = f"{'.'.join(map(str, where))}: {fault['ctx']['error']}"
         else:
             message = sentence({**fault, "loc": where}, _File)
             if fault["type"] in ("missing", "extra_forbidden") and where[1:]:
                 message = f"{'.'.join(map(str, where[:-1]))}: {message}"
-        raise StoreError(message) from None
+    except OpenLockError as error:  # its parts do not fit together
+        message = str(error)
+    raise StoreError(message)
 
 
 def recorded_layout(schema: Schema, name: str, positions: int) -> Layout:
@@ -90,56 +90,31 @@ def recorded_layout(schema: Schema, name: str, positions: int) -> Layout:
     return Layout(tuple(map(known.index, places)), positions)
 
 
-@dataclass(frozen=True)
-class _WrittenAs:
-    """Annotation of a field: the form in which it is written, and how to make the object of it."""
-
-    form: Any
-    build: Callable[[Any], Any] = lambda form: form.built()
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_wrap_validator_function(
-            self._built, handler.generate_schema(self.form)
-        )
-
-    def _built(self, value: Any, validate: Callable[[Any], Any]) -> Any:
-        try:
-            return self.build(validate(value))
-        except OpenLockError as error:  # as a fault, it is reported with its place in the file
-            raise ValueError(str(error)) from None
-
-
 class _Trials(StrictModel):
-    schema_: Annotated[Schema, _WrittenAs(SchemaFile, SchemaFile.schema_), Field(alias="schema")]
-    layouts: Literal["published", "random"] | list[list[int]] | None
-    number: Annotated[int, Field(ge=1)] | None
+    schema_: Annotated[SchemaFile, Field(alias="schema")]
+    layouts: LayoutSource | list[list[int]] | None
+    number: Count | None
     shuffle: bool
 
     def built(self) -> Trials:
-        layouts: Any = self.layouts
+        schema, layouts = self.schema_.schema_(), self.layouts
         if isinstance(layouts, list):
-            layouts = tuple(_layout(self.schema_, tuple(places)) for places in layouts)
-        return Trials(self.schema_, layouts, self.number, self.shuffle)
-
-
-def _layout(schema: Schema, places: tuple[int, ...]) -> Layout:
-    """A layout by its places; a published one goes by its name."""
-    for name in published_layouts(schema):
-        published = Layout.of(schema, name)
-        if published.places == places:
-            return published
-    return Layout(places, positions_for(schema))
+            known = [Layout.of(schema, name) for name in published_layouts(schema)]
+            names = {layout.places: layout for layout in known}
+            drawn = [Layout(tuple(places), positions_for(schema)) for places in layouts]
+            given = tuple(names.get(layout.places, layout) for layout in drawn)
+            return Trials(schema, given, self.number, self.shuffle)
+        return Trials(schema, layouts, self.number, self.shuffle)
 
 
 class _Condition(StrictModel):
     name: str
-    train: Annotated[list[Annotated[Trials, _WrittenAs(_Trials)]], Field(min_length=1)]
-    test: list[Annotated[Trials, _WrittenAs(_Trials)]]
+    train: Annotated[list[_Trials], Field(min_length=1)]
+    test: list[_Trials]
 
     def built(self) -> Condition:
-        return Condition(self.name, tuple(self.train), tuple(self.test))
+        train, test = (tuple(one.built() for one in part) for part in (self.train, self.test))
+        return Condition(self.name, train, test)
 
 
 class _Terms(StrictModel):
@@ -168,8 +143,8 @@ def _reward_form(data: Any) -> str:
 
 
 _Reward = Annotated[
-    Annotated[RewardFunction, _WrittenAs(_Terms), Tag("<terms>")]
-    | Annotated[RewardFunction, _WrittenAs(_Function), Tag("<function>")]
+    Annotated[_Terms, Tag("<terms>")]
+    | Annotated[_Function, Tag("<function>")]
     | Annotated[AuthorsReward, Tag("<rungs>")],
     Discriminator(_reward_form),
 ]
@@ -182,17 +157,18 @@ class _Learner(StrictModel):
     package: str
     material: str = ""
     parameters: dict[str, Any]
-    protocol: Annotated[Protocol, _WrittenAs(Protocol, lambda protocol: protocol)]
+    protocol: Protocol
     reward: _Reward
-    subjects: Annotated[int, Field(ge=1)]
+    subjects: Count
 
     def built(self) -> LearnerSpec:
+        reward = self.reward
         return LearnerSpec(
             name=self.name,
             learner=self.learner,
             parameters=self.parameters,
             protocol=self.protocol,
-            reward=self.reward,
+            reward=reward if isinstance(reward, AuthorsReward) else reward.built(),
             subjects=self.subjects,
             recorded=Origin(self.class_, self.package, self.material),
         )
@@ -205,21 +181,13 @@ class _File(StrictModel):
     title: str
     command: str
     seed: int
-    cell_size: Annotated[int, Field(ge=1)]
-    conditions: Annotated[list[Annotated[Condition, _WrittenAs(_Condition)]], Field(min_length=1)]
-    learners: Annotated[list[Annotated[LearnerSpec, _WrittenAs(_Learner)]], Field(min_length=1)]
-    cells: list[Any]  # causal_openlock.experiment.inside checks these
+    cell_size: Count
+    conditions: Annotated[list[_Condition], Field(min_length=1)]
+    learners: Annotated[list[_Learner], Field(min_length=1)]
+    cells: list[Any]  # the store checks that these are names of files
 
     def built(self) -> StoredExperiment:
-        return StoredExperiment(
-            name=self.name,
-            title=self.title,
-            seed=self.seed,
-            cell_size=self.cell_size,
-            conditions=tuple(self.conditions),
-            learners=tuple(self.learners),
-            command=self.command,
-            version=self.version,
-            identity=self.identity,
-            files=tuple(self.cells),
-        )
+        parts: dict[str, Any] = dict(self)
+        for name in ("conditions", "learners"):
+            parts[name] = tuple(one.built() for one in parts[name])
+        return StoredExperiment(files=tuple(parts.pop("cells")), **parts)

@@ -12,18 +12,15 @@ The record is what results are read from; these curves are for looking on.
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.session import Session
-
-if TYPE_CHECKING:
-    from torch.utils.tensorboard import SummaryWriter
 
 POINTS = 500
 """Points of a curve, at most."""
@@ -42,60 +39,42 @@ def require_tensorboard() -> None:
         )
 
 
-class Curves:
-    """The curves of one cell, a context manager.
+@contextmanager
+def curves(session: Session, learner: Learner, folder: Path) -> Iterator[Callable[[], None]]:
+    """Draw the curves of one cell; gives what draws a point if one is due, after every step.
 
-    Args:
-        session: What is played.
-        learner: Who plays.
-        folder: Where the logs go; a cell that goes on from a checkpoint adds to them.
+    A cell that goes on from a checkpoint adds to the logs in ``folder``.
     """
+    from torch.utils.tensorboard import SummaryWriter
 
-    def __init__(self, session: Session, learner: Learner, folder: Path) -> None:
-        self.session, self.learner, self.folder = session, learner, folder
-        brief = session.brief
-        # In rows of the log: the attempts of all subjects.
-        self._period = max(brief.trials * brief.attempt_limit // POINTS, 1) * brief.subjects
-        self._known = session.log.rows
+    brief, log = session.brief, session.log
+    # In rows of the log: the attempts of all subjects.
+    period = max(brief.trials * brief.attempt_limit // POINTS, 1) * brief.subjects
+    known = log.rows
+    # What was drawn after the checkpoint is drawn again.
+    purge = known // brief.subjects + 1 if known else None
 
-    def __enter__(self) -> Curves:
-        from torch.utils.tensorboard import SummaryWriter
+    def draw() -> None:
+        nonlocal known
+        if log.rows - known >= period or session.over:
+            for name, value in _point(session, learner, known).items():
+                writer.add_scalar(name, value, log.rows // brief.subjects)
+            known = log.rows
 
-        # What was drawn after the checkpoint is drawn again.
-        purge = self._known // self.session.subjects + 1 if self._known else None
-        self._writer: SummaryWriter = SummaryWriter(
-            str(self.folder), purge_step=purge, flush_secs=10
-        )
-        return self
+    with SummaryWriter(str(folder), purge_step=purge, flush_secs=10) as writer:
+        yield draw
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._writer.close()
 
-    def draw(self) -> None:
-        """Draw a point if one is due; called after every step."""
-        if self.session.log.rows - self._known < self._period and not self.session.over:
-            return
-        moment = self.session.log.rows // self.session.subjects
-        for name, value in self._point().items():
-            self._writer.add_scalar(name, value, moment)
-        self._known = self.session.log.rows
-
-    def _point(self) -> dict[str, float]:
-        session = self.session
-        new = session.log.since(self._known)
-        point = {"attempts/reward": new["reward"].mean(), "attempts/opened": new["opened"].mean()}
-        complete = new["solutions_found"] == session.solutions[new["subject"], new["visit"]]
-        solved = complete & new["new_solution"]
-        failed = ~complete & (new["attempt"] == session.brief.attempt_limit)
-        decided = np.flatnonzero(solved | failed)
-        if len(decided):
-            point["trials/solved_share"] = solved[decided].mean()
-            point["trials/attempts"] = new["attempt"][decided].mean()
-        for name, value in self.learner.metrics().items():
-            point[f"learner/{name}"] = value
-        return {name: float(value) for name, value in point.items()}
+def _point(session: Session, learner: Learner, known: int) -> dict[str, float]:
+    """The values of a point, over the attempts since row ``known`` of the log."""
+    new = session.log.since(known)
+    point = {"attempts/reward": new["reward"].mean(), "attempts/opened": new["opened"].mean()}
+    complete = new["solutions_found"] == session.solutions[new["subject"], new["visit"]]
+    solved = complete & new["new_solution"]
+    failed = ~complete & (new["attempt"] == session.brief.attempt_limit)
+    decided = np.flatnonzero(solved | failed)
+    if len(decided):
+        point["trials/solved_share"] = solved[decided].mean()
+        point["trials/attempts"] = new["attempt"][decided].mean()
+    point |= {f"learner/{name}": value for name, value in learner.metrics().items()}
+    return {name: float(value) for name, value in point.items()}

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.experiment.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.learner_check import check_new_learner
@@ -40,21 +40,11 @@ class Watching:
     tensorboard: str | None = None
 
 
-@dataclass(frozen=True)
-class Played:
-    """What a worker has to tell when its cell is done.
-
-    Attributes:
-        attempts: How many attempts the record has.
-        warnings: What went wrong on the way, a sentence each.
-    """
-
-    attempts: int
-    warnings: tuple[str, ...]
-
-
-def play_cell(cell: Cell, folder: str, watching: Watching) -> Played:
+def play_cell(cell: Cell, folder: str, watching: Watching) -> list[str]:
     """Play one cell and keep its record.
+
+    Returns:
+        What went wrong without stopping it, a sentence each.
 
     Raises:
         LearnerError: If the learner fails; why, and its traceback, are kept in ``errors``.
@@ -69,17 +59,16 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> Played:
         with ExitStack() as stack:
             after = [_teller(session, store.path(cell).with_suffix(PROGRESS))]
             if watching.tensorboard is not None:
-                from causal_openlock.experiment.tensorboard import Curves
+                from causal_openlock.experiment.tensorboard import curves
 
-                curves = Curves(session, learner, Path(watching.tensorboard) / cell.name)
-                after.append(stack.enter_context(curves).draw)
+                logs = Path(watching.tensorboard) / cell.name
+                after.append(stack.enter_context(curves(session, learner, logs)))
 
-            def watch() -> None:
+            for _ in session.steps(learner):
                 checkpoint.keep(session, learner)
                 for look in after:
                     look()
-
-            record = session.go_on(learner, watch)
+        record = session.record()
     except (Exception, SystemExit) as error:
         # A learner that failed will be mended, and is then another one: nothing to go on from.
         store.clear(cell)
@@ -87,8 +76,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> Played:
     store.write(cell, record)
     store.clear(cell)
     store.forgive(cell)
-    warnings = (f"{cell.spec.name}: {warning}" for warning in checkpoint.warnings)
-    return Played(int(record.num_rows), tuple(warnings))
+    return [f"{cell.spec.name}: {warning}" for warning in checkpoint.warnings]
 
 
 def blame(store: Store, cell: Cell, error: BaseException) -> str:
@@ -97,21 +85,10 @@ def blame(store: Store, cell: Cell, error: BaseException) -> str:
     Raises:
         OpenLockError: If it cannot be written.
     """
-    said = _said(error)
+    what = in_short(error)
     if not isinstance(error, OpenLockError):
-        said = f"{type(error).__name__}: {said}" if said else type(error).__name__
-    try:
-        trace = "".join(traceback.format_exception(error))
-    except Exception:  # an exception can fail to say what it is
-        trace = f"{type(error).__name__}\n"
-    return store.blame(cell, f"failed: {said}", trace)
-
-
-def _said(error: BaseException) -> str:
-    try:
-        return " ".join(str(error).split())[:200]
-    except Exception:
-        return ""
+        what = f"{type(error).__name__}: {what}".removesuffix(": ")
+    return store.blame(cell, f"failed: {what}", "".join(traceback.format_exception(error)))
 
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
@@ -148,7 +125,7 @@ def _teller(session: Session, path: Path) -> Callable[[], None]:
         nonlocal due
         if (now := time.perf_counter()) >= due:
             due = now + TELL_EVERY
-            with suppress(OSError):  # it is told again
+            with suppress(OSError):  # the next one may succeed
                 path.write_text(f"{session.progress:.4f}", encoding="utf-8")
 
     return tell

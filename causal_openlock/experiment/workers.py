@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from causal_openlock.errors import OpenLockError
 
@@ -24,27 +24,6 @@ from causal_openlock.errors import OpenLockError
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 Result = TypeVar("Result")
-
-
-class Crew(Protocol):
-    """What plays: takes so many jobs at a time, and says what became of those it lost."""
-
-    def free(self) -> bool:
-        """Whether it takes another job."""
-
-    def submit(
-        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
-    ) -> Future[Result]:
-        """Give it a job; one that is done ``alone`` leaves nothing behind for those that follow."""
-
-    def begun(self, future: Future[Any]) -> bool:
-        """Whether it is known to be at a job."""
-
-    def end(self, future: Future[Any]) -> bool:
-        """End a job that does not end by itself; returns whether that can be done."""
-
-    def done(self, future: Future[Any]) -> str:
-        """Be told that a job is done; how its process ended, if it did not survive the job."""
 
 
 class Processes:
@@ -65,16 +44,14 @@ class Processes:
     def submit(
         self, job: Callable[..., Result], *arguments: Any, alone: bool = False
     ) -> Future[Result]:
-        """Have a job done by a process that has nothing to do."""
+        """Have a job done; one that is done ``alone`` shares its process with no other."""
         process = self._idle.pop(0)
         if process.is_spent or (alone and process.has_worked):
-            process.close()
-            process = _Process()
+            process = process.replaced()
         try:
             future = process.submit(job, *arguments, alone=alone)
         except BrokenExecutor:  # it died while it was idle
-            process.close()
-            process = _Process()
+            process = process.replaced()
             future = process.submit(job, *arguments, alone=alone)
         self._busy[future] = process
         return future
@@ -84,12 +61,15 @@ class Processes:
         return self._busy[future].has_begun
 
     def end(self, future: Future[Any]) -> bool:
-        """Kill the process that does a job; its future then says that the pool is broken."""
+        """Kill the process that does a job; returns whether it can be ended.
+
+        The future then says that the pool is broken.
+        """
         self._busy[future].process.kill()
         return True
 
     def done(self, future: Future[Any]) -> str:
-        """Take a process back, or another one in its place; returns how it ended.
+        """Take back the process of a job that is done; returns how it ended, if it did.
 
         Raises:
             OpenLockError: If it could not even begin, as the next could not, either.
@@ -108,10 +88,10 @@ class Processes:
         self._idle.append(_Process())
         return how
 
-    def close(self, kill: bool) -> None:
-        """End the processes, in the midst of what they do or when they have done it."""
+    def close(self) -> None:
+        """End the processes, also in the midst of what they do."""
         for process in (*self._idle, *self._busy.values()):
-            process.close(kill)
+            process.close()
 
 
 class _Process:
@@ -146,20 +126,20 @@ class _Process:
         """Whether it was ever ready to play."""
         return self._hello.done() and self._hello.exception() is None
 
-    def close(self, kill: bool = True) -> str:
+    def close(self) -> str:
         """End it; returns how it ended."""
-        if kill:
-            self.process.kill()
-        self.pool.shutdown(cancel_futures=kill)
+        self.process.kill()
+        self.pool.shutdown(cancel_futures=True)
         return how_ended(self.process.exitcode)
+
+    def replaced(self) -> _Process:
+        """End it; returns a new one."""
+        self.close()
+        return _Process()
 
 
 class Given:
-    """An executor that somebody gives, which does what it does.
-
-    Args:
-        executor: The executor.
-    """
+    """An executor that somebody gives; it says nothing of its processes, and ends none."""
 
     def __init__(self, executor: Executor) -> None:
         self._executor = executor
@@ -171,23 +151,19 @@ class Given:
     def submit(
         self, job: Callable[..., Result], *arguments: Any, alone: bool = False
     ) -> Future[Result]:
-        """Give it a job; after which other jobs it does that is for it to say."""
+        """Give it a job; which others its process does is up to it."""
         return self._executor.submit(job, *arguments)
 
     def begun(self, future: Future[Any]) -> bool:
-        """It does not say which jobs wait for their turn."""
+        """It does not say which jobs wait."""
         return False
 
     def end(self, future: Future[Any]) -> bool:
-        """Nobody can end what it has begun."""
+        """It does not end what it has begun."""
         return False
 
     def done(self, future: Future[Any]) -> str:
-        """It does not say how its processes end.
-
-        Raises:
-            OpenLockError: If it is broken, with everything that it still had to do.
-        """
+        """Refuse to go on if it is broken, with everything that it still had to do."""
         if isinstance(future.exception(), BrokenExecutor):
             raise OpenLockError(
                 "a worker of the executor ended without a word (killed, out of memory, or a "
@@ -195,6 +171,9 @@ class Given:
                 "workers: it goes on where it was"
             )
         return ""
+
+
+Crew = Processes | Given
 
 
 @contextmanager
@@ -207,11 +186,8 @@ def crew(executor: Executor | None, workers: int) -> Iterator[Crew]:
         processes = Processes(workers)
         try:
             yield processes
-        except BaseException:
-            processes.close(kill=True)
-            raise
-        # Nothing is left to do; a thread that a learner has started must not keep them.
-        processes.close(kill=True)
+        finally:  # killed also where nothing is left to do: a learner's thread must not keep them
+            processes.close()
 
 
 @contextmanager
@@ -281,7 +257,7 @@ def start_alone() -> None:
 def how_ended(code: int | None) -> str:
     """How a process ended, in words, by its exit code."""
     if code is None:
-        return "nobody knows how"
+        return "it is not known how"
     if code >= 0:
         return f"exit status {code}"
     try:

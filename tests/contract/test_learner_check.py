@@ -46,7 +46,7 @@ class DrawsForOne(OneSubjectLearner):
 class Seeds(Tidy):
     def begin(self, brief):
         super().begin(brief)
-        random.seed(0)
+        random.seed(5)  # other tests seed with 0
 
 
 class DrawsFromTorch(Tidy):
@@ -108,7 +108,7 @@ def cell_of(kind: type, folder: Path, extra: str = "") -> Cell:
         f"learners: ['{__name__}:{kind.__name__}']\n",
         encoding="utf-8",
     )
-    return next(read_experiment(path).cells())
+    return read_experiment(path).cells()[0]
 
 
 SHARED = "it uses or seeds the random numbers of {}, which all code shares"
@@ -163,7 +163,7 @@ def test_a_look_changes_nothing_of_what_is_played(
         store = Store(tmp_path / f"out{looks}")
         store.cells.mkdir(parents=True)
         told = play_cell(cell, str(store.folder), Watching())
-        assert [line.startswith("DoesBoth: ") for line in told.warnings] == [True] * looks
+        assert [line.startswith("DoesBoth: ") for line in told] == [True] * looks
         record = store.read(store.path(cell)).replace_schema_metadata(None)
         assert record.drop_columns(["wall_time", "experiment"]).equals(expected)
 
@@ -172,7 +172,7 @@ def test_learners_of_the_toolkit_are_not_looked_at(tmp_path: Path) -> None:
     path = tmp_path / "ours.yaml"
     path.write_text("name: ours\nconditions: [CC3]\nlearners: [random]\n", encoding="utf-8")
     before = set(learner_check._seen)
-    assert learner_check.check_new_learner(next(read_experiment(path).cells())) == []
+    assert learner_check.check_new_learner(read_experiment(path).cells()[0]) == []
     assert learner_check._seen == before
 
 

@@ -260,7 +260,7 @@ class DrawsFromTorch(Dice):
 
 class LooksBehindTheScenes(Dice):
     def act(self, view):
-        session = sys._getframe(2).f_locals["session"]
+        session = sys._getframe(1).f_locals["session"]
         schema = session.truth.rooms[0].schema
         return np.full(
             self.brief.subjects, len(schema.causes("L1") if schema.name == "known" else ())
@@ -392,7 +392,7 @@ class TestDice(LearnerContract):
         (AnswersFloats, ANSWERS, "act answered float64"),
         (AnswersForOne, ANSWERS, r"of shape \(\), 3, where 4 integers"),
         (DrawsItsOwnSeed, SEED, r"twice with the same seed .* row 0: actions .* or "),
-        (SharesOneGenerator, BATCH, "subject 0, who played as one of 4 and then as one of 1"),
+        (SharesOneGenerator, BATCH, "subject 0, which played as one of 4 and then as one of 1"),
         (RemembersInItsClass, BATCH, "row 0: actions .* or "),
         (LearnsFromTheFinished, FINISHED, "1 steps after .* step.view.playing"),
         (DrawsGlobally, GLOBAL, r"used or seeded numpy.random; draw from brief.generators"),

@@ -14,7 +14,7 @@ import time
 import tracemalloc
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ import pyarrow as pa
 import pytest
 import torch
 
-from causal_openlock.contract.learner import Learner, View
+from causal_openlock.contract.learner import Learner, Step, View
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError, ProtocolError
@@ -184,7 +184,7 @@ def test_a_killed_cell_ends_as_if_it_had_not_been(
     assert ".parquet" not in files_beside(killed)
 
     played = play_cell(cell, str(killed), AFTER_EVERY_STEP)
-    assert played.warnings == ()
+    assert played == []
     assert whole > 25
     assert steps[0] == whole - 19, "it went on from the last checkpoint"
     assert contents(cell, killed).equals(contents(cell, tmp_path / "undisturbed"))
@@ -236,7 +236,7 @@ def test_it_may_be_interrupted_again_and_again(
     for saves in (1, 2, 30):
         interrupt(cell, tmp_path / "often", saves)
     played = play_cell(cell, str(tmp_path / "often"), AFTER_EVERY_STEP)
-    assert played.warnings == ()
+    assert played == []
     assert contents(cell, tmp_path / "often").equals(contents(cell, tmp_path / "undisturbed"))
 
 
@@ -261,6 +261,12 @@ def test_wall_time_counts_the_time_played(
     assert gaps.max() < 1e5, "the pause is left out"
 
 
+def played_on(session: Session, learner: Learner) -> pa.Table:
+    for _ in session.steps(learner):
+        pass
+    return session.record()
+
+
 def test_a_session_goes_on_by_hand_from_its_state() -> None:
     def made() -> Session:
         return Session(named("noisy_CC3"), HUMAN, 4, seed=3)
@@ -270,12 +276,12 @@ def test_a_session_goes_on_by_hand_from_its_state() -> None:
     while first.progress < 0.4:
         learner.learn(first.step(learner.act(first.view)))
     session_state, learner_state = first.state_dict(), learner.state_dict()
-    whole = first.go_on(learner)
+    whole = played_on(first, learner)
     second, other = made(), RandomLearner()
     second.load_state_dict(session_state)
     second.begin(other, learner_state)
     assert second.progress >= 0.4
-    resumed = second.go_on(other)
+    resumed = played_on(second, other)
     assert second.progress == 1
     assert resumed.drop_columns(["wall_time"]).equals(whole.drop_columns(["wall_time"]))
 
@@ -332,9 +338,9 @@ def test_a_damaged_checkpoint_is_told_and_its_cell_begins_again(
     assert steps[0] == whole
     # Without the file that says what counts there is no checkpoint.
     if (suffix, damage) == (".checkpoint", None):
-        assert played.warnings == ()
+        assert played == []
     else:
-        (warning,) = played.warnings
+        (warning,) = played
         assert str(path) in warning
         assert warning.endswith("begins again")
     assert contents(cell, tmp_path / "out").equals(contents(cell, tmp_path / "undisturbed"))
@@ -367,11 +373,11 @@ def test_a_checkpoint_of_another_cell_or_made_with_other_packages_is_not_used(
     for suffix in (".checkpoint", ".attempts"):
         mine = store.path(cell).with_suffix(suffix)
         store.path(other).with_suffix(suffix).write_bytes(mine.read_bytes())
-    (warning,) = play_cell(other, str(tmp_path / "out"), Watching()).warnings
+    (warning,) = play_cell(other, str(tmp_path / "out"), Watching())
     assert "is of another cell" in warning
     now = worker.versions()
     monkeypatch.setattr(worker, "versions", lambda: {**now, "numpy": "9.9"})
-    (warning,) = play_cell(cell, str(tmp_path / "out"), Watching()).warnings
+    (warning,) = play_cell(cell, str(tmp_path / "out"), Watching())
     assert f"was made with numpy {now['numpy']}, and here it is 9.9" in warning
     assert contents(cell, tmp_path / "out").equals(contents(cell, tmp_path / "undisturbed"))
 
@@ -387,7 +393,7 @@ def test_a_state_that_the_learner_cannot_load_is_told_and_its_cell_begins_again(
         raise KeyError("streams")
 
     monkeypatch.setattr(RandomLearner, "load_state_dict", fails)
-    (warning,) = play_cell(cell, str(tmp_path / "out"), Watching()).warnings
+    (warning,) = play_cell(cell, str(tmp_path / "out"), Watching())
     assert "cannot be used" in warning
     assert contents(cell, tmp_path / "out").equals(contents(cell, tmp_path / "undisturbed"))
 
@@ -452,7 +458,7 @@ class Runs:
 def noting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
     monkeypatch.setenv(STATE, str(tmp_path / "state"))
     text = TEXT[: TEXT.index("  - random")] + "  - test_checkpoint:Noting\n"
-    return next(experiment_of(text + TEXT[TEXT.index("protocols:") :], tmp_path).cells())
+    return experiment_of(text + TEXT[TEXT.index("protocols:") :], tmp_path).cells()[0]
 
 
 def forged(state: dict[str, Any], mark: Path) -> None:
@@ -486,10 +492,10 @@ def test_players_are_unpickled_only_if_this_user_has_kept_them(
     played = play_cell(noting, str(tmp_path / "out"), Watching())
     if change is None:
         assert steps[0] < whole
-        assert played.warnings == ()
+        assert played == []
     else:
         assert steps[0] == whole
-        (warning,) = played.warnings
+        (warning,) = played
         assert "what Noting held was not kept by this user on this machine" in warning
         assert warning.endswith("begins again")
     assert not (tmp_path / "mark").exists()
@@ -504,7 +510,7 @@ def test_the_key_of_another_user_opens_nothing(
     assert key.stat().st_mode & 0o777 == 0o600
     assert len(key.read_bytes()) == 32
     monkeypatch.setenv(STATE, str(tmp_path / "other"))
-    (warning,) = play_cell(noting, str(tmp_path / "out"), Watching()).warnings
+    (warning,) = play_cell(noting, str(tmp_path / "out"), Watching())
     assert "was not kept by this user" in warning
     assert (tmp_path / "other" / "seal.key").read_bytes() != key.read_bytes()
 
@@ -529,7 +535,7 @@ def test_without_a_key_players_go_on_in_their_process_and_are_not_kept(
     noting: Cell, tmp_path: Path, spoil: Callable[[Path], None]
 ) -> None:
     spoil(tmp_path / "state")
-    (warning,) = play_cell(noting, str(tmp_path / "out"), AFTER_EVERY_STEP).warnings
+    (warning,) = play_cell(noting, str(tmp_path / "out"), AFTER_EVERY_STEP)
     assert "so a killed cell begins again (the key of its seal cannot be stored in" in warning
     assert files_beside(tmp_path / "out") == [".parquet"]
     one, other = create("test_checkpoint:Noting"), create("test_checkpoint:Noting")
@@ -587,7 +593,7 @@ def test_a_learner_without_state_has_no_checkpoint(
 ) -> None:
     text = TEXT[: TEXT.index("  - random")] + f"  - test_checkpoint:{learner}\n"
     experiment = experiment_of(text + TEXT[TEXT.index("protocols:") :], tmp_path)
-    cell = next(experiment.cells())
+    cell = experiment.cells()[0]
     written: list[Path] = []
     replacing = checkpoint.replacing
     monkeypatch.setattr(
@@ -595,10 +601,10 @@ def test_a_learner_without_state_has_no_checkpoint(
     )
     played = play_cell(cell, str(tmp_path / "out"), AFTER_EVERY_STEP)
     if warning is None:
-        assert played.warnings == ()
+        assert played == []
         assert written == []
     else:
-        (said,) = played.warnings
+        (said,) = played
         assert f"{learner}: {warning}" in said
         assert "memory.rooms.0" in said
         assert len(written) == 1
@@ -643,7 +649,7 @@ def test_a_full_disk_costs_a_checkpoint_and_not_the_cell(
     interrupt(cell, tmp_path / "out", 40)
     monkeypatch.undo()
     assert calls[0] > 80
-    assert play_cell(cell, str(tmp_path / "out"), Watching()).warnings == ()
+    assert play_cell(cell, str(tmp_path / "out"), Watching()) == []
     play_cell(cell, str(tmp_path / "undisturbed"), Watching())
     assert contents(cell, tmp_path / "out").equals(contents(cell, tmp_path / "undisturbed"))
 
@@ -770,16 +776,14 @@ def test_progress_inside_cells_is_told(
 ) -> None:
     monkeypatch.setattr(worker, "TELL_EVERY", 0.0)
     seen: list[Any] = []
-    go_on = Session.go_on
+    steps = Session.steps
 
-    def watched(self: Session, learner: Learner, after: Callable[[], None]) -> pa.Table:
-        def look() -> None:
-            after()
+    def watched(self: Session, learner: Learner) -> Iterator[Step]:
+        for step in steps(self, learner):
+            yield step  # the worker looks on here
             seen.append(Store(tmp_path).share(cell))
 
-        return go_on(self, learner, look)
-
-    monkeypatch.setattr(Session, "go_on", watched)
+    monkeypatch.setattr(Session, "steps", watched)
     (tmp_path / "cells").mkdir()
     cell = cell_of(experiment, "random")
     play_cell(cell, str(tmp_path), Watching())

@@ -200,7 +200,7 @@ def test_a_cell_that_hangs_is_named_and_ended_at_its_time_limit(folder: Path) ->
             time_limit=1,
             warn=warnings.append,
         )
-    assert "not heeded" in warnings[0]
+    assert "is ignored" in warnings[0]
 
 
 def test_a_mended_learner_alone_is_played_again_and_one_taken_out_leaves_the_rest(
