@@ -19,9 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import Masks, Rows
+from causal_openlock.belief.structures import Hypotheses, Masks, Rows
 from causal_openlock.contract.learner import Step
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 

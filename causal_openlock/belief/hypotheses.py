@@ -16,7 +16,6 @@ ones first, then the white ones, each in the order of their positions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -24,14 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.catalogue import (
-    FREE_FORM_LEVERS,
-    Catalogue,
-    catalogue,
-    feasible,
-)
+from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, Catalogue, catalogue, feasible
 from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import NEVER, Counts, Masks, Rows, renamed
+from causal_openlock.belief.structures import Hypotheses, Masks
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 RULES = ("grey", "white", "position")
@@ -55,73 +49,20 @@ class RoomSight(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Hypotheses(Rows):
-    """H hypotheses about P levers by slot and a door, as arrays; the door is the last node.
-
-    Attributes:
-        causes: ``[H, P + 1]`` which slots enable each node, as a bit mask.
-        threshold: ``[H, P + 1]`` how many of them must be pushed.
-        inert: ``[H]`` slots that do nothing for the door.
-        solutions: ``[H, K]`` the solutions as sets of slots.
-        strength: ``[H]`` index of the strength.
-    """
-
-    causes: Masks
-    threshold: Counts
-    inert: Masks
-    solutions: Masks
-    strength: Counts
-
-    @classmethod
-    def none(cls, positions: int, solutions: int) -> Hypotheses:
-        """No hypothesis, in the shape of others."""
-        return cls(
-            np.zeros((0, positions + 1), dtype=np.uint16),
-            np.zeros((0, positions + 1), dtype=np.uint8),
-            np.zeros(0, dtype=np.uint16),
-            np.zeros((0, solutions), dtype=np.uint16),
-            np.zeros(0, dtype=np.uint8),
-        )
-
-    def on_slots(self, slots: Sequence[int], positions: int) -> Hypotheses:
-        """Hypotheses about n levers, as hypotheses about a room in which all others are inactive.
-
-        Args:
-            slots: The slot of each lever.
-            positions: Levers of the room.
-        """
-        names = np.array(slots)
-        causes = np.zeros((len(self), positions + 1), dtype=np.uint16)
-        threshold = np.full((len(self), positions + 1), NEVER, dtype=np.uint8)
-        nodes = [*slots, positions]
-        causes[:, nodes], threshold[:, nodes] = renamed(self.causes, names), self.threshold
-        inactive = (1 << positions) - 1 - sum(1 << slot for slot in slots)
-        inert = renamed(self.inert, names) | np.uint16(inactive)
-        return Hypotheses(causes, threshold, inert, renamed(self.solutions, names), self.strength)
-
-    def repeated(self, strengths: int) -> Hypotheses:
-        """Each hypothesis once with each strength, strengths fastest."""
-        many = self[np.repeat(np.arange(len(self)), strengths)]
-        strength = np.tile(np.arange(strengths, dtype=np.uint8), len(self))
-        return Hypotheses(many.causes, many.threshold, many.inert, many.solutions, strength)
-
-
-@dataclass(frozen=True, eq=False)
 class Block:
     """The hypotheses that make the same levers active.
 
     Attributes:
-        active: The active slots, as a bit mask.
+        slots: The active slots in ascending order.
         catalogue: The possible behaviours of these levers.
     """
 
-    active: int
+    slots: tuple[int, ...]
     catalogue: Catalogue
 
-    @property
-    def slots(self) -> list[int]:
-        """The active slots in ascending order."""
-        return [slot for slot in range(16) if self.active >> slot & 1]
+    def placed(self, positions: int) -> Hypotheses:
+        """The behaviours, each as its first structure, on a room's slots."""
+        return self.catalogue.behaviours.on_slots(self.slots, positions)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,7 +91,8 @@ class Space:
     @cached_property
     def active(self) -> Masks:
         """``[V]`` the active slots of each block."""
-        return np.array([block.active for block in self.blocks], dtype=np.uint16)
+        masks = [sum(1 << slot for slot in block.slots) for block in self.blocks]
+        return np.array(masks, dtype=np.uint16)
 
     @cached_property
     def ends(self) -> IntArray:
@@ -217,42 +159,31 @@ def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, l
         >>> enumerate_space(RoomSight(7, 3, 2, 3), certain, math.log(2), 20_000)
         Space(RoomSight(positions=7, grey=3, solutions=2, action_limit=3), 4,278 hypotheses)
     """
-    positions, grey = sight.positions, sight.grey
     uncertain = len(strengths) > 1
-    all_levers = (1 << positions) - 1
-    all_grey = (1 << grey) - 1
     blocks: list[Block] = []
     taken = 0
 
-    def take(active: int, always: bool) -> None:
+    def catalogue_of(levers: int) -> Catalogue:
+        return catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity, limit)
+
+    def take(slots: tuple[int, ...], always: bool) -> None:
         nonlocal taken
-        levers = active.bit_count()
-        if not levers or any(block.active == active for block in blocks):
+        if not slots or any(block.slots == slots for block in blocks):
             return
-        own = catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity, limit)
+        own = catalogue_of(len(slots))
         if len(own) and (always or taken + len(own) <= limit):
-            blocks.append(Block(active, own))
+            blocks.append(Block(slots, own))
             taken += len(own)
 
-    take(all_grey, always=True)
-    take(all_levers ^ all_grey, always=False)
-    for levers in range(1, min(FREE_FORM_LEVERS, positions) + 1):
+    every = tuple(range(sight.positions))
+    take(every[: sight.grey], always=True)
+    take(every[sight.grey :], always=False)
+    for levers in range(1, min(FREE_FORM_LEVERS, sight.positions) + 1):
         # All sets of a size or none, so that no position is preferred.
-        own = catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity, limit)
-        if taken + len(own) * math.comb(positions, levers) <= limit:
-            for slots in combinations(range(positions), levers):
-                take(sum(1 << slot for slot in slots), always=True)
-    parts = [placed(block, positions) for block in blocks]
-    joined = Hypotheses.joined(parts or [Hypotheses.none(positions, sight.solutions)])
+        many = len(catalogue_of(levers)) * math.comb(sight.positions, levers)
+        if taken + many <= limit:
+            for slots in combinations(every, levers):
+                take(slots, always=True)
+    nothing = catalogue_of(1).behaviours[:0].on_slots((0,), sight.positions)
+    joined = Hypotheses.joined([nothing, *(block.placed(sight.positions) for block in blocks)])
     return Space(sight, strengths, tuple(blocks), joined.repeated(len(strengths)))
-
-
-def placed(block: Block, positions: int) -> Hypotheses:
-    """The behaviours of a block, each as its first structure, on the room's slots."""
-    own = block.catalogue
-    structures = own.members[own.first]
-    strength = np.zeros(len(own), dtype=np.uint8)
-    hypotheses = Hypotheses(
-        structures.causes, structures.threshold, own.inert, own.solutions, strength
-    )
-    return hypotheses.on_slots(block.slots, positions)

@@ -22,9 +22,6 @@ from causal_openlock.belief.structures import NEVER
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.schema import MAX_LEVERS
 
-CERTAIN = 0
-"""Index of the strength 1."""
-
 
 @dataclass(frozen=True, eq=False)
 class Strengths:

@@ -42,8 +42,7 @@ def trace(
 ) -> None:
     """Describe a trial: what a subject did, saw and learned, and what it believes."""
     from causal_openlock.analysis.plots.belief import check_suffix, save_trace_figure
-    from causal_openlock.belief.trace import trace_trial
-    from causal_openlock.belief.trace_text import trace_text
+    from causal_openlock.belief.trace import trace_text, trace_trial
     from causal_openlock.cli.terminal import say
     from causal_openlock.files.atomic import write_text
     from causal_openlock.files.escaping import csv_of

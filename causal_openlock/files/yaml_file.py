@@ -166,9 +166,18 @@ def read_document(path: Path | str) -> Document:
         FileError: If it is no YAML 1.2, or uses what is refused here.
         OpenLockError: If it cannot be read.
     """
-    path = Path(path)
+    return parse_document(read_text(path), path)
+
+
+def read_text(path: Path | str) -> str:
+    """The text of a file written by hand.
+
+    Raises:
+        FileError: If it is too large or not UTF-8.
+        OpenLockError: If it cannot be read.
+    """
     try:
-        with path.open("rb") as file:
+        with Path(path).open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise OpenLockError(f"{path}: cannot be read ({error.strerror}); check the name") from None
@@ -177,12 +186,11 @@ def read_document(path: Path | str) -> Document:
     if len(content) > MAX_BYTES:
         raise FileError(path, [TOO_LARGE])
     try:
-        text = content.decode("utf-8")
+        return content.decode("utf-8")
     except UnicodeDecodeError as error:
         before = content[: error.start].decode("utf-8")
         message = f"this is not UTF-8 text ({error.reason}); save the file as UTF-8"
         raise FileError(path, [_fault_after(before, message)]) from None
-    return parse_document(text, path)
 
 
 def parse_document(text: str, path: Path | str = "<text>") -> Document:

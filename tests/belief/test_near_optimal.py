@@ -29,7 +29,7 @@ def expected_attempts(hypotheses, prior, limit, objective):
             if len(found) == hypotheses.solutions.shape[1]:
                 continue
             total += prior[who].sum()
-        planner = Planner(hypotheses[who], CERTAIN, objective, found)
+        planner = Planner(hypotheses[who], CERTAIN, objective)
         values = planner.values(prior[who], Situation(pushed, unlocked, left, found))
         slot = int(np.flatnonzero(values >= values.max() - 1e-9)[0])
         for took_effect in (False, True):

@@ -18,8 +18,8 @@ from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.catalogue import fits, free_form_weight
 from causal_openlock.belief.evidence import DOOR, Event
 from causal_openlock.belief.hypotheses import RoomSight, enumerate_space
+from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.marginals import edge_probabilities
-from causal_openlock.belief.prior import Prior
 from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
 from causal_openlock.belief.strength import at_least, strengths
 from causal_openlock.belief.structures import Structures, gate_dags

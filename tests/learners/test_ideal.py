@@ -9,9 +9,8 @@ from itertools import combinations, permutations
 import numpy as np
 import pytest
 
-from causal_openlock.belief.optimal import Optimum
+from causal_openlock.belief.optimal import Optimum, Symmetry
 from causal_openlock.belief.placements import TooLargeError, mixture, placements
-from causal_openlock.belief.symmetry import Symmetry
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials

@@ -17,8 +17,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.style import COMMON_CAUSE, COMMON_EFFECT
-from causal_openlock.belief.trace import Trace
-from causal_openlock.belief.trace_text import agreement, percent, shown_name
+from causal_openlock.belief.trace import Trace, agreement, percent, shown_name
 from causal_openlock.render.arrange import arrange
 from causal_openlock.render.graph import draw_schema
 from causal_openlock.world.schema import Schema
