@@ -126,10 +126,9 @@ def _space(many: int) -> Any:
     import numpy as np
 
     from causal_openlock.belief.catalogue import Catalogue, fits
-    from causal_openlock.belief.hypotheses import Block, RoomSight, Space
+    from causal_openlock.belief.hypotheses import Block, RoomSight, Space, strengths
     from causal_openlock.belief.knowledge import Prior
     from causal_openlock.belief.sampling import Sampler
-    from causal_openlock.belief.strength import strengths
     from causal_openlock.belief.structures import Structures
 
     sight = RoomSight(positions=7, grey=7, solutions=3, action_limit=4)

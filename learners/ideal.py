@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.belief.evidence import Event, informative, likelihood, observed
+from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
 from causal_openlock.belief.optimal import HYPOTHESIS_LIMIT, NODE_LIMIT, Optimum, Point, bits
 from causal_openlock.belief.placements import (
     TABLE_LIMIT,
@@ -30,7 +31,6 @@ from causal_openlock.belief.placements import (
     ways_to_place,
 )
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
-from causal_openlock.belief.strength import Strengths, at_least, strengths
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.contract.learner import Brief, InformedLearner, Step, Truth, View
 from causal_openlock.errors import LearnerError

@@ -4,8 +4,7 @@ Hypotheses and their prior
     :mod:`~causal_openlock.belief.structures` (gate-DAGs as arrays),
     :mod:`~causal_openlock.belief.grammar` (schema classes of any size),
     :mod:`~causal_openlock.belief.catalogue` (the behaviours of n levers),
-    :mod:`~causal_openlock.belief.strength` (how reliably levers move),
-    :mod:`~causal_openlock.belief.hypotheses` (about one room),
+    :mod:`~causal_openlock.belief.hypotheses` (about one room, strengths included),
     :mod:`~causal_openlock.belief.sampling` (where there are too many to list).
 
 Inference

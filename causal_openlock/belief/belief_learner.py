@@ -61,8 +61,7 @@ class BeliefLearner(Learner):
 
     def classes(self, subject: int) -> FloatArray:
         """``[C + 1]`` a subject's probability of each schema class; the last is none of them."""
-        classes: FloatArray = self.beliefs.knowledge.classes(np.array([subject]))[0]
-        return classes
+        return self.beliefs.knowledge.classes(np.array([subject]))[0]
 
     def edges(self, subject: int) -> FloatArray:
         """``[P, P + 1]`` probability that a lever enables another, or the door, by position."""
@@ -84,9 +83,7 @@ class BeliefLearner(Learner):
     def gains(self, subject: int, view: View) -> FloatArray:
         """``[2P + 1]`` expected information gain of each action alone, in bits; 0 for any pull.
 
-        Args:
-            subject: Whose belief counts.
-            view: What the subjects perceive; they must have seen the room (see :meth:`act`).
+        The subject must have seen the room of the view (see :meth:`act`).
         """
         belief = self.belief(subject)
         positions = self.beliefs.positions

@@ -28,10 +28,9 @@ from numpy.typing import NDArray
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.evidence import DOOR, Event, Events, informative, likelihood, observed
-from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space
+from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
 from causal_openlock.belief.knowledge import Knowledge, Prior
 from causal_openlock.belief.sampling import LISTED_CAUSES, Sampler, listed, sampled, with_sampled
-from causal_openlock.belief.strength import strengths
 from causal_openlock.belief.structures import Structures
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
@@ -106,9 +105,8 @@ class Belief:
     def forget(self, lost: float, keeps: bool) -> None:
         """Lose a part of the trial's evidence at the end of an attempt.
 
-        Args:
-            lost: How far the posterior moves back to the baseline, from 0 to 1.
-            keeps: Whether the events of this attempt become part of the baseline.
+        The posterior moves back to the baseline by a share ``lost``; if the subject ``keeps`` the
+        events of this attempt, they become part of the baseline.
         """
         if self.start is None:
             return
@@ -122,13 +120,9 @@ class Belief:
 def conditioned(
     space: Space, which: IntArray, prior: FloatArray, events: Iterable[Event]
 ) -> FloatArray:
-    """``[E]`` posterior of some hypotheses, by Bayes' rule.
+    """``[E]`` posterior of the hypotheses ``which``, by Bayes' rule.
 
-    Args:
-        space: The hypotheses.
-        which: ``[E]`` indices of those that have a probability.
-        prior: ``[E]`` these probabilities.
-        events: What was observed. If no hypothesis explains it, the prior is returned.
+    If no hypothesis explains the events, the prior, ``[E]``, is returned.
     """
     weight = prior.copy()
     for event in events:
@@ -244,11 +238,7 @@ class Beliefs:
     ) -> Belief:
         """A belief over what is enumerated and over draws from the free form's posterior.
 
-        Args:
-            subject: Whose belief it is.
-            space: What is enumerated.
-            slots: ``[P]`` the slot of each position.
-            events: What was observed so far, and how often.
+        ``events`` is what was observed so far, and how often.
         """
         of_gates: Counter[Event] = Counter()
         for event, times in events.items():  # solutions say nothing about single gates

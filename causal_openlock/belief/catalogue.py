@@ -65,11 +65,7 @@ class Catalogue:
         return int(self.behaviour[-1]) + 1 if len(self.behaviour) else 0
 
     def prior(self, classes: FloatArray) -> FloatArray:
-        """``[B, U]`` probability of each behaviour.
-
-        Args:
-            classes: ``[B, C + 1]`` probability of each class for each of B subjects.
-        """
+        """``[B, U]`` probability of each behaviour, given ``[B, C + 1]`` that of each class."""
         pairs = classes[:, self.kind] * self.chance
         starts = np.searchsorted(self.behaviour[self.member], np.arange(len(self)))
         return np.add.reduceat(pairs, starts, axis=1)
@@ -137,14 +133,9 @@ def catalogue(
 ) -> Catalogue:
     """The catalogue for what a subject perceives of a room.
 
-    Args:
-        levers: Active levers, n.
-        solutions: Solutions that there are to find, k.
-        action_limit: Actions in an attempt.
-        uncertain: Whether levers may fail to move, so that more behaviours differ.
-        simplicity: As for :func:`free_form_weight`.
-        limit: With more than four levers, only so many structures of the shortest classes are
-            listed, within :data:`TABLE_BYTES`; the others are sampled from the free form.
+    If levers may fail to move (``uncertain``), more behaviours differ. With more than four levers,
+    only ``limit`` structures of the shortest classes are listed, within :data:`TABLE_BYTES`; the
+    others are sampled from the free form. For ``simplicity`` see :func:`free_form_weight`.
     """
     outline, splits = outlines(levers)
     fitting = np.flatnonzero(fits(outline.structures, solutions, action_limit))

@@ -9,6 +9,16 @@ may go by colour (the grey ones, or the white ones) or by position. The prior is
 summed over rules and classes. Rules, classes and strengths are learned across rooms
 (:mod:`causal_openlock.belief.knowledge`); which lever does what is learned anew in each.
 
+**Strength.** Each of m pushed causes transmits independently with probability s, and a push takes
+effect if at least k of them transmit, k being the threshold of the gate (a noisy-OR for k = 1, a
+noisy-AND for all):
+
+    P(takes effect) = sum over j >= k of C(m, j) s^j (1 - s)^(m - j)
+
+This is a polynomial in s, so integrals over a Beta prior are sums over G Gauss-Jacobi nodes, exact
+up to degree 2G - 1, that is for about 2G pushes; beyond that the nodes approximate the conjugate
+Beta posterior.
+
 Rooms that look alike share their hypotheses. To this end levers are numbered by *slot*: the grey
 ones first, then the white ones, each in the order of their positions.
 """
@@ -17,16 +27,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, Catalogue, catalogue, feasible
-from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import Hypotheses, Masks
+from causal_openlock.belief.structures import NEVER, Hypotheses, Masks
 from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.schema import MAX_LEVERS
 
 RULES = ("grey", "white", "position")
 """What may mark the active levers."""
@@ -46,6 +56,67 @@ class RoomSight(NamedTuple):
     grey: int
     solutions: int
     action_limit: int
+
+
+@dataclass(frozen=True, eq=False)
+class Strengths:
+    """The possible strengths; the first is certainty.
+
+    Attributes:
+        value: ``[G]`` the strengths.
+        prior: ``[G]`` their probabilities.
+        chance: ``[G, P + 1, 16]`` probability that at least so many causes transmit: by strength,
+            by how many causes are pushed, by threshold.
+    """
+
+    value: FloatArray
+    prior: FloatArray
+    chance: FloatArray
+
+    @property
+    def typical(self) -> float:
+        """The mean strength if levers may fail to move; 1 if they may not."""
+        if len(self) == 1:
+            return 1.0
+        return float(np.average(self.value[1:], weights=self.prior[1:]))
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+
+@cache
+def strengths(noise: float, alpha: float, beta: float, nodes: int) -> Strengths:
+    """Certainty, and the nodes of a Beta prior.
+
+    ``noise`` is the prior probability that levers may fail to move; at 0 there is certainty alone.
+
+    Example:
+        >>> strengths(0.5, 4.0, 1.0, 2).value.round(2).tolist()
+        [1.0, 0.53, 0.9]
+    """
+    value, prior = np.ones(1), np.ones(1)
+    if noise > 0:
+        from scipy.special import roots_sh_jacobi
+
+        at, weight = roots_sh_jacobi(nodes, alpha + beta - 1, alpha)
+        value = np.concatenate([value, at])
+        prior = np.concatenate([[1.0 - noise], noise * weight / weight.sum()])
+    return Strengths(value, prior, np.stack([at_least(s) for s in value]))
+
+
+def at_least(strength: float) -> FloatArray:
+    """``[P + 1, 16]`` probability that at least ``k`` of ``m`` pushed causes transmit.
+
+    >>> at_least(0.5)[2, :3].tolist()  # of two causes none, one, both
+    [1.0, 0.75, 0.25]
+    """
+    exactly = np.zeros((MAX_LEVERS + 1, int(NEVER) + 1))
+    exactly[0, 0] = 1.0
+    for pushed in range(MAX_LEVERS):
+        exactly[pushed + 1] = exactly[pushed] * (1.0 - strength)
+        exactly[pushed + 1, 1:] += exactly[pushed, :-1] * strength
+    more: FloatArray = exactly[:, ::-1].cumsum(axis=1)[:, ::-1]
+    return np.clip(more, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +174,8 @@ class Space:
     def marked(self, places: FloatArray) -> FloatArray:
         """``[B, V, 3]`` probability of each set of active levers under each rule.
 
-        Args:
-            places: ``[B, P]`` probability that each slot is active, under the rule by position.
+        ``places``, ``[B, P]``, is the probability that each slot is active, under the rule by
+        position.
         """
         positions, grey = self.sight.positions, self.sight.grey
         bits = (self.active[:, None] >> np.arange(positions) & 1).astype(bool)
@@ -146,15 +217,11 @@ class Space:
 def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, limit: int) -> Space:
     """The space of a room: grey levers, white levers, and then any few levers.
 
-    Args:
-        sight: What the rooms look like.
-        strengths: The possible strengths.
-        simplicity: As for :func:`~causal_openlock.belief.grammar.class_prior`.
-        limit: About how many hypotheses, strengths aside, there may be. Sets of levers that no
-            colour marks are added, the smallest first, as long as they fit.
+    Sets of levers that no colour marks are added, the smallest first, as long as there are at most
+    about ``limit`` hypotheses, strengths aside. For ``simplicity`` see
+    :func:`~causal_openlock.belief.grammar.class_prior`.
 
     Example:
-        >>> from causal_openlock.belief.strength import strengths
         >>> certain = strengths(0.0, 1.0, 1.0, 1)
         >>> enumerate_space(RoomSight(7, 3, 2, 3), certain, math.log(2), 20_000)
         Space(RoomSight(positions=7, grey=3, solutions=2, action_limit=3), 4,278 hypotheses)

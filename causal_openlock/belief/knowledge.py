@@ -23,8 +23,7 @@ from pydantic import Field
 
 from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.grammar import class_prior
-from causal_openlock.belief.hypotheses import RULES, Space
-from causal_openlock.belief.strength import Strengths
+from causal_openlock.belief.hypotheses import RULES, Space, Strengths
 from causal_openlock.contract.parameters import Count, OpenShare, Positive, Share
 from causal_openlock.world.fsm import FloatArray, IntArray
 

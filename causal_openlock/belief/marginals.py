@@ -42,7 +42,7 @@ import numpy as np
 
 from causal_openlock.belief.beliefs import Belief
 from causal_openlock.belief.catalogue import feasible
-from causal_openlock.belief.strength import Strengths
+from causal_openlock.belief.hypotheses import Strengths
 from causal_openlock.belief.structure_schemas import schema_of
 from causal_openlock.belief.structures import Structures
 from causal_openlock.errors import OpenLockError
@@ -60,9 +60,7 @@ if TYPE_CHECKING:
 def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
     """``[P, P + 1]`` probability that the lever at a position enables another, or the door (last).
 
-    Args:
-        belief: A subject's belief.
-        classes: ``[C + 1]`` the subject's probability of each schema class; so everywhere here.
+    ``classes``, ``[C + 1]``, is the subject's probability of each schema class; so everywhere here.
     """
     positions = belief.space.sight.positions
     edges = np.zeros((positions, positions + 1))

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from causal_openlock.belief.placements import TooLargeError
-from causal_openlock.belief.structures import Hypotheses
+from causal_openlock.belief.structures import Hypotheses, Structures, merge
 from causal_openlock.world.fsm import BoolArray, FloatArray
 
 NODE_LIMIT = 20_000
@@ -323,16 +323,19 @@ class Symmetry:
 
     def __init__(self, own: Hypotheses, share: FloatArray) -> None:
         self._slots, self._many = own.causes.shape[1] - 1, len(own)
-        rows = {self._row(own, index): index for index in range(self._many)}
+        structures = Structures(own.causes, own.threshold)
+        # By two slots, the hypothesis that each becomes when they are swapped; H if there is none.
         self._swap = np.full((self._slots, self._slots, self._many), self._many)
         for first, second in combinations(range(self._slots), 2):
             order = np.arange(self._slots)
             order[[first, second]] = second, first
-            image = own.on_slots(order.tolist(), self._slots)
-            for index in range(self._many):
-                to = rows.get(self._row(image, index), self._many)
-                if to < self._many and share[to] == share[index]:
-                    self._swap[first, second, index] = self._swap[second, first, index] = to
+            image = structures.on_slots(order, self._slots)
+            _, group = merge(np.concatenate([structures.labels(), image.labels()]))
+            index = np.full(len(group), self._many)
+            index[group[: self._many]] = np.arange(self._many)
+            to = index[group[self._many :]]
+            alike = np.append(share, np.nan)[to] == share
+            self._swap[first, second] = self._swap[second, first] = np.where(alike, to, self._many)
         whole: BoolArray = np.logical_and.reduce(self._swap < self._many, axis=2)
         # Classes of slots that can be renamed, as the hypotheses together do not distinguish them.
         self._class = [min([s, *np.flatnonzero(whole[s]).tolist()]) for s in range(self._slots)]
@@ -342,50 +345,39 @@ class Symmetry:
         threshold = own.threshold[:, : self._slots]
         # What distinguishes levers, [features, H, slots].
         self._features = np.stack([threshold, np.bitwise_count(levers), opens, solves])
-        self._known: dict[int, BoolArray] = {}
-        self._canonical: dict[tuple[int, tuple[int, ...]], tuple[int, tuple[int, ...]]] = {}
-
-    def _row(self, own: Hypotheses, index: int) -> bytes:
-        solutions = np.sort(own.solutions[index])
-        return b"".join(
-            part.tobytes()
-            for part in (own.causes[index], own.threshold[index], own.inert[index], solutions)
-        )
+        self._swappable, self.canonical = cache(self._swaps), cache(self._renamed)
 
     def swappable(self, possible: int, first: int, second: int) -> bool:
         """Whether swapping these levers maps the possible hypotheses onto themselves."""
-        if possible not in self._known:
-            held = np.append(_flags(possible, self._many), False)
-            alike = np.equal(held[self._swap], held[: self._many])
-            self._known[possible] = np.logical_and.reduce(alike, axis=2)
-        return bool(self._known[possible][first, second])
+        return bool(self._swappable(possible)[first, second])
 
-    def canonical(self, possible: int, found: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
+    def _swaps(self, possible: int) -> BoolArray:
+        held = np.append(_flags(possible, self._many), False)
+        return np.logical_and.reduce(np.equal(held[self._swap], held[: self._many]), axis=2)
+
+    def _renamed(self, possible: int, found: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
         """The same state with levers renamed in the order of what is believed about them."""
-        key = (possible, found)
-        if key not in self._canonical:
-            held = _flags(possible, self._many)
-            marks = self._features[:, held].sum(axis=1)
-            order = sorted(
-                range(self._slots),
-                key=lambda slot: (
-                    self._class[slot],
-                    sum(mask >> slot & 1 for mask in found),
-                    *marks[:, slot].tolist(),
-                ),
-            )
-            # Levers exchange names within their class, one swap after another.
-            image_of, at = np.flatnonzero(held), list(range(self._slots))
-            names = sorted(range(self._slots), key=lambda slot: (self._class[slot], slot))
-            for slot, lever in zip(names, order, strict=True):
-                if (now := at.index(lever)) != slot:
-                    image_of = self._swap[slot, now, image_of]
-                    found = tuple(sorted(swapped(mask, slot, now) for mask in found))
-                    at[slot], at[now] = at[now], at[slot]
-            image = np.zeros(self._many, dtype=bool)
-            image[image_of] = True
-            self._canonical[key] = (bits(image), found)
-        return self._canonical[key]
+        held = _flags(possible, self._many)
+        marks = self._features[:, held].sum(axis=1)
+        order = sorted(
+            range(self._slots),
+            key=lambda slot: (
+                self._class[slot],
+                sum(mask >> slot & 1 for mask in found),
+                *marks[:, slot].tolist(),
+            ),
+        )
+        # Levers exchange names within their class, one swap after another.
+        image_of, at = np.flatnonzero(held), list(range(self._slots))
+        names = sorted(range(self._slots), key=lambda slot: (self._class[slot], slot))
+        for slot, lever in zip(names, order, strict=True):
+            if (now := at.index(lever)) != slot:
+                image_of = self._swap[slot, now, image_of]
+                found = tuple(sorted(swapped(mask, slot, now) for mask in found))
+                at[slot], at[now] = at[now], at[slot]
+        image = np.zeros(self._many, dtype=bool)
+        image[image_of] = True
+        return bits(image), found
 
 
 def bits(flags: BoolArray) -> int:
@@ -400,6 +392,4 @@ def _flags(mask: int, many: int) -> BoolArray:
 
 def swapped(mask: int, first: int, second: int) -> int:
     """A set of slots with two of them swapped."""
-    if (mask >> first ^ mask >> second) & 1:
-        mask ^= 1 << first | 1 << second
-    return mask
+    return mask ^ (1 << first | 1 << second) if (mask >> first ^ mask >> second) & 1 else mask

@@ -30,9 +30,7 @@ class TooLargeError(Exception):
 def placements(schema: Schema, action_limit: int) -> Hypotheses:
     """Every placement of a schema's levers on as many slots, equal behaviours merged.
 
-    Args:
-        schema: The schema; its strengths are ignored.
-        action_limit: Actions in an attempt.
+    Strengths are ignored.
 
     Raises:
         TooLargeError: If there are too many to list.

@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from causal_openlock.belief.evidence import completes
-from causal_openlock.belief.strength import Strengths
+from causal_openlock.belief.hypotheses import Strengths
 from causal_openlock.belief.structures import NEVER, Hypotheses
 from causal_openlock.contract.learner import View
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
@@ -112,14 +112,10 @@ class Planner:
     objective: Objective
 
     def values(self, weight: FloatArray, situation: Situation) -> FloatArray:
-        """``[P + 1]`` value of pushing each lever, and the door last.
+        """``[P + 1]`` value of pushing each lever, and the door last, given the posterior, ``[h]``.
 
         Minus infinity for levers that are pushed already, and for a locked door; zero for a lever
         that cannot move.
-
-        Args:
-            weight: ``[h]`` the posterior.
-            situation: Where the attempt stands.
         """
         self._seen: dict[tuple[bytes, int, int], float] = {}
         self._found = np.array(situation.found, dtype=np.uint16)
@@ -247,11 +243,7 @@ class Planner:
 def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[int]) -> BoolArray:
     """``[h, k]`` which solutions are new and can still be completed in the attempt.
 
-    Args:
-        hypotheses: ``[h]`` the possible hypotheses.
-        pushed: The pushed levers.
-        left: Actions left, the push of the door included.
-        found: What was pushed when solutions were found.
+    ``left`` counts the push of the door; ``found`` is what was pushed when solutions were found.
     """
     relevant = ~hypotheses.inert[:, None]
     solutions, mask = hypotheses.solutions, np.uint16(pushed)
@@ -263,18 +255,11 @@ def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[i
 
 
 def thinned(weight: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
-    """The part of a posterior that is planned with.
+    """Which hypotheses to plan with, ``[h]``, and ``[h]`` their weights, whole numbers.
 
     Probabilities are rounded to 1/1023 of the greatest, so that almost equal posteriors have the
     same plan; what is rounded to zero is left out. If more than ``most`` hypotheses are left, a
     systematic sample is taken: as many points, evenly spaced over their cumulative weights.
-
-    Args:
-        weight: ``[E]`` a posterior; not all zero.
-        most: The most hypotheses to plan with.
-
-    Returns:
-        ``[h]`` which hypotheses to plan with, and ``[h]`` their weights, whole numbers.
     """
     coarse = np.rint(weight / weight.max(initial=0.0) * 1023.0)
     which = np.flatnonzero(coarse)

@@ -28,9 +28,8 @@ import numpy as np
 from causal_openlock.belief.catalogue import Catalogue, distance, gate_weight
 from causal_openlock.belief.evidence import DOOR, Event
 from causal_openlock.belief.grammar import schema_classes
-from causal_openlock.belief.hypotheses import Block, RoomSight, Space
+from causal_openlock.belief.hypotheses import Block, RoomSight, Space, at_least
 from causal_openlock.belief.knowledge import EFFORT
-from causal_openlock.belief.strength import at_least
 from causal_openlock.belief.structures import Hypotheses, Structures, gate_options, merge
 from causal_openlock.world.fsm import FloatArray, IntArray
 
@@ -174,24 +173,18 @@ class Sampler:
             # Most gates have few causes, and these mostly come before: most draws are accepted.
             causes[left], threshold[left] = self.guess(lever[left], generator)
             left = left[causes[left] & ~before[left] != 0]
-        for first in range(0, len(left), AT_ONCE):
+        for first in range(0, len(left), AT_ONCE):  # the others by listing every set of causes
             some = left[first : first + AT_ONCE]
-            listed = self._listed(lever[some], before[some], size, generator.random(len(some)))
-            causes[some], threshold[some] = listed
+            rows, subsets = np.arange(len(some)), _subsets(before[some], size, self.levers)
+            draws = generator.random(len(some))
+            ladder = self._by_causes[lever[some, None], subsets].cumsum(axis=1)
+            at = _pick(ladder, draws)
+            causes[some] = subsets[rows, at]
+            rest = draws * ladder[:, -1] - np.where(at > 0, ladder[rows, at - 1], 0.0)
+            gates = self._weights[lever[some], causes[some]].cumsum(axis=1)
+            rest = np.minimum(rest, np.nextafter(gates[:, -1], 0.0))
+            threshold[some] = (gates <= rest[:, None]).sum(axis=1)
         return causes, threshold
-
-    def _listed(
-        self, lever: IntArray, before: IntArray, size: int, draws: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """The same by listing every set of causes; ``draws`` are uniform numbers."""
-        rows, subsets = np.arange(len(lever)), _subsets(before, size, self.levers)
-        ladder = self._by_causes[lever[:, None], subsets].cumsum(axis=1)
-        at = _pick(ladder, draws)
-        causes = subsets[rows, at]
-        rest = draws * ladder[:, -1] - np.where(at > 0, ladder[rows, at - 1], 0.0)
-        gates = self._weights[lever, causes].cumsum(axis=1)
-        rest = np.minimum(rest, np.nextafter(gates[:, -1], 0.0))
-        return causes, (gates <= rest[:, None]).sum(axis=1)
 
     def likelihood(self, structures: Structures) -> FloatArray:
         """``[M]`` likelihood of the levers' movements; that of the lock is 1 for all draws."""
@@ -272,16 +265,11 @@ def sampled(
 ) -> Catalogue:
     """A catalogue of sampled structures that have the solutions that the console shows.
 
-    Structures are drawn from the posterior and carry estimated prior probabilities (importance
-    weights), so that later evidence updates them like any other hypothesis.
-
-    Args:
-        sampler: Draws structures.
-        sight: What the room looks like.
-        wanted: How many draws to accept.
-        generator: Source of randomness.
-        effort: Structures that are looked at, at most, where there are eight levers and more: a
-            quarter of them are draws, the rest steps of Markov chains from those that come near.
+    Structures are drawn from the posterior until ``wanted`` of them are accepted, and carry
+    estimated prior probabilities (importance weights), so that later evidence updates them like any
+    other hypothesis. Where there are eight levers and more, at most ``effort`` structures are
+    looked at: a quarter of them are draws, the rest steps of Markov chains from those that come
+    near.
     """
     large = sampler.levers > LISTED_CAUSES + 1
     most = max(1, effort // 4) if large else ROUNDS * DRAWS

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import networkx as nx
 import numpy as np
 
 from causal_openlock.belief.structures import Structures
@@ -97,7 +98,8 @@ def in_words(schema: Schema) -> str:
     'A enables B and C; B or C unlocks the door'
     """
     groups: dict[tuple[tuple[str, ...], int], list[str]] = {}
-    for lever in _causes_first(schema):
+    generations = [*nx.topological_generations(schema.graph)]  # causes before effects
+    for lever in (lever for each in generations for lever in schema.levers if lever in each):
         if causes := schema.causes(lever):
             groups.setdefault((causes, schema.threshold(lever)), []).append(lever)
     clauses = [
@@ -115,14 +117,6 @@ def in_words(schema: Schema) -> str:
             f"strength {low:.2f}" if low == high else f"strengths {low:.2f} to {high:.2f}"
         )
     return "; ".join(clauses)
-
-
-def _causes_first(schema: Schema) -> list[str]:
-    left, ordered = list(schema.levers), list[str]()
-    while left:
-        ordered += [lever for lever in left if not {*schema.causes(lever)} & {*left}]
-        left = [lever for lever in left if lever not in ordered]
-    return ordered
 
 
 def _needed(causes: Sequence[str], enough: int, verb: str) -> str:

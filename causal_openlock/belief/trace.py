@@ -355,12 +355,7 @@ def _chance(belief: Belief, step: Step) -> float:
 
 
 def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
-    """The lines of a trace.
-
-    Args:
-        trace: What happened.
-        most: How many attempts to write out at most; later ones are summarised.
-    """
+    """The lines of a trace; of more than ``most`` attempts, the later ones are summarised."""
     solutions, protocol = len(trace.truth.solutions), trace.protocol
     yield (
         f"{trace.learner} in {trace.condition} under protocol {protocol.name}, subject "

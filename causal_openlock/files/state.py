@@ -188,7 +188,6 @@ def open_archive(path: Path | str, most: int | None = None) -> Iterator[Archive]
         most: Most bytes that its arrays may have together; by default as many as the file.
 
     Raises:
-        StateError: If it is no archive, is damaged or has more bytes.
         OSError: If there is no such file, or it cannot be opened.
     """
     path = Path(path)

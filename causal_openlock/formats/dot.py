@@ -19,6 +19,7 @@ from causal_openlock.errors import SchemaError
 
 HEADS = {"dot": ("digraph",), "dagitty": ("dag", "digraph")}
 MAX_DEPTH = 16
+ENTITIES = str.maketrans({"&": "&amp;", '"': "&quot;", "\\": "&#92;", "\n": "&#10;", "\r": "&#13;"})
 
 TOKEN = re.compile(
     r"""(?P<skip>\s+|//[^\n]*|/\*.*?\*/|^\#[^\n]*)
@@ -48,12 +49,8 @@ class Token(NamedTuple):
 def parse_graph(text: str, format: str) -> nx.DiGraph:
     """The graph of a text, with all attributes as strings.
 
-    Args:
-        text: The whole text.
-        format: ``dot`` or ``dagitty``; errors name it.
-
     Raises:
-        SchemaError: If the text is no directed graph in that format.
+        SchemaError: If the text is no directed graph in that format, ``dot`` or ``dagitty``.
 
     Example:
         >>> list(parse_graph("digraph { a -> b -> c }", "dot").edges)
@@ -103,8 +100,7 @@ def dagitty_text(graph: nx.DiGraph) -> str:
 
 def _quoted(text: object) -> str:
     """A quoted string of either format; characters that could end it become entities."""
-    entities = {"&": "&amp;", '"': "&quot;", "\\": "&#92;", "\n": "&#10;", "\r": "&#13;"}
-    return '"' + "".join(entities.get(letter, letter) for letter in str(text)) + '"'
+    return f'"{str(text).translate(ENTITIES)}"'
 
 
 def _attributes(values: Mapping[str, object]) -> str:

@@ -111,12 +111,7 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
 
 
 def write_schema_as(schema: Schema, path: Path | str, format: str | None = None) -> None:
-    """Write a schema to a file.
-
-    Args:
-        schema: What to write.
-        path: Where; a file that is there is replaced in one step.
-        format: Name of the format; by default that of the path's suffix.
+    """Write a schema to a file; by default its suffix gives the format.
 
     Raises:
         OpenLockError: If the format is unknown or the file cannot be written.
@@ -125,11 +120,7 @@ def write_schema_as(schema: Schema, path: Path | str, format: str | None = None)
 
 
 def read_schema_as(path: Path | str, format: str | None = None) -> Schema:
-    """Read a schema from a file; the name of the file is its default name.
-
-    Args:
-        path: The file.
-        format: Name of its format; by default that of the path's suffix.
+    """Read a schema from a file; by default its suffix gives the format and its name the name.
 
     Raises:
         OpenLockError: If the file cannot be read or holds no schema; the text begins with its path.

@@ -13,7 +13,7 @@ from scipy import stats
 from scipy.special import betaln
 
 from causal_openlock.belief.evidence import DOOR, Event, Events, likelihood
-from causal_openlock.belief.strength import Strengths, at_least, strengths
+from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.world.schema import Schema
 from support.belief_by_hand import (

@@ -11,9 +11,8 @@ import pytest
 
 from causal_openlock.belief.beliefs import STRENGTH_NODES
 from causal_openlock.belief.grammar import class_prior, schema_classes
-from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space
+from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
 from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, Prior
-from causal_openlock.belief.strength import strengths
 from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.world.schema import Schema
 from support.belief_by_hand import (

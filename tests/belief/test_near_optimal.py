@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
+from causal_openlock.belief.hypotheses import strengths
 from causal_openlock.belief.placements import mixture
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.belief.strength import strengths
 from causal_openlock.formats.schema_file import find_schema
 
 CERTAIN = strengths(0.0, 1.0, 1.0, 1)

@@ -21,11 +21,17 @@ from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
 from causal_openlock.belief.evidence import Event, likelihood
 from causal_openlock.belief.grammar import schema_classes
-from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space
+from causal_openlock.belief.hypotheses import (
+    RoomSight,
+    Space,
+    Strengths,
+    at_least,
+    enumerate_space,
+    strengths,
+)
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.marginals import edge_probabilities, model_of, probability_unlocked
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.belief.strength import Strengths, at_least, strengths
 from causal_openlock.belief.structures import gate_dags
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.session import Session

@@ -8,9 +8,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pytest
 
-from causal_openlock.belief.hypotheses import RoomSight, enumerate_space
+from causal_openlock.belief.hypotheses import RoomSight, Strengths, enumerate_space, strengths
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.belief.strength import Strengths, strengths
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.world.schema import Gate, Schema
 from support.belief_by_hand import DOOR_SLOT, Outcome, World, entropy, hypothesis_of, plain_of
