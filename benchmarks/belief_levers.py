@@ -62,7 +62,7 @@ def rooms(levers: int) -> Iterator[Any]:
 def played(schema: Any) -> dict[str, Any]:
     """What two trials came to."""
     from causal_openlock import Condition, Session
-    from causal_openlock.belief import metropolis, sampling
+    from causal_openlock.belief import sampling
     from causal_openlock.belief.planning import Planner
     from causal_openlock.experiment.protocol import PROTOCOLS
     from learners.bayes import Bayes
@@ -80,7 +80,6 @@ def played(schema: Any) -> dict[str, Any]:
 
     patched: list[tuple[Any, str, Any, Any]] = [
         (sampling, "distance", counted, distance),
-        (metropolis, "distance", counted, distance),
         (Planner, "_look", seen, look),
     ]
     for where, name, ours, _ in patched:

@@ -126,10 +126,9 @@ def _space(many: int) -> Any:
     import numpy as np
 
     from causal_openlock.belief.catalogue import Catalogue, fits
-    from causal_openlock.belief.hypotheses import Block, RoomSight, Space, placed
-    from causal_openlock.belief.prior import Prior
+    from causal_openlock.belief.hypotheses import Block, RoomSight, Space, strengths
+    from causal_openlock.belief.knowledge import Prior
     from causal_openlock.belief.sampling import Sampler
-    from causal_openlock.belief.strength import strengths
     from causal_openlock.belief.structures import Structures
 
     sight = RoomSight(positions=7, grey=7, solutions=3, action_limit=4)
@@ -139,7 +138,7 @@ def _space(many: int) -> Any:
     while sum(map(len, parts)) < many:
         drawn = sampler.draw(BATCH, generator)[0]
         drawn = drawn[fits(drawn, sight.solutions, sight.action_limit)]
-        parts += [drawn.relabelled(generator.permutation(7)) for _ in range(RENAMED)]
+        parts += [drawn.on_slots(generator.permutation(7), 7) for _ in range(RENAMED)]
     order = generator.permutation(sum(map(len, parts)))[:many]
     members = Structures(
         np.concatenate([part.causes for part in parts])[order],
@@ -147,8 +146,8 @@ def _space(many: int) -> Any:
     )
     index = np.arange(many)
     own = Catalogue(members, index, index, np.zeros_like(index), np.full(many, 1 / many))
-    block = Block((1 << 7) - 1, own)
-    hypotheses = placed(block, sight.positions)
+    block = Block(tuple(range(7)), own)
+    hypotheses = block.placed(sight.positions)
     return Space(sight, strengths(0.0, 1.0, 1.0, 1), (block,), hypotheses)
 
 

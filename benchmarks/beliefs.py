@@ -139,7 +139,7 @@ class _Scene:
     def fresh(self) -> Any:
         """What the subjects believe before they act."""
         from causal_openlock.belief.beliefs import Beliefs
-        from causal_openlock.belief.prior import Prior
+        from causal_openlock.belief.knowledge import Prior
 
         prior = Prior(noise=0.5, hypothesis_limit=self.limit)
         beliefs = Beliefs(self.brief, prior, self.brief.generators)

@@ -30,15 +30,20 @@ import numpy as np
 from pydantic import Field
 
 from causal_openlock.belief.belief_learner import BeliefLearner
-from causal_openlock.belief.beliefs import Beliefs
+from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, TABLE_BYTES
 from causal_openlock.belief.hypotheses import Space
-from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
-from causal_openlock.belief.posterior import Belief
-from causal_openlock.belief.prior import Prior
+from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.planning import (
+    TIE,
+    Objective,
+    Planner,
+    Situation,
+    sample_solution,
+    thinned,
+)
 from causal_openlock.belief.sampling import DRAWS, LISTED_CAUSES, ROUNDS
 from causal_openlock.belief.structures import behaviour_bytes
-from causal_openlock.belief.thompson import sample_solution
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.experiment.expected_cost import Cost
@@ -187,7 +192,7 @@ class Bayes(BeliefLearner):
         if key not in plans:
             if len(plans) >= MOST_PLANS:
                 plans.clear()
-            planner = Planner(space.hypotheses[which], space.strengths, objective, situation.found)
+            planner = Planner(space.hypotheses[which], space.strengths, objective)
             plans[key] = planner.values(weight, situation)
         return plans[key]
 

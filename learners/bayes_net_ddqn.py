@@ -16,8 +16,8 @@ import numpy as np
 
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Beliefs
+from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.planning import TIE
-from causal_openlock.belief.prior import Prior
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import pick

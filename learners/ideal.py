@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.belief.evidence import Event, informative, likelihood, observed
-from causal_openlock.belief.hypotheses import Hypotheses
-from causal_openlock.belief.optimal import HYPOTHESIS_LIMIT, NODE_LIMIT, Optimum, Point
+from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
+from causal_openlock.belief.optimal import HYPOTHESIS_LIMIT, NODE_LIMIT, Optimum, Point, bits
 from causal_openlock.belief.placements import (
     TABLE_LIMIT,
     TooLargeError,
@@ -31,8 +31,7 @@ from causal_openlock.belief.placements import (
     ways_to_place,
 )
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
-from causal_openlock.belief.strength import Strengths, at_least, strengths
-from causal_openlock.belief.symmetry import bits
+from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.contract.learner import Brief, InformedLearner, Step, Truth, View
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.expected_cost import Cost
@@ -192,8 +191,7 @@ class _Solver:
     ) -> tuple[int, ...]:
         """The best actions by a plan for the rest of the attempt."""
         objective = Objective() if seeking else Objective(information=0.0)
-        found = situation.found if seeking else ()
-        planner = Planner(self._hypotheses[which], self._strengths, objective, found)
+        planner = Planner(self._hypotheses[which], self._strengths, objective)
         values = planner.values(weight, situation)
         slots = len(values) - 1
         best = np.flatnonzero(values >= values.max() - TIE)

@@ -11,17 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from causal_openlock.belief.beliefs import Beliefs
+from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.marginals import edge_probabilities, most_probable
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.belief.posterior import Belief
 from causal_openlock.contract.learner import Learner, View
 from causal_openlock.errors import LearnerError
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
-    from causal_openlock.belief.networks import Model
+    from causal_openlock.belief.marginals import Model
 
 
 class BeliefLearner(Learner):
@@ -62,8 +61,7 @@ class BeliefLearner(Learner):
 
     def classes(self, subject: int) -> FloatArray:
         """``[C + 1]`` a subject's probability of each schema class; the last is none of them."""
-        classes: FloatArray = self.beliefs.knowledge.classes(np.array([subject]))[0]
-        return classes
+        return self.beliefs.knowledge.classes(np.array([subject]))[0]
 
     def edges(self, subject: int) -> FloatArray:
         """``[P, P + 1]`` probability that a lever enables another, or the door, by position."""
@@ -78,16 +76,14 @@ class BeliefLearner(Learner):
 
     def model(self, subject: int) -> Model:
         """A subject's belief as objects of pgmpy."""
-        from causal_openlock.belief.networks import model_of
+        from causal_openlock.belief.marginals import model_of
 
         return model_of(self.belief(subject), self.classes(subject))
 
     def gains(self, subject: int, view: View) -> FloatArray:
         """``[2P + 1]`` expected information gain of each action alone, in bits; 0 for any pull.
 
-        Args:
-            subject: Whose belief counts.
-            view: What the subjects perceive; they must have seen the room (see :meth:`act`).
+        The subject must have seen the room of the view (see :meth:`act`).
         """
         belief = self.belief(subject)
         positions = self.beliefs.positions
@@ -96,7 +92,6 @@ class BeliefLearner(Learner):
             belief.space.hypotheses[belief.which],
             belief.space.strengths,
             Objective(information=1.0, beta=0.0, horizon=1),
-            situation.found,
         )
         values = planner.values(belief.weight, situation)
         gains = np.zeros(2 * positions + 1)

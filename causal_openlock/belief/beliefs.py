@@ -1,4 +1,9 @@
-"""The posteriors of many subjects at once, each about the room that it is in.
+"""Posteriors over the hypotheses about a room: a :class:`Belief`, and those of many subjects.
+
+Bayes' rule: ``P(h | events)`` is proportional to ``P(h)`` times the product of ``P(event | h)``. A
+subject with a perfect memory drops every hypothesis that is ruled out. One that forgets moves back
+at the end of each attempt, by a share ``lost``, towards a baseline: its prior at the start of the
+trial or, if it forgets failures alone, that prior conditioned on its successful attempts.
 
 An update multiplies the weight of each hypothesis by the likelihood of what its subject observed.
 Subjects whose rooms look alike share their hypotheses, so all their (subject, hypothesis) pairs are
@@ -13,25 +18,19 @@ of a vanishing prior probability of noise.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
-from causal_openlock.belief.evidence import Event, Events, informative, likelihood, observed
-from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space
-from causal_openlock.belief.knowledge import Knowledge, rule_prior
-from causal_openlock.belief.posterior import Belief, conditioned, likelihood_of_all
-from causal_openlock.belief.prior import Prior
-from causal_openlock.belief.sampling import (
-    LISTED_CAUSES,
-    Sampler,
-    listed,
-    sampled,
-    with_sampled,
-)
-from causal_openlock.belief.strength import strengths
+from causal_openlock.belief.evidence import DOOR, Event, Events, informative, likelihood, observed
+from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
+from causal_openlock.belief.knowledge import Knowledge, Prior
+from causal_openlock.belief.sampling import LISTED_CAUSES, Sampler, listed, sampled, with_sampled
 from causal_openlock.belief.structures import Structures
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
@@ -44,6 +43,109 @@ FEW_DRAWS = 40
 """So few draws are every structure that there is to draw; sampling again would find the same."""
 SAVED = ("slots", "which", "weight", "start", "found", "possible")
 """Fields of a belief that a checkpoint holds as they are; none of them is changed in place."""
+CACHED_EVENTS = 2000
+"""Events whose likelihood is kept, with a byte for every hypothesis."""
+
+
+@dataclass(eq=False, repr=False)
+class Belief:
+    """What one subject believes about the room that it is in.
+
+    Attributes:
+        space: The hypotheses.
+        slots: ``[P]`` the slot of each position.
+        which: ``[E]`` indices of the hypotheses that are still possible, in ascending order.
+        weight: ``[E]`` their posterior probabilities.
+        start: ``[E]`` the baseline that a subject that forgets moves back to.
+        found: The levers that were pushed when each solution was found, as masks of slots.
+        drawn: How many hypotheses were sampled, where there are too many to list.
+        possible: Whether any hypothesis explains what was observed.
+        events: How often each event was observed in this trial.
+        attempt: The events of this attempt, for subjects that forget.
+        kept: The events of the trial that are not forgotten.
+
+    Example:
+        >>> import numpy as np
+        >>> Belief(None, np.arange(3), np.arange(4), np.full(4, 0.25)).entropy
+        2.0
+    """
+
+    space: Space
+    slots: IntArray
+    which: IntArray
+    weight: FloatArray
+    start: FloatArray | None = None
+    found: tuple[int, ...] = ()
+    drawn: int = 0
+    possible: bool = True
+    events: Counter[Event] = field(default_factory=Counter)
+    attempt: tuple[Event, ...] = ()
+    kept: tuple[Event, ...] = ()
+
+    @property
+    def positions(self) -> IntArray:
+        """``[P]`` the position of each slot."""
+        return np.argsort(self.slots)
+
+    def __repr__(self) -> str:
+        """Short, as there can be a million hypotheses."""
+        return f"Belief({len(self.which):,} hypotheses, {self.entropy:.2f} bits)"
+
+    @property
+    def whole(self) -> bool:
+        """Whether all hypotheses are listed, and none is ruled out."""
+        return not self.drawn and len(self.which) == len(self.space)
+
+    @property
+    def entropy(self) -> float:
+        """Shannon entropy of the posterior, in bits."""
+        weight = self.weight[self.weight > 0]
+        return float(-(weight * np.log2(weight)).sum())
+
+    def forget(self, lost: float, keeps: bool) -> None:
+        """Lose a part of the trial's evidence at the end of an attempt.
+
+        The posterior moves back to the baseline by a share ``lost``; if the subject ``keeps`` the
+        events of this attempt, they become part of the baseline.
+        """
+        if self.start is None:
+            return
+        if keeps:
+            self.start = conditioned(self.space, self.which, self.start, self.attempt)
+            self.kept += self.attempt
+        self.attempt = ()
+        self.weight = (1.0 - lost) * self.weight + lost * self.start
+
+
+def conditioned(
+    space: Space, which: IntArray, prior: FloatArray, events: Iterable[Event]
+) -> FloatArray:
+    """``[E]`` posterior of the hypotheses ``which``, by Bayes' rule.
+
+    If no hypothesis explains the events, the prior, ``[E]``, is returned.
+    """
+    weight = prior.copy()
+    for event in events:
+        weight *= likelihood(space.hypotheses, which, space.strengths, event)
+    total = weight.sum()
+    return weight / total if total > 0 else prior
+
+
+def _likelihood_of_all(space: Space, event: Event) -> NDArray[Any]:
+    """``[H]`` likelihood of one event under every hypothesis of a space; cached without noise."""
+    if len(space.strengths) > 1:
+        return likelihood(space.hypotheses, np.arange(len(space)), space.strengths, event)
+    # The solutions found before matter to the door alone.
+    return _allows(space, event if event.slot == DOOR else event._replace(found=()))
+
+
+@lru_cache(CACHED_EVENTS)
+def _allows(space: Space, event: Event) -> BoolArray:
+    """``[H]`` which hypotheses of a space without noise allow an event.
+
+    Subjects that forget rule nothing out, and meet the same events again and again.
+    """
+    return likelihood(space.hypotheses, np.arange(len(space)), space.strengths, event) > 0
 
 
 class Beliefs:
@@ -81,15 +183,7 @@ class Beliefs:
             prior.noise or 0.5, prior.strength_alpha, prior.strength_beta, STRENGTH_NODES
         )
         self.unsure: BoolArray = np.full(brief.subjects, prior.noise > 0)
-        self.knowledge = Knowledge(
-            brief.subjects,
-            brief.positions,
-            concentration=prior.concentration,
-            simplicity=prior.simplicity,
-            free_form=prior.free_form,
-            rules=rule_prior(prior.by_colour, prior.by_white),
-            strengths=self._unsure,
-        )
+        self.knowledge = Knowledge(brief.subjects, brief.positions, prior, self._unsure)
         self.of: list[Belief | None] = [None] * brief.subjects
 
     # -- a room is entered, and left ------------------------------------------------------------
@@ -144,11 +238,7 @@ class Beliefs:
     ) -> Belief:
         """A belief over what is enumerated and over draws from the free form's posterior.
 
-        Args:
-            subject: Whose belief it is.
-            space: What is enumerated.
-            slots: ``[P]`` the slot of each position.
-            events: What was observed so far, and how often.
+        ``events`` is what was observed so far, and how often.
         """
         of_gates: Counter[Event] = Counter()
         for event, times in events.items():  # solutions say nothing about single gates
@@ -187,7 +277,7 @@ class Beliefs:
             if belief.start is None or not belief.whole:
                 spaces.setdefault(id(belief.space), []).append(row)
                 continue
-            weight = belief.weight * likelihood_of_all(belief.space, event)
+            weight = belief.weight * _likelihood_of_all(belief.space, event)
             if (total := weight.sum()) > 0:
                 belief.weight = weight / total
             else:

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.belief.grammar import Generated, assigned, outlines, schema_classes
-from causal_openlock.belief.lever_sets import meeting
 from causal_openlock.belief.structures import (
-    Masks,
+    Hypotheses,
     Structures,
     behaviour_bytes,
     gate_dags,
     linear_extensions,
+    meeting,
     merge,
 )
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
@@ -56,31 +56,19 @@ class Catalogue:
     chance: FloatArray
 
     @cached_property
-    def first(self) -> IntArray:
-        """``[U]`` a structure of each behaviour."""
-        return np.searchsorted(self.behaviour, np.arange(len(self)))
-
-    @cached_property
-    def inert(self) -> Masks:
-        """``[U]`` levers without effect on the door."""
-        return self.members[self.first].inert()
-
-    @cached_property
-    def solutions(self) -> Masks:
-        """``[U, k]`` the solutions, as sets of levers."""
-        return solution_masks(self.members[self.first])
+    def behaviours(self) -> Hypotheses:
+        """``[U]`` each behaviour, as its first structure."""
+        first = np.searchsorted(self.behaviour, np.arange(len(self)))
+        return Hypotheses.of(self.members[first])
 
     def __len__(self) -> int:
         return int(self.behaviour[-1]) + 1 if len(self.behaviour) else 0
 
     def prior(self, classes: FloatArray) -> FloatArray:
-        """``[B, U]`` probability of each behaviour.
-
-        Args:
-            classes: ``[B, C + 1]`` probability of each class for each of B subjects.
-        """
+        """``[B, U]`` probability of each behaviour, given ``[B, C + 1]`` that of each class."""
         pairs = classes[:, self.kind] * self.chance
-        return _sums(pairs, self.behaviour[self.member], len(self))
+        starts = np.searchsorted(self.behaviour[self.member], np.arange(len(self)))
+        return np.add.reduceat(pairs, starts, axis=1)
 
     def pairs_given_behaviour(self, classes: FloatArray) -> FloatArray:
         """``[G]`` probability of structure and class, given the behaviour; for one subject."""
@@ -90,26 +78,9 @@ class Catalogue:
         return np.divide(pairs, total[groups], out=np.zeros_like(pairs), where=pairs > 0)
 
 
-def _sums(values: FloatArray, groups: IntArray, count: int) -> FloatArray:
-    """Sums over runs of equal groups; every group occurs, in ascending order."""
-    if not count:
-        return np.zeros((len(values), 0))
-    starts = np.searchsorted(groups, np.arange(count))
-    return np.add.reduceat(values, starts, axis=1)
-
-
-def solution_masks(structures: Structures) -> Masks:
-    """``[M, k]`` the solutions of structures that all have k."""
-    if not len(structures):
-        return np.zeros((0, 0), dtype=np.uint16)
-    which = np.nonzero(structures.solutions())[1]
-    return which.reshape(len(structures), -1).astype(np.uint16)
-
-
 def fits(structures: Structures, solutions: int, action_limit: int) -> BoolArray:
     """``[M]`` whether there are exactly so many solutions, each done in an attempt."""
-    fitting: BoolArray = distance(structures, solutions, action_limit) == 0
-    return fitting
+    return distance(structures, solutions, action_limit) == 0
 
 
 def distance(structures: Structures, solutions: int, action_limit: int) -> IntArray:
@@ -117,8 +88,8 @@ def distance(structures: Structures, solutions: int, action_limit: int) -> IntAr
     found, levers = structures.solving(), structures.levers
     too_long = meeting(levers)[(1 << levers) - 1, min(action_limit, levers + 1)]
     number = np.bitwise_count(found).sum(axis=1, dtype=np.int64)
-    away: IntArray = np.abs(number - solutions)
-    return away + np.bitwise_count(found & too_long).sum(axis=1, dtype=np.int64)
+    long = np.bitwise_count(found & too_long).sum(axis=1, dtype=np.int64)
+    return np.abs(number - solutions) + long
 
 
 @cache
@@ -144,17 +115,11 @@ def free_form_weight(levers: int, simplicity: float) -> FloatArray:
     return weight / weight.sum()
 
 
-def _ways(split: tuple[int, ...]) -> int:
-    """Number of ways to assign levers to roles of these sizes."""
-    return math.factorial(sum(split)) // math.prod(map(math.factorial, split))
-
-
 def gate_weight(
     causes: NDArray[np.integer], threshold: NDArray[np.integer], simplicity: float
 ) -> FloatArray:
     """Prior factor of one node in the free form, by the length of its description."""
-    weight: FloatArray = np.exp(-simplicity * (causes + (threshold > 1.0)))
-    return weight
+    return np.exp(-simplicity * (causes + (threshold > 1.0)))
 
 
 @cache
@@ -168,19 +133,15 @@ def catalogue(
 ) -> Catalogue:
     """The catalogue for what a subject perceives of a room.
 
-    Args:
-        levers: Active levers, n.
-        solutions: Solutions that there are to find, k.
-        action_limit: Actions in an attempt.
-        uncertain: Whether levers may fail to move, so that more behaviours differ.
-        simplicity: As for :func:`free_form_weight`.
-        limit: With more than four levers, only so many structures of the shortest classes are
-            listed, within :data:`TABLE_BYTES`; the others are sampled from the free form.
+    If levers may fail to move (``uncertain``), more behaviours differ. With more than four levers,
+    only ``limit`` structures of the shortest classes are listed, within :data:`TABLE_BYTES`; the
+    others are sampled from the free form. For ``simplicity`` see :func:`free_form_weight`.
     """
     outline, splits = outlines(levers)
     fitting = np.flatnonzero(fits(outline.structures, solutions, action_limit))
     if levers > FREE_FORM_LEVERS:  # classes come in the order of their length
-        ways = [_ways(splits[index]) for index in fitting]
+        orders = math.factorial(levers)
+        ways = [orders // math.prod(map(math.factorial, splits[index])) for index in fitting]
         most = min(limit, TABLE_BYTES // behaviour_bytes(levers, action_limit))
         fitting = fitting[np.cumsum(ways) <= most]
     generated = assigned(outline[fitting], tuple(splits[index] for index in fitting))
@@ -191,9 +152,6 @@ def catalogue(
         chance = free_form_weight(levers, simplicity)[chosen]
         free_form = Generated(structures[chosen], kind, chance)
         generated = Generated.joined([generated, free_form])
-    if not len(generated):
-        nothing = np.zeros(0, dtype=np.int64)
-        return Catalogue(generated.structures, nothing, nothing, nothing, np.zeros(0))
     first, member = merge(generated.structures.labels())
     members = generated.structures[first]
     _, behaviour = merge(members.behaviour(action_limit, uncertain))

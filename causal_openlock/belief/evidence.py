@@ -19,9 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.hypotheses import Hypotheses
-from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import Masks, Rows
+from causal_openlock.belief.hypotheses import Strengths
+from causal_openlock.belief.structures import Hypotheses, Masks, Rows
 from causal_openlock.contract.learner import Step
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
@@ -139,7 +138,7 @@ def likelihood(
     Example:
         A lever that nothing enables can always be pushed; the door is unlocked by it alone.
 
-        >>> from causal_openlock.belief.strength import strengths
+        >>> from causal_openlock.belief.hypotheses import strengths
         >>> one = np.zeros(1, dtype=np.uint8)
         >>> alone = Hypotheses(np.array([[0, 1]]), np.array([[0, 1]]), one, one[None], one)
         >>> pushed = Event(slot=0, pushed=0, took_effect=True, unlocked=True, new=False)
@@ -184,5 +183,4 @@ def completes(hypotheses: Hypotheses, which: IntArray, pushed: Masks, found: Mas
     done = pushed & relevant
     credited = (hypotheses.solutions[which] == done[:, None]).any(axis=1)
     before = ((found & relevant[:, None]) == done[:, None]).any(axis=1)
-    new: BoolArray = credited & ~before
-    return new
+    return credited & ~before

@@ -175,9 +175,8 @@ def _renamings(roles: int) -> list[tuple[tuple[int, ...], list[int]]]:
 def class_prior(simplicity: float, free_form: float) -> FloatArray:
     """``[C + 1]`` prior probability of each class; the last is "none of these", the free form.
 
-    Args:
-        simplicity: What each part of a description costs, in nats.
-        free_form: Prior probability that a schema is of no class.
+    Each part of a description costs ``simplicity`` nats; a schema is of no class with the
+    probability ``free_form``.
     """
     lengths = np.array([kind.length for kind in schema_classes()], dtype=float)
     prior = np.exp(-simplicity * (lengths - lengths.min()))

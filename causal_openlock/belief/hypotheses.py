@@ -9,6 +9,16 @@ may go by colour (the grey ones, or the white ones) or by position. The prior is
 summed over rules and classes. Rules, classes and strengths are learned across rooms
 (:mod:`causal_openlock.belief.knowledge`); which lever does what is learned anew in each.
 
+**Strength.** Each of m pushed causes transmits independently with probability s, and a push takes
+effect if at least k of them transmit, k being the threshold of the gate (a noisy-OR for k = 1, a
+noisy-AND for all):
+
+    P(takes effect) = sum over j >= k of C(m, j) s^j (1 - s)^(m - j)
+
+This is a polynomial in s, so integrals over a Beta prior are sums over G Gauss-Jacobi nodes, exact
+up to degree 2G - 1, that is for about 2G pushes; beyond that the nodes approximate the conjugate
+Beta posterior.
+
 Rooms that look alike share their hypotheses. To this end levers are numbered by *slot*: the grey
 ones first, then the white ones, each in the order of their positions.
 """
@@ -16,23 +26,17 @@ ones first, then the white ones, each in the order of their positions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.catalogue import (
-    FREE_FORM_LEVERS,
-    Catalogue,
-    catalogue,
-    feasible,
-)
-from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import NEVER, Counts, Masks, Rows, renamed
+from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, Catalogue, catalogue, feasible
+from causal_openlock.belief.structures import NEVER, Hypotheses, Masks
 from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.schema import MAX_LEVERS
 
 RULES = ("grey", "white", "position")
 """What may mark the active levers."""
@@ -55,55 +59,64 @@ class RoomSight(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Hypotheses(Rows):
-    """H hypotheses about P levers by slot and a door, as arrays; the door is the last node.
+class Strengths:
+    """The possible strengths; the first is certainty.
 
     Attributes:
-        causes: ``[H, P + 1]`` which slots enable each node, as a bit mask.
-        threshold: ``[H, P + 1]`` how many of them must be pushed.
-        inert: ``[H]`` slots that do nothing for the door.
-        solutions: ``[H, K]`` the solutions as sets of slots.
-        strength: ``[H]`` index of the strength.
+        value: ``[G]`` the strengths.
+        prior: ``[G]`` their probabilities.
+        chance: ``[G, P + 1, 16]`` probability that at least so many causes transmit: by strength,
+            by how many causes are pushed, by threshold.
     """
 
-    causes: Masks
-    threshold: Counts
-    inert: Masks
-    solutions: Masks
-    strength: Counts
+    value: FloatArray
+    prior: FloatArray
+    chance: FloatArray
 
-    @classmethod
-    def none(cls, positions: int, solutions: int) -> Hypotheses:
-        """No hypothesis, in the shape of others."""
-        return cls(
-            np.zeros((0, positions + 1), dtype=np.uint16),
-            np.zeros((0, positions + 1), dtype=np.uint8),
-            np.zeros(0, dtype=np.uint16),
-            np.zeros((0, solutions), dtype=np.uint16),
-            np.zeros(0, dtype=np.uint8),
-        )
+    @property
+    def typical(self) -> float:
+        """The mean strength if levers may fail to move; 1 if they may not."""
+        if len(self) == 1:
+            return 1.0
+        return float(np.average(self.value[1:], weights=self.prior[1:]))
 
-    def on_slots(self, slots: Sequence[int], positions: int) -> Hypotheses:
-        """Hypotheses about n levers, as hypotheses about a room in which all others are inactive.
+    def __len__(self) -> int:
+        return len(self.value)
 
-        Args:
-            slots: The slot of each lever.
-            positions: Levers of the room.
-        """
-        names = np.array(slots)
-        causes = np.zeros((len(self), positions + 1), dtype=np.uint16)
-        threshold = np.full((len(self), positions + 1), NEVER, dtype=np.uint8)
-        nodes = [*slots, positions]
-        causes[:, nodes], threshold[:, nodes] = renamed(self.causes, names), self.threshold
-        inactive = (1 << positions) - 1 - sum(1 << slot for slot in slots)
-        inert = renamed(self.inert, names) | np.uint16(inactive)
-        return Hypotheses(causes, threshold, inert, renamed(self.solutions, names), self.strength)
 
-    def repeated(self, strengths: int) -> Hypotheses:
-        """Each hypothesis once with each strength, strengths fastest."""
-        many = self[np.repeat(np.arange(len(self)), strengths)]
-        strength = np.tile(np.arange(strengths, dtype=np.uint8), len(self))
-        return Hypotheses(many.causes, many.threshold, many.inert, many.solutions, strength)
+@cache
+def strengths(noise: float, alpha: float, beta: float, nodes: int) -> Strengths:
+    """Certainty, and the nodes of a Beta prior.
+
+    ``noise`` is the prior probability that levers may fail to move; at 0 there is certainty alone.
+
+    Example:
+        >>> strengths(0.5, 4.0, 1.0, 2).value.round(2).tolist()
+        [1.0, 0.53, 0.9]
+    """
+    value, prior = np.ones(1), np.ones(1)
+    if noise > 0:
+        from scipy.special import roots_sh_jacobi
+
+        at, weight = roots_sh_jacobi(nodes, alpha + beta - 1, alpha)
+        value = np.concatenate([value, at])
+        prior = np.concatenate([[1.0 - noise], noise * weight / weight.sum()])
+    return Strengths(value, prior, np.stack([at_least(s) for s in value]))
+
+
+def at_least(strength: float) -> FloatArray:
+    """``[P + 1, 16]`` probability that at least ``k`` of ``m`` pushed causes transmit.
+
+    >>> at_least(0.5)[2, :3].tolist()  # of two causes none, one, both
+    [1.0, 0.75, 0.25]
+    """
+    exactly = np.zeros((MAX_LEVERS + 1, int(NEVER) + 1))
+    exactly[0, 0] = 1.0
+    for pushed in range(MAX_LEVERS):
+        exactly[pushed + 1] = exactly[pushed] * (1.0 - strength)
+        exactly[pushed + 1, 1:] += exactly[pushed, :-1] * strength
+    more: FloatArray = exactly[:, ::-1].cumsum(axis=1)[:, ::-1]
+    return np.clip(more, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,17 +124,16 @@ class Block:
     """The hypotheses that make the same levers active.
 
     Attributes:
-        active: The active slots, as a bit mask.
+        slots: The active slots in ascending order.
         catalogue: The possible behaviours of these levers.
     """
 
-    active: int
+    slots: tuple[int, ...]
     catalogue: Catalogue
 
-    @property
-    def slots(self) -> list[int]:
-        """The active slots in ascending order."""
-        return [slot for slot in range(16) if self.active >> slot & 1]
+    def placed(self, positions: int) -> Hypotheses:
+        """The behaviours, each as its first structure, on a room's slots."""
+        return self.catalogue.behaviours.on_slots(self.slots, positions)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,7 +162,8 @@ class Space:
     @cached_property
     def active(self) -> Masks:
         """``[V]`` the active slots of each block."""
-        return np.array([block.active for block in self.blocks], dtype=np.uint16)
+        masks = [sum(1 << slot for slot in block.slots) for block in self.blocks]
+        return np.array(masks, dtype=np.uint16)
 
     @cached_property
     def ends(self) -> IntArray:
@@ -161,8 +174,8 @@ class Space:
     def marked(self, places: FloatArray) -> FloatArray:
         """``[B, V, 3]`` probability of each set of active levers under each rule.
 
-        Args:
-            places: ``[B, P]`` probability that each slot is active, under the rule by position.
+        ``places``, ``[B, P]``, is the probability that each slot is active, under the rule by
+        position.
         """
         positions, grey = self.sight.positions, self.sight.grey
         bits = (self.active[:, None] >> np.arange(positions) & 1).astype(bool)
@@ -204,55 +217,40 @@ class Space:
 def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, limit: int) -> Space:
     """The space of a room: grey levers, white levers, and then any few levers.
 
-    Args:
-        sight: What the rooms look like.
-        strengths: The possible strengths.
-        simplicity: As for :func:`~causal_openlock.belief.grammar.class_prior`.
-        limit: About how many hypotheses, strengths aside, there may be. Sets of levers that no
-            colour marks are added, the smallest first, as long as they fit.
+    Sets of levers that no colour marks are added, the smallest first, as long as there are at most
+    about ``limit`` hypotheses, strengths aside. For ``simplicity`` see
+    :func:`~causal_openlock.belief.grammar.class_prior`.
 
     Example:
-        >>> from causal_openlock.belief.strength import strengths
         >>> certain = strengths(0.0, 1.0, 1.0, 1)
         >>> enumerate_space(RoomSight(7, 3, 2, 3), certain, math.log(2), 20_000)
         Space(RoomSight(positions=7, grey=3, solutions=2, action_limit=3), 4,278 hypotheses)
     """
-    positions, grey = sight.positions, sight.grey
     uncertain = len(strengths) > 1
-    all_levers = (1 << positions) - 1
-    all_grey = (1 << grey) - 1
     blocks: list[Block] = []
     taken = 0
 
-    def take(active: int, always: bool) -> None:
+    def catalogue_of(levers: int) -> Catalogue:
+        return catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity, limit)
+
+    def take(slots: tuple[int, ...], always: bool) -> None:
         nonlocal taken
-        levers = active.bit_count()
-        if not levers or any(block.active == active for block in blocks):
+        if not slots or any(block.slots == slots for block in blocks):
             return
-        own = catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity, limit)
+        own = catalogue_of(len(slots))
         if len(own) and (always or taken + len(own) <= limit):
-            blocks.append(Block(active, own))
+            blocks.append(Block(slots, own))
             taken += len(own)
 
-    take(all_grey, always=True)
-    take(all_levers ^ all_grey, always=False)
-    for levers in range(1, min(FREE_FORM_LEVERS, positions) + 1):
+    every = tuple(range(sight.positions))
+    take(every[: sight.grey], always=True)
+    take(every[sight.grey :], always=False)
+    for levers in range(1, min(FREE_FORM_LEVERS, sight.positions) + 1):
         # All sets of a size or none, so that no position is preferred.
-        own = catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity, limit)
-        if taken + len(own) * math.comb(positions, levers) <= limit:
-            for slots in combinations(range(positions), levers):
-                take(sum(1 << slot for slot in slots), always=True)
-    parts = [placed(block, positions) for block in blocks]
-    joined = Hypotheses.joined(parts or [Hypotheses.none(positions, sight.solutions)])
+        many = len(catalogue_of(levers)) * math.comb(sight.positions, levers)
+        if taken + many <= limit:
+            for slots in combinations(every, levers):
+                take(slots, always=True)
+    nothing = catalogue_of(1).behaviours[:0].on_slots((0,), sight.positions)
+    joined = Hypotheses.joined([nothing, *(block.placed(sight.positions) for block in blocks)])
     return Space(sight, strengths, tuple(blocks), joined.repeated(len(strengths)))
-
-
-def placed(block: Block, positions: int) -> Hypotheses:
-    """The behaviours of a block, each as its first structure, on the room's slots."""
-    own = block.catalogue
-    structures = own.members[own.first]
-    strength = np.zeros(len(own), dtype=np.uint8)
-    hypotheses = Hypotheses(
-        structures.causes, structures.threshold, own.inert, own.solutions, strength
-    )
-    return hypotheses.on_slots(block.slots, positions)

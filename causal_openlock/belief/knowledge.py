@@ -8,22 +8,81 @@ model). Each subject holds
 * the probability of each rule that may mark active levers, updated by every room;
 * for each position, a Beta distribution of the probability that the lever there is active;
 * the probability of each strength of levers.
+
+At first they are those of the :class:`Prior`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.grammar import class_prior
-from causal_openlock.belief.hypotheses import RULES, Space
-from causal_openlock.belief.strength import Strengths
+from causal_openlock.belief.hypotheses import RULES, Space, Strengths
+from causal_openlock.contract.parameters import Count, OpenShare, Positive, Share
 from causal_openlock.world.fsm import FloatArray, IntArray
 
+EFFORT = 8_000
 RULE_CHANGES = 1e-3
 """Probability that another rule holds in the next room, so that every rule stays possible."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Parameters of the prior and of memory; learners add their own."""
+
+    concentration: Annotated[
+        Positive, "how many rooms the prior over schema classes is worth (Dirichlet)"
+    ] = 1.0
+    simplicity: Annotated[
+        float, Field(ge=0), "cost of each part of a schema's description, in nats"
+    ] = math.log(2.0)
+    free_form: Annotated[
+        OpenShare, "prior probability that a schema is of no class of the grammar"
+    ] = 0.1
+    by_colour: Annotated[OpenShare, "prior probability that colour marks the active levers"] = 0.5
+    by_white: Annotated[Share, "if colour does, probability that it is the white ones"] = 0.1
+    noise: Annotated[
+        float,
+        Field(ge=0, lt=1),
+        "prior probability that levers may fail to move; at 0, only if nothing else is possible",
+    ] = 0.0
+    strength_alpha: Annotated[Positive, "first parameter of the strength's Beta prior"] = 4.0
+    strength_beta: Annotated[Positive, "second parameter of it"] = 1.0
+    hypothesis_limit: Annotated[Count, "about how many hypotheses are enumerated for a room"] = (
+        20_000
+    )
+    particles: Annotated[
+        Count, "hypotheses sampled where a room has too many levers to enumerate every structure"
+    ] = 500
+    effort: Annotated[
+        Count,
+        "structures looked at, at most, each time that hypotheses are sampled for a room of eight "
+        "levers and more",
+    ] = EFFORT
+    directness: Annotated[
+        float, "how much levers are expected to act on the door themselves, in nats for each"
+    ] = 0.0
+    forgetting: Annotated[Share, "share of a trial's evidence lost with every attempt"] = 0.0
+    forgets: Annotated[
+        Literal["everything", "failures"],
+        "what is lost: all evidence, or only that of attempts that found nothing new",
+    ] = "everything"
+
+    @property
+    def rules(self) -> FloatArray:
+        """``[3]`` probability of each of :data:`~causal_openlock.belief.hypotheses.RULES`.
+
+        >>> Prior(by_colour=0.5, by_white=0.1).rules.round(2).tolist()  # grey, white, position
+        [0.45, 0.05, 0.5]
+        """
+        grey = self.by_colour * (1.0 - self.by_white)
+        return np.array([grey, self.by_colour * self.by_white, 1.0 - self.by_colour])
 
 
 class Knowledge:
@@ -32,10 +91,7 @@ class Knowledge:
     Args:
         subjects: B.
         positions: Levers of the room, P.
-        concentration: Of the Dirichlet prior over classes: how many rooms the prior is worth.
-        simplicity: As for :func:`~causal_openlock.belief.grammar.class_prior`.
-        free_form: The same.
-        rules: Prior probability of each of :data:`~causal_openlock.belief.hypotheses.RULES`.
+        prior: What they believe before the first room.
         strengths: The possible strengths.
 
     Attributes:
@@ -46,29 +102,18 @@ class Knowledge:
         strengths: ``[B, G]`` probability of each strength.
     """
 
-    def __init__(
-        self,
-        subjects: int,
-        positions: int,
-        *,
-        concentration: float,
-        simplicity: float,
-        free_form: float,
-        rules: FloatArray,
-        strengths: Strengths,
-    ) -> None:
-        self.prior = class_prior(simplicity, free_form)
-        self.concentration = concentration
-        self._rules = rules
-        self.rooms: FloatArray = np.zeros((subjects, len(self.prior)))
-        self.rules: FloatArray = np.tile(rules, (subjects, 1))
+    def __init__(self, subjects: int, positions: int, prior: Prior, strengths: Strengths) -> None:
+        self.prior = prior
+        self._counts = prior.concentration * class_prior(prior.simplicity, prior.free_form)
+        self.rooms: FloatArray = np.zeros((subjects, len(self._counts)))
+        self.rules: FloatArray = np.tile(prior.rules, (subjects, 1))
         self.active: FloatArray = np.zeros((subjects, positions))
         self.visits: FloatArray = np.zeros(subjects)
         self.strengths: FloatArray = np.tile(strengths.prior, (subjects, 1))
 
     def classes(self, subjects: IntArray) -> FloatArray:
         """``[len(subjects), C + 1]`` probability of each class in the next room."""
-        counts = self.rooms[subjects] + self.concentration * self.prior
+        counts = self.rooms[subjects] + self._counts
         return counts / counts.sum(axis=1, keepdims=True)
 
     def places(self, subjects: IntArray) -> FloatArray:
@@ -97,7 +142,7 @@ class Knowledge:
         rules = blocks @ shares
         if rules.sum() > 0:
             rules = rules / rules.sum()
-            self.rules[subject] = (1.0 - RULE_CHANGES) * rules + RULE_CHANGES * self._rules
+            self.rules[subject] = (1.0 - RULE_CHANGES) * rules + RULE_CHANGES * self.prior.rules
             # Places are evidence only to the extent that position marked the levers.
             by_position = rules[RULES.index("position")]
             self.active[subject] += by_position * (blocks @ (space.active[:, None] >> slots & 1))
@@ -127,18 +172,3 @@ class Knowledge:
         """Go on from a checkpoint."""
         for name, value in state.items():
             setattr(self, name, value.copy())
-
-
-def rule_prior(by_colour: float, by_white: float) -> FloatArray:
-    """``[3]`` probability of each of the rules.
-
-    Args:
-        by_colour: Probability that colour marks the active levers.
-        by_white: In that case, that it is the white ones.
-
-    Example:
-        >>> rule_prior(0.5, 0.1).round(2).tolist()  # grey, white, position
-        [0.45, 0.05, 0.5]
-    """
-    grey = by_colour * (1.0 - by_white)
-    return np.array([grey, by_colour * by_white, 1.0 - by_colour][: len(RULES)])

@@ -22,13 +22,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cache
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.hypotheses import Hypotheses
 from causal_openlock.belief.placements import TooLargeError
-from causal_openlock.belief.symmetry import Symmetry, bits, swapped
+from causal_openlock.belief.structures import Hypotheses, Structures, merge
 from causal_openlock.world.fsm import BoolArray, FloatArray
 
 NODE_LIMIT = 20_000
@@ -113,7 +113,7 @@ class Optimum:
         self._values: dict[tuple[int, tuple[int, ...]], float] = {}
         self._within: dict[tuple[Point, bool], float] = {}
         # Sets of hypotheses are computed once for each instance.
-        self._moves, self._unlocks = cache(self._moving), cache(self._unlocking)
+        self._holds = cache(self._holding)
         self._finds, self._reach = cache(self._finding), cache(self._reaching)
         self.nodes = 0
 
@@ -241,11 +241,11 @@ class Optimum:
             stands = pushed >> slot & 1
             if (stands and not self._pulls) or (not stands and slot not in alike):
                 continue
-            moving = possible & self._moves(pushed, slot)
+            moving = possible & self._holds(slot, pushed)
             if not moving:
                 continue
             after = pushed ^ 1 << slot
-            unlocks = moving & self._unlocks(after)
+            unlocks = moving & self._holds(self._slots, after)
             outcomes = [
                 Point(part, found, now, left - 1)
                 for part, now in (
@@ -256,7 +256,7 @@ class Optimum:
                 if part
             ]
             yield slot + self._slots * stands, outcomes
-        if possible & self._unlocks(pushed):
+        if possible & self._holds(self._slots, pushed):
             new = possible & self._finds(pushed, found)
             more = tuple(sorted((*found, pushed)))
             outcomes = [Point(new, more, 0, 0), Point(possible & ~new, found, 0, 0)]
@@ -287,26 +287,16 @@ class Optimum:
 
     # -- sets of hypotheses, cached ---------------------------------------------------------------
 
-    def _moving(self, pushed: int, slot: int) -> int:
-        """The hypotheses under which a lever moves."""
-        return bits(self._holds(pushed, slot))
-
-    def _unlocking(self, pushed: int) -> int:
-        """The hypotheses under which the door is unlocked."""
-        return bits(self._holds(pushed, self._slots))
-
-    def _holds(self, pushed: int, node: int) -> BoolArray:
+    def _holding(self, node: int, pushed: int) -> int:
+        """The hypotheses under which a lever moves, or the door (the last node) is unlocked."""
         live = np.bitwise_count(self._own.causes[:, node] & np.uint16(pushed))
-        holds: BoolArray = live >= self._own.threshold[:, node]
-        return holds
+        return bits(live >= self._own.threshold[:, node])
 
     def _to_find(self, found: tuple[int, ...]) -> BoolArray:
         """``[H, K]`` which solutions are not found yet."""
         sets = np.array(found, dtype=np.uint16)
         relevant = sets[:, None] & ~self._own.inert  # [F, H]
-        done = self._own.solutions[None] == relevant[:, :, None]
-        to_find: BoolArray = ~done.any(axis=0)
-        return to_find
+        return ~(self._own.solutions[None] == relevant[:, :, None]).any(axis=0)
 
     def _finding(self, pushed: int, found: tuple[int, ...]) -> int:
         """The hypotheses under which opening the door completes a new solution."""
@@ -320,5 +310,86 @@ class Optimum:
         missing = np.bitwise_count(self._own.solutions ^ stands) + 1 <= left
         if not self._pulls:
             missing &= self._own.solutions & stands == stands
-        useful: BoolArray = missing & self._to_find(found)
-        return bits(np.logical_or.reduce(useful, axis=1))
+        return bits(np.logical_or.reduce(missing & self._to_find(found), axis=1))
+
+
+class Symmetry:
+    """Which levers a belief cannot distinguish, and a canonical naming of levers.
+
+    Args:
+        own: ``[H]`` every hypothesis, each once.
+        share: ``[H]`` their probabilities.
+    """
+
+    def __init__(self, own: Hypotheses, share: FloatArray) -> None:
+        self._slots, self._many = own.causes.shape[1] - 1, len(own)
+        structures = Structures(own.causes, own.threshold)
+        # By two slots, the hypothesis that each becomes when they are swapped; H if there is none.
+        self._swap = np.full((self._slots, self._slots, self._many), self._many)
+        for first, second in combinations(range(self._slots), 2):
+            order = np.arange(self._slots)
+            order[[first, second]] = second, first
+            image = structures.on_slots(order, self._slots)
+            _, group = merge(np.concatenate([structures.labels(), image.labels()]))
+            index = np.full(len(group), self._many)
+            index[group[: self._many]] = np.arange(self._many)
+            to = index[group[self._many :]]
+            alike = np.append(share, np.nan)[to] == share
+            self._swap[first, second] = self._swap[second, first] = np.where(alike, to, self._many)
+        whole: BoolArray = np.logical_and.reduce(self._swap < self._many, axis=2)
+        # Classes of slots that can be renamed, as the hypotheses together do not distinguish them.
+        self._class = [min([s, *np.flatnonzero(whole[s]).tolist()]) for s in range(self._slots)]
+        solves = (own.solutions[:, None] >> np.arange(self._slots)[:, None] & 1).sum(axis=2)
+        levers, door = own.causes[:, : self._slots], own.causes[:, self._slots, None]
+        opens = door >> np.arange(self._slots) & 1
+        threshold = own.threshold[:, : self._slots]
+        # What distinguishes levers, [features, H, slots].
+        self._features = np.stack([threshold, np.bitwise_count(levers), opens, solves])
+        self._swappable, self.canonical = cache(self._swaps), cache(self._renamed)
+
+    def swappable(self, possible: int, first: int, second: int) -> bool:
+        """Whether swapping these levers maps the possible hypotheses onto themselves."""
+        return bool(self._swappable(possible)[first, second])
+
+    def _swaps(self, possible: int) -> BoolArray:
+        held = np.append(_flags(possible, self._many), False)
+        return np.logical_and.reduce(np.equal(held[self._swap], held[: self._many]), axis=2)
+
+    def _renamed(self, possible: int, found: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
+        """The same state with levers renamed in the order of what is believed about them."""
+        held = _flags(possible, self._many)
+        marks = self._features[:, held].sum(axis=1)
+        order = sorted(
+            range(self._slots),
+            key=lambda slot: (
+                self._class[slot],
+                sum(mask >> slot & 1 for mask in found),
+                *marks[:, slot].tolist(),
+            ),
+        )
+        # Levers exchange names within their class, one swap after another.
+        image_of, at = np.flatnonzero(held), list(range(self._slots))
+        names = sorted(range(self._slots), key=lambda slot: (self._class[slot], slot))
+        for slot, lever in zip(names, order, strict=True):
+            if (now := at.index(lever)) != slot:
+                image_of = self._swap[slot, now, image_of]
+                found = tuple(sorted(swapped(mask, slot, now) for mask in found))
+                at[slot], at[now] = at[now], at[slot]
+        image = np.zeros(self._many, dtype=bool)
+        image[image_of] = True
+        return bits(image), found
+
+
+def bits(flags: BoolArray) -> int:
+    """A set of hypotheses, ``[H]`` whether each is in it, as a bit mask."""
+    return int.from_bytes(np.packbits(flags, bitorder="little").tobytes(), "little")
+
+
+def _flags(mask: int, many: int) -> BoolArray:
+    data = np.frombuffer(mask.to_bytes((many + 7) // 8, "little"), dtype=np.uint8)
+    return np.unpackbits(data, count=many, bitorder="little").astype(bool)
+
+
+def swapped(mask: int, first: int, second: int) -> int:
+    """A set of slots with two of them swapped."""
+    return mask ^ (1 << first | 1 << second) if (mask >> first ^ mask >> second) & 1 else mask

@@ -13,12 +13,11 @@ from itertools import combinations
 
 import numpy as np
 
-from causal_openlock.belief.catalogue import solution_masks
 from causal_openlock.belief.grammar import assignments
-from causal_openlock.belief.hypotheses import Hypotheses
-from causal_openlock.belief.structures import Structures, merge
+from causal_openlock.belief.structure_schemas import structure_of
+from causal_openlock.belief.structures import Hypotheses, Structures, merge
 from causal_openlock.world.fsm import FloatArray
-from causal_openlock.world.schema import DOOR, Schema
+from causal_openlock.world.schema import Schema
 
 TABLE_LIMIT = 1 << 20
 """The most placements of a schema that are listed, times the subsets of its levers."""
@@ -31,9 +30,7 @@ class TooLargeError(Exception):
 def placements(schema: Schema, action_limit: int) -> Hypotheses:
     """Every placement of a schema's levers on as many slots, equal behaviours merged.
 
-    Args:
-        schema: The schema; its strengths are ignored.
-        action_limit: Actions in an attempt.
+    Strengths are ignored.
 
     Raises:
         TooLargeError: If there are too many to list.
@@ -43,39 +40,24 @@ def placements(schema: Schema, action_limit: int) -> Hypotheses:
         >>> len(placements(find_schema("CC3"), 3))  # which of the three is the common cause
         3
     """
-    own = _structure(schema)
+    own = structure_of(schema)
     roles, many = _alike(own), ways_to_place(schema)
     if many << len(schema.levers) > TABLE_LIMIT:
         raise TooLargeError(f"{schema.name} can be placed in {many:,} ways")
     by_role = np.argsort([lever for role in roles for lever in role])
-    placed = [own.relabelled(np.array(slots)[by_role]) for slots in assignments([*map(len, roles)])]
+    placed = [
+        own.on_slots(np.array(slots)[by_role], own.levers)
+        for slots in assignments([*map(len, roles)])
+    ]
     structures = Structures.joined(placed)
     first, _ = merge(structures.behaviour(action_limit))
-    structures = structures[np.sort(first)]
-    return Hypotheses(
-        structures.causes,
-        structures.threshold,
-        structures.inert(),
-        solution_masks(structures),
-        np.zeros(len(structures), dtype=np.uint8),
-    )
+    return Hypotheses.of(structures[np.sort(first)])
 
 
 def ways_to_place(schema: Schema) -> int:
     """The number of placements of a schema's levers, those of one role being interchangeable."""
-    many = math.factorial(len(schema.levers))
-    for role in _alike(_structure(schema)):
-        many //= math.factorial(len(role))
-    return many
-
-
-def _structure(schema: Schema) -> Structures:
-    """The schema as one structure, its levers in their order."""
-    names = [*schema.levers, DOOR]
-    return Structures(
-        np.array([[schema.mask(schema.causes(node)) for node in names]], dtype=np.uint16),
-        np.array([[schema.threshold(node) for node in names]], dtype=np.uint8),
-    )
+    roles = _alike(structure_of(schema))
+    return math.factorial(len(schema.levers)) // math.prod(math.factorial(len(r)) for r in roles)
 
 
 def mixture(
@@ -117,8 +99,7 @@ def _alike(one: Structures) -> list[list[int]]:
         for role in roles:
             order = np.arange(one.levers)
             order[[lever, role[0]]] = order[[role[0], lever]]
-            swapped = one.relabelled(order)
-            if (swapped.causes == one.causes).all() and (swapped.threshold == one.threshold).all():
+            if (one.on_slots(order, one.levers).labels() == one.labels()).all():
                 role.append(lever)
                 break
         else:

@@ -1,4 +1,4 @@
-"""The value of an action: expected information gain, and the chance of a new solution.
+"""Policies: plans by the value of their actions, and Thompson sampling.
 
 The value of a plan is its expected information gain about the room in bits, plus ``beta`` times the
 probability that it completes a new solution. The expected information gain is the mutual
@@ -15,6 +15,12 @@ Where attempts are so long that the tree would have too many branches, it is cut
 worth the probability that a new solution can still be completed by somebody who knows the truth.
 
 Pulling a lever back is left out: within so few actions it helps neither to learn nor to solve.
+
+*Thompson sampling* draws a hypothesis from the posterior and carries out a solution of it. Each
+hypothesis is acted on with its posterior probability (probability matching), so a subject explores
+exactly as much as it is uncertain. The result is a plan for an attempt: levers to push, one after
+another, and then the door. The alternative without weights draws any solution that some hypothesis
+still allows.
 """
 
 from __future__ import annotations
@@ -26,11 +32,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from causal_openlock.belief.evidence import completes
-from causal_openlock.belief.hypotheses import Hypotheses
-from causal_openlock.belief.strength import Strengths
-from causal_openlock.belief.structures import NEVER
+from causal_openlock.belief.hypotheses import Strengths
+from causal_openlock.belief.structures import NEVER, Hypotheses
 from causal_openlock.contract.learner import View
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.randomness import pick
 
 MOST_BRANCHES = 5000
 """About the most sequences of pushes in a plan: four actions ahead with seven levers, six with
@@ -91,42 +97,33 @@ class Situation:
         )
 
 
+@dataclass
 class Planner:
     """Values of actions under a belief.
 
-    Args:
+    Attributes:
         hypotheses: ``[h]`` the possible hypotheses.
         strengths: What their strengths stand for.
         objective: What plans maximise.
-        found: What was pushed when solutions were found.
     """
 
-    def __init__(
-        self,
-        hypotheses: Hypotheses,
-        strengths: Strengths,
-        objective: Objective,
-        found: tuple[int, ...] = (),
-    ) -> None:
-        self._hypotheses, self._strengths, self._objective = hypotheses, strengths, objective
-        self._found = np.array(found, dtype=np.uint16)
-        self._door = hypotheses.causes.shape[1] - 1
-        self._uncertain = len(strengths) > 1
+    hypotheses: Hypotheses
+    strengths: Strengths
+    objective: Objective
 
     def values(self, weight: FloatArray, situation: Situation) -> FloatArray:
-        """``[P + 1]`` value of pushing each lever, and the door last.
+        """``[P + 1]`` value of pushing each lever, and the door last, given the posterior, ``[h]``.
 
         Minus infinity for levers that are pushed already, and for a locked door; zero for a lever
         that cannot move.
-
-        Args:
-            weight: ``[h]`` the posterior.
-            situation: Where the attempt stands.
         """
         self._seen: dict[tuple[bytes, int, int], float] = {}
+        self._found = np.array(situation.found, dtype=np.uint16)
+        self._door = self.hypotheses.causes.shape[1] - 1
+        self._uncertain = len(self.strengths) > 1
         alive = np.flatnonzero(weight > 0)
         share = weight[alive] / weight[alive].sum()
-        left = min(situation.left, self._objective.horizon or situation.left)
+        left = min(situation.left, self.objective.horizon or situation.left)
         self._cut = max(0, left - self._depth(alive, situation.pushed))
         values = np.full(self._door + 1, -np.inf)
         self._look(alive, share, situation.pushed, situation.unlocked, left, values)
@@ -134,7 +131,7 @@ class Planner:
 
     def _depth(self, alive: IntArray, pushed: int) -> int:
         """How many actions to look ahead, so that the tree of plans does not grow too large."""
-        can_move = (self._hypotheses.threshold[alive, : self._door] < NEVER).any(axis=0)
+        can_move = (self.hypotheses.threshold[alive, : self._door] < NEVER).any(axis=0)
         choices = sum(1 for slot in np.flatnonzero(can_move).tolist() if not pushed >> slot & 1)
         most = MOST_BRANCHES
         if choices > FEW_LEVERS:
@@ -154,7 +151,7 @@ class Planner:
         known = len(alive) == 1 and not self._uncertain
         if values is None and (known or left <= self._cut):
             return self._optimistic(alive, weight, pushed, left)
-        own = self._hypotheses
+        own = self.hypotheses
         slots = np.array([slot for slot in range(self._door) if not pushed >> slot & 1])
         best = 0.0
         if len(slots):
@@ -162,7 +159,7 @@ class Planner:
             live = np.bitwise_count(own.causes[alive[:, None], slots] & mask)
             threshold = own.threshold[alive[:, None], slots]
             if self._uncertain:
-                chance = self._strengths.chance[own.strength[alive, None], live, threshold]
+                chance = self.strengths.chance[own.strength[alive, None], live, threshold]
             else:
                 chance = (live >= threshold).astype(float)
             after = (mask | np.left_shift(np.uint16(1), slots.astype(np.uint16))).astype(np.uint16)
@@ -175,7 +172,7 @@ class Planner:
             total = weight.sum()
             moving, unlocking = moves.sum(axis=0), unlocks.sum(axis=0)
             outcomes = np.stack([total - moving, moving - unlocking, unlocking])
-            worth = self._objective.information * (
+            worth = self.objective.information * (
                 _bits(total) - _bits(outcomes).sum(axis=0) - self._noise(weight, chance)
             )
             worth[moving <= TIE * total] = 0.0
@@ -215,15 +212,15 @@ class Planner:
 
     def _optimistic(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """Upper bound of the chance to solve: its value if the truth were known from here on."""
-        own = self._hypotheses[alive]
+        own = self.hypotheses[alive]
         solvable = achievable(own, pushed, left, self._found.tolist()).any(axis=1)
-        return self._objective.beta * float(weight[solvable].sum())
+        return self.objective.beta * float(weight[solvable].sum())
 
     def _open(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """The value of pushing the unlocked door."""
-        own = self._hypotheses
+        own = self.hypotheses
         live = np.bitwise_count(own.causes[alive, self._door] & np.uint16(pushed))
-        chance = self._strengths.chance[own.strength[alive], live, own.threshold[alive, self._door]]
+        chance = self.strengths.chance[own.strength[alive], live, own.threshold[alive, self._door]]
         many = np.full(len(alive), pushed, dtype=np.uint16)
         found = np.broadcast_to(self._found, (len(alive), len(self._found)))
         opens = weight * chance
@@ -231,7 +228,7 @@ class Planner:
         total, opening = weight.sum(), float(opens.sum())
         outcomes = np.array([total - opening, opening - new, new])
         gain = _bits(total) - _bits(outcomes).sum() - self._noise(weight, chance[:, None])[0]
-        value = self._objective.information * gain + self._objective.beta * new
+        value = self.objective.information * gain + self.objective.beta * new
         if left > 1 and outcomes[0] > TIE * total:
             value += self._child(alive, weight - opens, pushed, True, left - 1)
         return float(value)
@@ -246,11 +243,7 @@ class Planner:
 def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[int]) -> BoolArray:
     """``[h, k]`` which solutions are new and can still be completed in the attempt.
 
-    Args:
-        hypotheses: ``[h]`` the possible hypotheses.
-        pushed: The pushed levers.
-        left: Actions left, the push of the door included.
-        found: What was pushed when solutions were found.
+    ``left`` counts the push of the door; ``found`` is what was pushed when solutions were found.
     """
     relevant = ~hypotheses.inert[:, None]
     solutions, mask = hypotheses.solutions, np.uint16(pushed)
@@ -262,18 +255,11 @@ def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[i
 
 
 def thinned(weight: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
-    """The part of a posterior that is planned with.
+    """Which hypotheses to plan with, ``[h]``, and ``[h]`` their weights, whole numbers.
 
     Probabilities are rounded to 1/1023 of the greatest, so that almost equal posteriors have the
     same plan; what is rounded to zero is left out. If more than ``most`` hypotheses are left, a
     systematic sample is taken: as many points, evenly spaced over their cumulative weights.
-
-    Args:
-        weight: ``[E]`` a posterior; not all zero.
-        most: The most hypotheses to plan with.
-
-    Returns:
-        ``[h]`` which hypotheses to plan with, and ``[h]`` their weights, whole numbers.
     """
     coarse = np.rint(weight / weight.max(initial=0.0) * 1023.0)
     which = np.flatnonzero(coarse)
@@ -284,6 +270,66 @@ def thinned(weight: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
         chosen, counts = np.unique(hit, return_counts=True)
         return which[chosen], counts.astype(float)
     return which, coarse
+
+
+def sample_solution(
+    hypotheses: Hypotheses,
+    weight: FloatArray,
+    situation: Situation,
+    draws: tuple[float, float],
+    by_weight: bool,
+) -> tuple[int, ...] | None:
+    """Levers to push for a new solution that some hypothesis allows.
+
+    Args:
+        hypotheses: ``[h]`` the possible hypotheses.
+        weight: ``[h]`` their probabilities.
+        situation: Where the attempt stands.
+        draws: Two uniform numbers in [0, 1).
+        by_weight: Whether to draw a hypothesis by its probability and then one of its solutions
+            (Thompson), or uniformly any solution that some hypothesis allows.
+
+    Returns:
+        Slots in an order that works; None if no hypothesis has a solution left to find.
+    """
+    possible = (weight > 0)[:, None]
+    found = situation.found
+    fitting = achievable(hypotheses, situation.pushed, situation.left, found) & possible
+    if not fitting.any():
+        # No solution can be completed in this attempt any more; begin one all the same.
+        fitting = achievable(hypotheses, 0, hypotheses.causes.shape[1] + 1, found) & possible
+        if not fitting.any():
+            return None
+    if by_weight:
+        which = pick(weight * _any_of(fitting), draws[0])
+        solution = int(hypotheses.solutions[which, pick(fitting[which] * 1.0, draws[1])])
+    else:
+        choices = np.unique(hypotheses.solutions[fitting])
+        solution = int(choices[int(draws[0] * len(choices))])
+        allows = _any_of(fitting & (hypotheses.solutions == solution))
+        which = pick(weight * allows, draws[1])
+    return _in_order(hypotheses, which, solution, situation.pushed)
+
+
+def _any_of(table: BoolArray) -> BoolArray:
+    """``[h]`` ``table.any(axis=1)``, faster for few columns."""
+    return np.logical_or.reduce(np.ascontiguousarray(table.T))
+
+
+def _in_order(hypotheses: Hypotheses, which: int, solution: int, pushed: int) -> tuple[int, ...]:
+    """The levers of a solution that are still to be pushed, causes before effects."""
+    causes, threshold = hypotheses.causes[which], hypotheses.threshold[which]
+    order: list[int] = []
+    missing = {slot for slot in range(len(causes) - 1) if (solution & ~pushed) >> slot & 1}
+    while missing:
+        ready = [
+            slot for slot in sorted(missing)
+            if (int(causes[slot]) & pushed).bit_count() >= threshold[slot]
+        ] or sorted(missing)  # fmt: skip
+        order.append(ready[0])
+        missing.discard(ready[0])
+        pushed |= 1 << ready[0]
+    return tuple(order)
 
 
 def _bits(weight: FloatArray) -> FloatArray:

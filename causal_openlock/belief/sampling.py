@@ -14,7 +14,7 @@ lever's gate (dynamic programming over orders, as for Bayesian networks by Fried
 
 The number of solutions that the console shows does not factorise. It is handled by rejection:
 draws with another number are thrown away, and the share that is kept estimates the probability of
-that number. Where hardly any draw fits, :mod:`~causal_openlock.belief.metropolis` takes over.
+that number. Where hardly any draw fits, :func:`metropolis` takes over.
 """
 
 from __future__ import annotations
@@ -28,11 +28,9 @@ import numpy as np
 from causal_openlock.belief.catalogue import Catalogue, distance, gate_weight
 from causal_openlock.belief.evidence import DOOR, Event
 from causal_openlock.belief.grammar import schema_classes
-from causal_openlock.belief.hypotheses import Block, Hypotheses, RoomSight, Space, placed
-from causal_openlock.belief.metropolis import metropolis
-from causal_openlock.belief.prior import EFFORT
-from causal_openlock.belief.strength import at_least
-from causal_openlock.belief.structures import Structures, merge
+from causal_openlock.belief.hypotheses import Block, RoomSight, Space, at_least
+from causal_openlock.belief.knowledge import EFFORT
+from causal_openlock.belief.structures import Hypotheses, Structures, gate_options, merge
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 ROUNDS = 12
@@ -45,6 +43,10 @@ LISTED_CAUSES = 6
 GUESSES = 8
 AT_ONCE = 4000
 """Draws for which every set of causes is listed at a time."""
+PULL = 1.5
+"""Cost of each unit of distance in a Markov chain, in nats."""
+LOOKS = 8
+"""How often, in the second half of the steps, the structures at distance 0 are collected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +67,7 @@ class Gates:
     @cache
     def of(cls, levers: int, node: int, simplicity: float) -> Gates:
         """All gates of a lever, or of the door if ``node`` is the number of levers."""
-        options = [
-            (mask, enough)
-            for mask in range(1 << levers)
-            if not mask >> node & 1
-            for enough in range(1 if mask else 0, mask.bit_count() + 1)
-            if mask or node < levers
-        ]
-        causes, threshold = np.array(options, dtype=np.int64).T
+        causes, threshold = np.array(gate_options(levers, node), dtype=np.int64).T
         weight = gate_weight(np.bitwise_count(causes), threshold, simplicity)
         return cls(causes, threshold, weight)
 
@@ -122,9 +117,7 @@ class Sampler:
         self._weights = np.zeros((levers, 1 << levers, levers + 1))
         for lever, gates in enumerate(self._gates[:levers]):
             self._weights[lever, gates.causes, gates.threshold] = weights[lever]
-        self._by_causes = _by_causes(self._gates, weights)
-        self._sums = _subset_sums(self._by_causes)
-        self._ways = _ways(self._sums)
+        self._by_causes, self._sums, self._ways = _tables(self._gates, weights)
         self.evidence = float(self._ways[-1] * weights[levers].sum()) / prior
 
     def _node(self, slot: int) -> int | None:
@@ -180,24 +173,18 @@ class Sampler:
             # Most gates have few causes, and these mostly come before: most draws are accepted.
             causes[left], threshold[left] = self.guess(lever[left], generator)
             left = left[causes[left] & ~before[left] != 0]
-        for first in range(0, len(left), AT_ONCE):
+        for first in range(0, len(left), AT_ONCE):  # the others by listing every set of causes
             some = left[first : first + AT_ONCE]
-            listed = self._listed(lever[some], before[some], size, generator.random(len(some)))
-            causes[some], threshold[some] = listed
+            rows, subsets = np.arange(len(some)), _subsets(before[some], size, self.levers)
+            draws = generator.random(len(some))
+            ladder = self._by_causes[lever[some, None], subsets].cumsum(axis=1)
+            at = _pick(ladder, draws)
+            causes[some] = subsets[rows, at]
+            rest = draws * ladder[:, -1] - np.where(at > 0, ladder[rows, at - 1], 0.0)
+            gates = self._weights[lever[some], causes[some]].cumsum(axis=1)
+            rest = np.minimum(rest, np.nextafter(gates[:, -1], 0.0))
+            threshold[some] = (gates <= rest[:, None]).sum(axis=1)
         return causes, threshold
-
-    def _listed(
-        self, lever: IntArray, before: IntArray, size: int, draws: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """The same by listing every set of causes; ``draws`` are uniform numbers."""
-        rows, subsets = np.arange(len(lever)), _subsets(before, size, self.levers)
-        ladder = self._by_causes[lever[:, None], subsets].cumsum(axis=1)
-        at = _pick(ladder, draws)
-        causes = subsets[rows, at]
-        rest = draws * ladder[:, -1] - np.where(at > 0, ladder[rows, at - 1], 0.0)
-        gates = self._weights[lever, causes].cumsum(axis=1)
-        rest = np.minimum(rest, np.nextafter(gates[:, -1], 0.0))
-        return causes, (gates <= rest[:, None]).sum(axis=1)
 
     def likelihood(self, structures: Structures) -> FloatArray:
         """``[M]`` likelihood of the levers' movements; that of the lock is 1 for all draws."""
@@ -216,33 +203,30 @@ def _prior_of_all(levers: int, simplicity: float) -> float:
     """The prior weight of all structures, in all orders of their levers."""
     gates = [Gates.of(levers, node, simplicity) for node in range(levers + 1)]
     weights = [own.weight for own in gates]
-    ways = _ways(_subset_sums(_by_causes(gates, weights)))
-    return float(ways[-1] * weights[-1].sum())
+    return float(_tables(gates, weights)[2][-1] * weights[-1].sum())
 
 
-def _by_causes(gates: list[Gates], weights: list[FloatArray]) -> FloatArray:
-    """``[n, 2^n]`` for each lever, the weight of all its gates with exactly these causes."""
+def _tables(
+    gates: list[Gates], weights: list[FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Summed weights of gates and of orders, by sets of levers.
+
+    Returns:
+        ``[n, 2^n]`` of each lever's gates with exactly these causes; ``[n, 2^n]`` with causes among
+        these; and ``[2^n]`` of the orders in which exactly these levers come first.
+    """
     levers = len(gates) - 1
-    return np.stack(
+    every = np.arange(1 << levers)
+    by_causes: FloatArray = np.stack(
         [
-            np.bincount(gates[lever].causes, weights[lever], minlength=1 << levers)
+            np.bincount(gates[lever].causes, weights[lever], minlength=len(every))
             for lever in range(levers)
         ]
     )
-
-
-def _subset_sums(by_causes: FloatArray) -> FloatArray:
-    """``[n, 2^n]`` for each lever, the weight of all its gates with causes in a set."""
-    sums = by_causes.copy()
-    for other in range(len(sums)):
-        halves = sums.reshape(len(sums), -1, 2, 1 << other)
+    sums: FloatArray = by_causes.copy()
+    for other in range(levers):
+        halves = sums.reshape(levers, -1, 2, 1 << other)
         halves[:, :, 1] += halves[:, :, 0]
-    return sums
-
-
-def _ways(sums: FloatArray) -> FloatArray:
-    """``[2^n]`` the weight of all orders in which exactly these levers come first."""
-    levers, every = len(sums), np.arange(sums.shape[1])
     ways = np.zeros(len(every))
     ways[0] = 1.0
     for size in range(1, levers + 1):
@@ -251,7 +235,7 @@ def _ways(sums: FloatArray) -> FloatArray:
             having = listed[listed >> lever & 1 == 1]
             before = having ^ 1 << lever
             ways[having] += ways[before] * sums[lever, before]
-    return ways
+    return by_causes, sums, ways
 
 
 def _subsets(sets: IntArray, size: int, levers: int) -> IntArray:
@@ -267,8 +251,8 @@ def _pick(ladder: FloatArray, draws: FloatArray) -> IntArray:
     """One index for each draw, by cumulative weights, ``[1, N]`` or ``[D, N]``."""
     if len(ladder) == 1:
         at = np.searchsorted(ladder[0], draws * ladder[0, -1], side="right")
-        return np.minimum(at, ladder.shape[1] - 1)
-    at = (ladder <= (draws * ladder[:, -1])[:, None]).sum(axis=1)
+    else:
+        at = (ladder <= (draws * ladder[:, -1])[:, None]).sum(axis=1)
     return np.minimum(at, ladder.shape[1] - 1)
 
 
@@ -281,16 +265,11 @@ def sampled(
 ) -> Catalogue:
     """A catalogue of sampled structures that have the solutions that the console shows.
 
-    Structures are drawn from the posterior and carry estimated prior probabilities (importance
-    weights), so that later evidence updates them like any other hypothesis.
-
-    Args:
-        sampler: Draws structures.
-        sight: What the room looks like.
-        wanted: How many draws to accept.
-        generator: Source of randomness.
-        effort: Structures that are looked at, at most, where there are eight levers and more: a
-            quarter of them are draws, the rest steps of Markov chains from those that come near.
+    Structures are drawn from the posterior until ``wanted`` of them are accepted, and carry
+    estimated prior probabilities (importance weights), so that later evidence updates them like any
+    other hypothesis. Where there are eight levers and more, at most ``effort`` structures are
+    looked at: a quarter of them are draws, the rest steps of Markov chains from those that come
+    near.
     """
     large = sampler.levers > LISTED_CAUSES + 1
     most = max(1, effort // 4) if large else ROUNDS * DRAWS
@@ -302,6 +281,7 @@ def sampled(
         draws = min(BATCH, most - tried) if large else DRAWS
         drawn, order = sampler.draw(draws, generator)
         if not len(drawn):
+            kept.append(drawn)
             break
         away = distance(drawn, *required)
         if large:
@@ -320,14 +300,77 @@ def sampled(
         begin = Structures.joined([each[0] for each in near])[nearest]
         orders = np.concatenate([each[1] for each in near])[nearest]
         steps = max(1, 3 * effort // 4 // len(begin) - 1)
-        kept.append(metropolis(sampler.guess, begin, orders, required, steps, generator))
+        kept.append(metropolis(sampler, begin, orders, required, steps, generator))
         worth = sum(map(len, kept)) * tried / max(accepted, 0.5)
-    every = Structures.joined([Structures.none(sampler.levers), *kept])
+    every = Structures.joined(kept)
     first, member = merge(every.labels())
     times = np.bincount(member, minlength=len(first))
     members = every[first]
     chance = times * sampler.evidence / worth / sampler.likelihood(members)
     return listed(members, chance)
+
+
+def metropolis(
+    sampler: Sampler,
+    start: Structures,
+    order: IntArray,
+    required: tuple[int, int],
+    steps: int,
+    generator: np.random.Generator,
+) -> Structures:
+    """Structures with the solutions that the console shows, by Markov chains.
+
+    Of a thousand structures drawn for twelve levers, two have the right number of solutions.
+    Instead of drawing on, the nearest draws are changed step by step by the Metropolis rule. A step
+    proposes another gate for one node, drawn from its posterior, and accepts it with probability
+
+        min(1, exp(-PULL (d' - d)))
+
+    where d and d' are the distances before and after: solutions too many, too few or too long. It
+    also swaps two neighbours in the order of the levers. All structures at distance 0 have the same
+    factor, so in the long run they appear in proportion to their posterior probability; the chains
+    are short. All take a fixed number of steps, whatever the machine's speed.
+
+    Args:
+        sampler: Draws gates from their posterior.
+        start: ``[D]`` where the chains begin.
+        order: ``[D, n]`` the levers of each, causes before effects.
+        required: The number of solutions, and the action limit that each has to fit.
+        steps: Steps of each chain.
+        generator: Source of randomness.
+    """
+    n, rows = start.levers, np.arange(len(start))
+    current, order = Structures(start.causes.copy(), start.threshold.copy()), order.copy()
+    away = distance(current, *required)
+    taken = [current[:0]]
+    looks = {steps - 1 - look * steps // (2 * LOOKS) for look in range(LOOKS)}
+    for step in range(steps):
+        place = generator.integers(n + 1, size=len(rows))
+        swap = generator.integers(n - 1, size=len(rows))
+        of_door = place == n
+        at = np.minimum(place, n - 1)
+        bits = np.left_shift(1, order)
+        before = np.where(of_door, (1 << n) - 1, (bits.cumsum(axis=1) - bits)[rows, at])
+        node = np.where(of_door, n, order[rows, at])
+        causes, threshold = sampler.guess(node, generator)
+        able = np.flatnonzero(causes & ~before == 0)
+        changed = current[able]
+        changed.causes[np.arange(len(able)), node[able]] = causes[able]
+        changed.threshold[np.arange(len(able)), node[able]] = threshold[able]
+        then = distance(changed, *required)
+        farther = np.maximum(then - away[able], 0)
+        accepted = generator.random(len(able)) < np.exp(-PULL * farther)
+        moved = able[accepted]
+        current.causes[moved] = changed.causes[accepted]
+        current.threshold[moved] = changed.threshold[accepted]
+        away[moved] = then[accepted]
+
+        first, second = order[rows, swap], order[rows, swap + 1]
+        free = np.flatnonzero(current.causes[rows, second] >> first.astype(np.uint16) & 1 == 0)
+        order[free, swap[free]], order[free, swap[free] + 1] = second[free], first[free]
+        if step in looks:
+            taken.append(current[away == 0])
+    return Structures.joined(taken)
 
 
 def listed(members: Structures, chance: FloatArray) -> Catalogue:
@@ -339,8 +382,7 @@ def listed(members: Structures, chance: FloatArray) -> Catalogue:
 
 def with_sampled(space: Space, own: Catalogue) -> Space:
     """The space with sampled structures of the grey levers as one more block, the last."""
-    block = Block((1 << space.sight.grey) - 1, own)
-    positions = space.sight.positions
-    more = placed(block, positions) if len(own) else space.hypotheses[:0]
-    joined = Hypotheses.joined([space.hypotheses, more.repeated(len(space.strengths))])
+    block = Block(tuple(range(space.sight.grey)), own)
+    more = block.placed(space.sight.positions).repeated(len(space.strengths))
+    joined = Hypotheses.joined([space.hypotheses, more])
     return Space(space.sight, space.strengths, (*space.blocks, block), joined)

@@ -1,16 +1,44 @@
-"""A believed structure as a schema: beside the true one, and in words.
+"""Schemas as structures and back, side by side, and in words.
 
-Levers are named by their positions, as people see the room. Two schemas are the same structure if
-they have the same edges and gates, and behave alike if no attempt can tell them apart.
+Beliefs name levers by their positions, as people see the room. Two schemas are the same structure
+if they have the same edges and gates, and behave alike if no attempt can tell them apart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import networkx as nx
+import numpy as np
+
+from causal_openlock.belief.structures import Structures
 from causal_openlock.wording import joined
 from causal_openlock.world.room import Room, position_names
-from causal_openlock.world.schema import DOOR, Schema
+from causal_openlock.world.schema import DOOR, Gate, Schema
+
+
+def structure_of(schema: Schema) -> Structures:
+    """The schema as one structure, its levers in their order."""
+    names = [*schema.levers, DOOR]
+    return Structures(
+        np.array([[schema.mask(schema.causes(node)) for node in names]], dtype=np.uint16),
+        np.array([[schema.threshold(node) for node in names]], dtype=np.uint8),
+    )
+
+
+def schema_of(structure: Structures, names: Sequence[str], strength: float) -> Schema:
+    """One structure as a schema; all its edges are equally strong."""
+    edges: dict[str, dict[str, float]] = {}
+    gates: dict[str, Gate] = {}
+    for node, effect in enumerate([*names, DOOR]):
+        causes = [name for i, name in enumerate(names) if structure.causes[0, node] >> i & 1]
+        for cause in causes:
+            edges.setdefault(cause, {})[effect] = strength
+        enough = int(structure.threshold[0, node])
+        if enough > 1:
+            gates[effect] = Gate("all") if enough == len(causes) else Gate("at_least", enough)
+    inert = [name for i, name in enumerate(names) if structure.inert()[0] >> i & 1]
+    return Schema("belief", names, edges, gates=gates, inert=inert, title="Most probable")
 
 
 def by_position(room: Room) -> Schema:
@@ -38,53 +66,29 @@ def same_structure(one: Schema, other: Schema) -> bool:
     >>> same_structure(one, Schema("other", ["A", "B"], {"A": ["B"], "B": ["door"]}))
     True
     """
-    return _gates(one) == _gates(other)
-
-
-def _gates(schema: Schema) -> dict[str, tuple[frozenset[str], int]]:
-    return {
-        node: (frozenset(schema.causes(node)), schema.threshold(node))
-        for node in [*schema.levers, DOOR]
-    }
+    first, second = _beside(one, other).labels()
+    return bool((first == second).all())
 
 
 def behave_alike(one: Schema, other: Schema, actions: int) -> bool:
     """Whether no attempt of so many actions tells two schemas apart, whatever their strengths.
 
-    Args:
-        one: A schema.
-        other: Another; levers of equal names stand at the same position, and a lever that it lacks
-            never moves in it.
-        actions: Actions in an attempt.
+    Levers of equal names are at the same position, and a lever that one of them lacks never moves
+    in it.
     """
-    levers = {*one.levers, *other.levers}
-    reached: set[frozenset[str]] = {frozenset()}
-    seen: set[frozenset[str]] = set()
-    for depth in range(actions + 1):
-        following = set()
-        for pushed in reached:
-            if _shown(one, pushed) != _shown(other, pushed):
-                return False
-            if depth < actions:
-                moving = {lever for lever in levers if _holds(one, lever, pushed)}
-                if moving != {lever for lever in levers if _holds(other, lever, pushed)}:
-                    return False
-                following |= {pushed ^ {lever} for lever in moving}
-        seen |= reached
-        reached = following - seen
-    return True
+    first, second = _beside(one, other).behaviour(actions)
+    return bool((first == second).all())
 
 
-def _holds(schema: Schema, node: str, pushed: frozenset[str]) -> bool:
-    known = node == DOOR or node in schema.levers
-    return known and len(pushed & {*schema.causes(node)}) >= schema.threshold(node)
-
-
-def _shown(schema: Schema, pushed: frozenset[str]) -> tuple[bool, frozenset[str] | None]:
-    """Whether the door is unlocked, and the solution that opening it would complete."""
-    relevant = pushed - {*schema.inert}
-    completes = any(relevant == {*levers} for levers in schema.solutions)
-    return _holds(schema, DOOR, pushed), relevant if completes else None
+def _beside(one: Schema, other: Schema) -> Structures:
+    """Both as structures on the levers that at least one of them has."""
+    names = sorted({*one.levers, *other.levers})
+    return Structures.joined(
+        [
+            structure_of(schema).on_slots([*map(names.index, schema.levers)], len(names))
+            for schema in (one, other)
+        ]
+    )
 
 
 def in_words(schema: Schema) -> str:
@@ -94,7 +98,8 @@ def in_words(schema: Schema) -> str:
     'A enables B and C; B or C unlocks the door'
     """
     groups: dict[tuple[tuple[str, ...], int], list[str]] = {}
-    for lever in _causes_first(schema):
+    generations = [*nx.topological_generations(schema.graph)]  # causes before effects
+    for lever in (lever for each in generations for lever in schema.levers if lever in each):
         if causes := schema.causes(lever):
             groups.setdefault((causes, schema.threshold(lever)), []).append(lever)
     clauses = [
@@ -112,14 +117,6 @@ def in_words(schema: Schema) -> str:
             f"strength {low:.2f}" if low == high else f"strengths {low:.2f} to {high:.2f}"
         )
     return "; ".join(clauses)
-
-
-def _causes_first(schema: Schema) -> list[str]:
-    left, ordered = list(schema.levers), list[str]()
-    while left:
-        ordered += [lever for lever in left if not {*schema.causes(lever)} & {*left}]
-        left = [lever for lever in left if lever not in ordered]
-    return ordered
 
 
 def _needed(causes: Sequence[str], enough: int, verb: str) -> str:

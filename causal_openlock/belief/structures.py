@@ -8,13 +8,17 @@ structures are two small arrays, so that thousands are compared at once.
 Derived here for all of them together: which sets of levers unlock the door, which of these are
 minimal (the solutions), and which levers are inert. Structures that do the same in every attempt
 have the same *behaviour*, and no learner can distinguish them.
+
+A *family* is a set of subsets of n levers as 2^n bits, 64 to a word: bit ``s`` is 1 if the subset
+``s``, itself a bit mask of levers, is a member. A gate is the family of subsets that meet it, "all
+of these gates hold" is a bitwise ``and``, and adding a lever to every subset is a shift.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from typing import Any, ClassVar, Self
@@ -22,14 +26,20 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.belief.lever_sets import Families, meeting, members, minimal, with_lever
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 Masks = NDArray[np.uint16]
 Counts = NDArray[np.uint8]
+Families = NDArray[np.uint64]
+"""``[..., W]`` sets of sets of n levers; W is 2^n / 64, and at least one."""
 
 NEVER = np.uint8(15)
 """Threshold of a lever that never moves: more causes than any lever has."""
+_WORDS = np.dtype("<u8")
+_WORD = 6
+"""Levers whose sets fit into a word."""
+_HOLDING = [sum(1 << bit for bit in range(64) if bit >> lever & 1) for lever in range(_WORD)]
+"""For each of these, the bits of the sets that hold it."""
 
 
 class Rows:
@@ -46,7 +56,8 @@ class Rows:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """The elements of several."""
+        """The elements of several; empty parts may have other columns."""
+        parts = [part for part in parts if len(part)] or parts[:1]
 
         def column(name: str) -> Any:
             values = [getattr(part, name) for part in parts]
@@ -81,12 +92,6 @@ class Structures(Rows):
         """Number of levers, n."""
         return self.causes.shape[1] - 1
 
-    @classmethod
-    def none(cls, levers: int) -> Structures:
-        """No structure on so many levers."""
-        causes = np.zeros((0, levers + 1), dtype=np.uint16)
-        return cls(causes, causes.astype(np.uint8))
-
     def labels(self) -> NDArray[np.uint8]:
         """``[M, W]`` bytes that are equal exactly for equal structures."""
         return np.concatenate([self.causes.view(np.uint8), self.threshold], axis=1)
@@ -98,6 +103,11 @@ class Structures(Rows):
     def solutions(self) -> BoolArray:
         """``[M, 2^n]`` whether this set of levers is a solution: it works, and no subset does."""
         return members(self.solving(), self.levers)
+
+    def solution_masks(self) -> Masks:
+        """``[M, k]`` the solutions of structures that all have k."""
+        which = np.nonzero(self.solutions())[1]
+        return which.reshape(len(self), -1 if len(self) else 0).astype(np.uint16)
 
     def solving(self) -> Families:
         """``[M, W]`` the solutions of each structure, a bit for each set of levers."""
@@ -125,13 +135,12 @@ class Structures(Rows):
                 useful |= np.where(useful >> np.uint16(lever) & 1, self.causes[:, lever], 0)
         return (~useful & np.uint16((1 << n) - 1)).astype(np.uint16)
 
-    def relabelled(self, order: IntArray) -> Structures:
-        """All structures with lever i called ``order[i]``."""
-        n = self.levers
-        causes, threshold = np.empty_like(self.causes), np.empty_like(self.threshold)
-        where = [*order, n]
-        causes[:, where] = renamed(self.causes, order)
-        threshold[:, where] = self.threshold
+    def on_slots(self, slots: Sequence[int] | IntArray, positions: int) -> Structures:
+        """Lever i called ``slots[i]``; all other slots of a room are levers that never move."""
+        causes = np.zeros((len(self), positions + 1), dtype=np.uint16)
+        threshold = np.full((len(self), positions + 1), NEVER, dtype=np.uint8)
+        nodes = [*slots, positions]
+        causes[:, nodes], threshold[:, nodes] = renamed(self.causes, slots), self.threshold
         return Structures(causes, threshold)
 
     def behaviour(self, action_limit: int, uncertain: bool = False) -> NDArray[np.uint8]:
@@ -182,8 +191,52 @@ def behaviour_bytes(levers: int, action_limit: int) -> int:
     return sets * (levers + 3)
 
 
-def renamed(sets: Masks, names: IntArray) -> Masks:
+@dataclass(frozen=True, eq=False)
+class Hypotheses(Rows):
+    """H hypotheses about P levers by slot and a door, as arrays; the door is the last node.
+
+    Attributes:
+        causes: ``[H, P + 1]`` which slots enable each node, as a bit mask.
+        threshold: ``[H, P + 1]`` how many of them must be pushed.
+        inert: ``[H]`` slots that do nothing for the door.
+        solutions: ``[H, K]`` the solutions as sets of slots.
+        strength: ``[H]`` index of the strength.
+    """
+
+    causes: Masks
+    threshold: Counts
+    inert: Masks
+    solutions: Masks
+    strength: Counts
+
+    @classmethod
+    def of(cls, structures: Structures) -> Hypotheses:
+        """Structures with equally many solutions, each lever in the slot of its number."""
+        return cls(
+            structures.causes,
+            structures.threshold,
+            structures.inert(),
+            structures.solution_masks(),
+            np.zeros(len(structures), dtype=np.uint8),
+        )
+
+    def on_slots(self, slots: Sequence[int], positions: int) -> Hypotheses:
+        """Lever i called ``slots[i]``; all other slots of a room are inactive."""
+        placed = Structures(self.causes, self.threshold).on_slots(slots, positions)
+        inactive = (1 << positions) - 1 - sum(1 << slot for slot in slots)
+        inert = renamed(self.inert, slots) | np.uint16(inactive)
+        solutions = renamed(self.solutions, slots)
+        return Hypotheses(placed.causes, placed.threshold, inert, solutions, self.strength)
+
+    def repeated(self, strengths: int) -> Hypotheses:
+        """Each hypothesis once with each strength, strengths fastest."""
+        many = self[np.repeat(np.arange(len(self)), strengths)]
+        return replace(many, strength=np.tile(np.arange(strengths, dtype=np.uint8), len(self)))
+
+
+def renamed(sets: Masks, names: Sequence[int] | IntArray) -> Masks:
     """``[...]`` sets of levers after lever i is renamed to ``names[..., i]``."""
+    names = np.asarray(names)
     result = np.zeros(np.broadcast_shapes(sets.shape, names.shape[:-1]), dtype=np.uint16)
     for lever in range(names.shape[-1]):
         holds = sets >> np.uint16(lever) & np.uint16(1)
@@ -198,6 +251,16 @@ def merge(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
     return first, group.reshape(-1)
 
 
+def gate_options(levers: int, node: int) -> list[tuple[int, int]]:
+    """Causes and threshold of every gate of a lever, or of the door as node ``levers``."""
+    return [
+        (mask, enough)
+        for mask in range(1 if node == levers else 0, 1 << levers)
+        if not mask >> node & 1
+        for enough in (range(1, mask.bit_count() + 1) if mask else (0,))
+    ]
+
+
 @cache
 def gate_dags(levers: int) -> Structures:
     """Every labelled gate-DAG on so many levers, with every threshold gate.
@@ -205,21 +268,11 @@ def gate_dags(levers: int) -> Structures:
     >>> [len(gate_dags(levers)) for levers in (1, 2, 3)]  # 43,168 for four, millions for five
     [1, 12, 408]
     """
-    options = [
-        [
-            (mask, k)
-            for mask in range(1 << levers)
-            if not mask >> lever & 1
-            for k in (range(1, mask.bit_count() + 1) if mask else (0,))
-        ]
-        for lever in range(levers)
-    ]
+    options = [gate_options(levers, lever) for lever in range(levers)]
     chosen = np.array(list(product(*options)), dtype=np.int64).reshape(-1, levers, 2)
     causes = np.pad(chosen[..., 0].astype(np.uint16), ((0, 0), (0, 1)))
     chosen = chosen[linear_extensions(causes) > 0]  # a graph with a cycle has none
-    door = np.array(
-        [(mask, k) for mask in range(1, 1 << levers) for k in range(1, mask.bit_count() + 1)]
-    )
+    door = np.array(gate_options(levers, levers))
     many, doors = len(chosen), len(door)
     nodes = np.concatenate(
         [np.repeat(chosen, doors, axis=0), np.tile(door, (many, 1))[:, None]], axis=1
@@ -238,3 +291,66 @@ def linear_extensions(causes: Masks) -> FloatArray:
                 ready = causes[:, lever] & ~np.uint16(listed) == 0
                 ways[:, listed | 1 << lever] += np.where(ready, ways[:, listed], 0.0)
     return ways[:, -1]
+
+
+# -- families of sets of levers -------------------------------------------------------------------
+
+
+def family(members: BoolArray) -> Families:
+    """``[..., W]`` the family with these members, ``[..., 2^n]``.
+
+    >>> members(family(np.array([False, True, True, False])), 2).tolist()
+    [False, True, True, False]
+    """
+    packed = np.packbits(members, axis=-1, bitorder="little")
+    short = [(0, 0)] * (packed.ndim - 1) + [(0, -packed.shape[-1] % 8)]
+    return np.pad(packed, short).view(_WORDS)
+
+
+def members(families: Families, levers: int) -> BoolArray:
+    """``[..., 2^n]`` whether each set belongs to each family."""
+    packed = np.ascontiguousarray(families).view(np.uint8)
+    found = np.unpackbits(packed, axis=-1, count=1 << levers, bitorder="little")
+    return found.view(np.bool_)
+
+
+@cache
+def meeting(levers: int) -> Families:
+    """``[2^n, 16, W]`` for a set of causes and a threshold, the sets that push enough of them."""
+    every = np.arange(1 << levers)
+    holding = with_lever(levers)
+    table = np.zeros((len(every), int(NEVER) + 1, holding.shape[1]), dtype=_WORDS)
+    table[0, 0] = family(np.ones(len(every), dtype=bool))
+    for lever in range(levers):
+        few, more = table[: 1 << lever], table[1 << lever : 2 << lever]
+        more[:, 0] = few[:, 0]
+        more[:, 1:] = few[:, 1:] | (few[:, :-1] & holding[lever])
+    return table
+
+
+@cache
+def with_lever(levers: int) -> Families:
+    """``[n, W]`` the sets that hold each lever."""
+    return family(np.arange(1 << levers) >> np.arange(levers)[:, None] & 1 == 1)
+
+
+def _raised(families: Families, lever: int) -> Families:
+    """``[M, W]`` the sets without a lever, after it is added to them."""
+    if lever < _WORD:
+        return (families & ~np.uint64(_HOLDING[lever])) << np.uint64(1 << lever)
+    result = np.zeros_like(families)
+    step = 1 << (lever - _WORD)
+    blocks = (len(families), families.shape[1] // (2 * step), 2, step)
+    result.reshape(blocks)[:, :, 1] = families.reshape(blocks)[:, :, 0]
+    return result
+
+
+def minimal(families: Families, levers: int) -> Families:
+    """``[M, W]`` the sets of each family of which no proper subset belongs to it."""
+    above = families.copy()
+    for lever in range(levers):
+        above |= _raised(above, lever)
+    larger = np.zeros_like(families)
+    for lever in range(levers):
+        larger |= _raised(above, lever)
+    return families & ~larger

@@ -161,8 +161,7 @@ def trace(
 ) -> None:
     """Describe a trial: what a subject did, saw and learned, and what it believes."""
     from causal_openlock.analysis.plots.belief import check_suffix, save_trace_figure
-    from causal_openlock.belief.trace import trace_trial
-    from causal_openlock.belief.trace_text import trace_text
+    from causal_openlock.belief.trace import trace_text, trace_trial
 
     who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
     path = check_suffix(out or Path(f"trace_{who[1].name}.svg"))

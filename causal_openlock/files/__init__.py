@@ -2,10 +2,10 @@
 
 :mod:`~causal_openlock.files.atomic` (files that are complete or absent),
 :mod:`~causal_openlock.files.checksums` (Parquet and JSON that carry their SHA-256),
-:mod:`~causal_openlock.files.npz` and :mod:`~causal_openlock.files.state` (arrays and state dicts
-without pickle), :mod:`~causal_openlock.files.seal` (signatures for what needs pickle),
-:mod:`~causal_openlock.files.yaml_file`, :mod:`~causal_openlock.files.yaml_edit` and
-:mod:`~causal_openlock.files.validation` (YAML written by hand, with the line of each fault),
+:mod:`~causal_openlock.files.state` (arrays and state dicts without pickle),
+:mod:`~causal_openlock.files.seal` (signatures for what needs pickle),
+:mod:`~causal_openlock.files.yaml_file` and :mod:`~causal_openlock.files.validation` (YAML written
+by hand, with the line of each fault),
 :mod:`~causal_openlock.files.escaping` (untrusted text in terminals and CSV) and
 :mod:`~causal_openlock.files.module_source` (source files of modules, without importing them).
 """

@@ -39,12 +39,7 @@ class ChecksumError(OpenLockError):
 
 
 def fill_in(content: bytes, before: bytes) -> bytes:
-    """Fill in the checksum.
-
-    Args:
-        content: A file with :data:`BLANK` in its place.
-        before: The bytes before it: :data:`IN_PARQUET` or :data:`IN_JSON`.
-    """
+    """Fill in the checksum after ``before``: :data:`IN_PARQUET` or :data:`IN_JSON`."""
     place = content.rindex(before + BLANK) + len(before)
     digits = hashlib.sha256(content).hexdigest().encode()
     return content[:place] + digits + content[place + len(BLANK) :]
@@ -84,10 +79,6 @@ def table_bytes(table: pa.Table, metadata: Mapping[bytes, bytes] | None = None) 
 
 def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table:
     """The table of a Parquet file that :func:`table_bytes` made, with the metadata of its schema.
-
-    Args:
-        content: The file.
-        columns: Those to read; by default all.
 
     Raises:
         ChecksumError: If it is not what was written.

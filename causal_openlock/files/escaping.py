@@ -28,11 +28,12 @@ def printable(text: object) -> str:
     >>> printable("\x1b[31mred")
     '\\x1b[31mred'
     """
-    return _CONTROL.sub(lambda found: _spelled(ord(found[0])), str(text).replace("\r\n", "\n"))
 
+    def spelled(found: re.Match[str]) -> str:
+        code = ord(found[0])
+        return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
 
-def _spelled(code: int) -> str:
-    return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
+    return _CONTROL.sub(spelled, str(text).replace("\r\n", "\n"))
 
 
 def cell(text: str) -> str:

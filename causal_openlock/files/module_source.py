@@ -22,12 +22,8 @@ MODULE_AND_NAME = re.compile(r"\w+(\.\w+)*:\w+(\.\w+)*")
 def module_source(name: str, beside: Iterable[Path] = ()) -> Path | None:
     """The source file that importing a module would run.
 
-    Args:
-        name: Its name, with dots.
-        beside: Folders to search last, as with :func:`look_beside`.
-
-    Returns:
-        The file, or ``None`` if there is none or it is no Python source.
+    The folders ``beside`` are searched last, as with :func:`look_beside`. There is ``None`` for a
+    module that is not there or is no Python source.
 
     Example:
         >>> module_source("causal_openlock.errors").name

@@ -29,14 +29,9 @@ SIZE = 32
 
 
 def seal(content: bytes, kind: str) -> bytes:
-    """The seal of some content.
+    """The seal of content of some kind; other kinds have other seals.
 
-    Args:
-        content: The content.
-        kind: What it is; content of another kind has another seal.
-
-    Returns:
-        The seal; :class:`~causal_openlock.files.state.Transient` if the key cannot be stored.
+    It is :class:`~causal_openlock.files.state.Transient` if the key cannot be stored.
     """
     key, fault = _key(os.environ.get(STATE, ""), os.environ.get("XDG_STATE_HOME", ""))
     made = hmac.digest(key, f"causal_openlock\0{kind}\0".encode() + content, hashlib.sha256)

@@ -52,12 +52,7 @@ _WANTED = {
 
 
 def sentence(fault: Any, model: type[BaseModel]) -> str:
-    """Pydantic's error as a sentence with a remedy.
-
-    Args:
-        fault: One of ``ValidationError.errors()``.
-        model: The model that was validated against.
-    """
+    """One of Pydantic's ``ValidationError.errors()`` as a sentence with a remedy."""
     where, kind, value = fault["loc"], fault["type"], fault.get("input")
     name = ".".join(str(part) for part in where) or "the file"
     in_quotes = value is not None and not isinstance(value, str | Mapping | Sequence)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import networkx as nx
 
@@ -19,6 +19,7 @@ from causal_openlock.errors import SchemaError
 
 HEADS = {"dot": ("digraph",), "dagitty": ("dag", "digraph")}
 MAX_DEPTH = 16
+ENTITIES = str.maketrans({"&": "&amp;", '"': "&quot;", "\\": "&#92;", "\n": "&#10;", "\r": "&#13;"})
 
 TOKEN = re.compile(
     r"""(?P<skip>\s+|//[^\n]*|/\*.*?\*/|^\#[^\n]*)
@@ -30,8 +31,11 @@ TOKEN = re.compile(
 )
 
 
-@dataclass(frozen=True)
-class Token:
+Defaults = dict[str, dict[str, str]]
+"""The attributes set for ``graph``, and by default for each ``node`` and ``edge``."""
+
+
+class Token(NamedTuple):
     """A token: its kind, its text, and its line."""
 
     kind: str
@@ -45,18 +49,14 @@ class Token:
 def parse_graph(text: str, format: str) -> nx.DiGraph:
     """The graph of a text, with all attributes as strings.
 
-    Args:
-        text: The whole text.
-        format: ``dot`` or ``dagitty``; errors name it.
-
     Raises:
-        SchemaError: If the text is no directed graph in that format.
+        SchemaError: If the text is no directed graph in that format, ``dot`` or ``dagitty``.
 
     Example:
         >>> list(parse_graph("digraph { a -> b -> c }", "dot").edges)
         [('a', 'b'), ('b', 'c')]
     """
-    return _Reader(text, format).graph_()
+    return _Reader(text, format).read()
 
 
 def dot_text(graph: nx.DiGraph) -> str:
@@ -100,8 +100,7 @@ def dagitty_text(graph: nx.DiGraph) -> str:
 
 def _quoted(text: object) -> str:
     """A quoted string of either format; characters that could end it become entities."""
-    entities = {"&": "&amp;", '"': "&quot;", "\\": "&#92;", "\n": "&#10;", "\r": "&#13;"}
-    return '"' + "".join(entities.get(letter, letter) for letter in str(text)) + '"'
+    return f'"{str(text).translate(ENTITIES)}"'
 
 
 def _attributes(values: Mapping[str, object]) -> str:
@@ -112,15 +111,13 @@ def _attributes(values: Mapping[str, object]) -> str:
 
 class _Reader:
     def __init__(self, text: str, format: str) -> None:
-        self.format = format
-        self.graph = nx.DiGraph()
-        self.tokens = list(self._split(text))
-        self.at = 0
+        self.format, self.graph, self.depth, self.at = format, nx.DiGraph(), 0, 0
+        self.tokens = list(self.split(text))
 
     def fault(self, line: int, problem: str) -> SchemaError:
         return SchemaError(f"line {line} of this {self.format} text: {problem}")
 
-    def _split(self, text: str) -> Iterator[Token]:
+    def split(self, text: str) -> Iterator[Token]:
         start = 0
         while start < len(text):
             match = TOKEN.match(text, start)
@@ -133,31 +130,24 @@ class _Reader:
                 kind = str(match.lastgroup)
                 yield Token(kind, match[kind], line)
             start = match.end()
-        yield Token("end", "", text.count("\n") + 1)
+        end = Token("end", "", text.count("\n") + 1)
+        yield from (end, end)  # two, as the grammar looks one token ahead
 
     # -- tokens -----------------------------------------------------------------------------------
 
-    def next_is(self, *texts: str) -> bool:
-        token = self.tokens[self.at]
+    def next_is(self, *texts: str, ahead: int = 0) -> bool:
+        token = self.tokens[self.at + ahead]
         return token.kind in ("mark", "word", "edge") and token.text.lower() in texts
 
     def take(self) -> Token:
         token = self.tokens[self.at]
-        self.at = min(self.at + 1, len(self.tokens) - 1)
+        self.at += token.kind != "end"
         return token
 
     def take_if(self, *texts: str) -> bool:
-        if self.next_is(*texts):
-            self.take()
-            return True
-        return False
+        return self.next_is(*texts) and bool(self.take())
 
-    def expect(self, text: str, where: str) -> None:
-        token = self.take()
-        if token.kind in ("quoted", "end") or token.text != text:
-            raise self.fault(token.line, f"{text!r} is needed {where}, and here is {token}; add it")
-
-    def identifier(self, where: str) -> str:
+    def name(self, where: str) -> str:
         token = self.take()
         if token.kind not in ("word", "quoted"):
             raise self.fault(token.line, f"a name is needed {where}, and here is {token}; add one")
@@ -167,57 +157,56 @@ class _Reader:
 
     # -- the grammar ------------------------------------------------------------------------------
 
-    def graph_(self) -> nx.DiGraph:
+    def read(self) -> nx.DiGraph:
         self.take_if("strict")
         first = self.tokens[self.at]
         if not self.take_if(*HEADS[self.format]):
-            begin = HEADS[self.format][0]
             raise self.fault(
                 first.line,
-                f"a directed graph begins with `{begin} {{`, and this begins with "
+                f"a directed graph begins with `{HEADS[self.format][0]} {{`, and this begins with "
                 f"{first.text[:20]!r}; is this the right file?",
             )
         if not self.next_is("{"):
-            self.graph.graph["name"] = self.identifier(f"after {first.text}")
-        self.group({}, {}, 1)
+            self.graph.graph["name"] = self.name(f"after {first.text}")
+        self.group({"graph": self.graph.graph, "node": {}, "edge": {}})
         if (extra := self.take()).kind != "end":
             raise self.fault(extra.line, f"{extra.text!r} comes after the graph; remove it")
         return self.graph
 
-    def group(self, of_nodes: dict[str, str], of_edges: dict[str, str], depth: int) -> list[str]:
+    def group(self, defaults: Defaults) -> list[str]:
         """Statements in braces; defaults set inside end with them. Returns the nodes named."""
-        self.expect("{", "before the statements")
-        if depth > MAX_DEPTH:
+        here = self.tokens[self.at]
+        if not self.take_if("{"):
             raise self.fault(
-                self.tokens[self.at].line, f"braces are nested deeper than {MAX_DEPTH}; unnest them"
+                here.line, f"'{{' is needed before the statements, and here is {here}; add it"
             )
-        of_nodes, of_edges = dict(of_nodes), dict(of_edges)
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise self.fault(here.line, f"braces are nested deeper than {MAX_DEPTH}; unnest them")
+        defaults = {**defaults, "node": {**defaults["node"]}, "edge": {**defaults["edge"]}}
         named: list[str] = []
         while not self.take_if("}"):
             if self.take_if(";", ","):
                 continue
-            following = self.tokens[self.at + 1] if self.at + 1 < len(self.tokens) else None
-            has_list = following is not None and following.kind == "mark" and following.text == "["
-            if has_list and self.next_is("graph", "node", "edge"):
-                defaults = {"graph": self.graph.graph, "node": of_nodes, "edge": of_edges}
+            if self.next_is(*defaults) and self.next_is("[", ahead=1):
                 defaults[self.take().text.lower()].update(self.attributes())
-            elif following is not None and following.kind == "mark" and following.text == "=":
-                key = self.identifier("before =")
-                self.take()
-                value = self.identifier(f"after {key}=")
-                if depth == 1:
+            elif self.next_is("=", ahead=1):
+                key, _ = self.name("before ="), self.take()
+                value = self.name(f"after {key}=")
+                if self.depth == 1:
                     self.graph.graph[key] = value
             else:
-                named += self.path(of_nodes, of_edges, depth)
+                named += self.path(defaults)
+        self.depth -= 1
         return named
 
-    def path(self, of_nodes: dict[str, str], of_edges: dict[str, str], depth: int) -> list[str]:
+    def path(self, defaults: Defaults) -> list[str]:
         """One node, or nodes and groups of nodes with edges between them."""
-        ends = [self.nodes(of_nodes, of_edges, depth)]
+        ends = [self.nodes(defaults)]
         pairs: list[tuple[str, str, int]] = []
         while self.tokens[self.at].kind == "edge":
             arrow = self.take()
-            ends.append(self.nodes(of_nodes, of_edges, depth))
+            ends.append(self.nodes(defaults))
             left, right = ends[-2:] if arrow.text == "->" else (ends[-1], ends[-2])
             if arrow.text not in ("->", "<-" if self.format == "dagitty" else "->"):
                 raise self.fault(
@@ -226,7 +215,7 @@ class _Reader:
                     "cause and which effect; write cause -> effect",
                 )
             pairs += [(cause, effect, arrow.line) for cause in left for effect in right]
-        given = self.attributes() if self.next_is("[") else {}
+        given = self.attributes()
         if not pairs:
             for node in ends[0]:
                 self.graph.nodes[node].update(given)
@@ -235,29 +224,28 @@ class _Reader:
                 raise self.fault(
                     line, f"the edge {cause} -> {effect} is listed twice; remove one of them"
                 )
-            self.graph.add_edge(cause, effect, **{**of_edges, **given})
+            self.graph.add_edge(cause, effect, **{**defaults["edge"], **given})
         return [node for group in ends for node in group]
 
-    def nodes(self, of_nodes: dict[str, str], of_edges: dict[str, str], depth: int) -> list[str]:
+    def nodes(self, defaults: Defaults) -> list[str]:
         """A node or a group of nodes, at one end of an edge or alone."""
         if self.take_if("subgraph") and not self.next_is("{"):
-            self.identifier("after subgraph")
+            self.name("after subgraph")
         if self.next_is("{"):
-            return self.group(of_nodes, of_edges, depth + 1)
-        node = self.identifier("for a node")
+            return self.group(defaults)
+        node = self.name("for a node")
         while self.take_if(":"):
-            self.identifier("after :")
+            self.name("after :")
         if node not in self.graph:
-            self.graph.add_node(node, **of_nodes)
+            self.graph.add_node(node, **defaults["node"])
         return [node]
 
     def attributes(self) -> dict[str, str]:
-        """Lists of attributes in brackets; one without a value gets an empty one."""
+        """Lists of attributes in brackets, if any; one without a value gets an empty one."""
         found: dict[str, str] = {}
         while self.take_if("["):
             while not self.take_if("]"):
-                if self.take_if(",", ";"):
-                    continue
-                key = self.identifier("in brackets")
-                found[key] = self.identifier(f"after {key}=") if self.take_if("=") else ""
+                if not self.take_if(",", ";"):
+                    key = self.name("in brackets")
+                    found[key] = self.name(f"after {key}=") if self.take_if("=") else ""
         return found

@@ -25,19 +25,23 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import compress, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import networkx as nx
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, SchemaError
 from causal_openlock.files.atomic import write_text
-from causal_openlock.files.yaml_file import MAX_BYTES
+from causal_openlock.files.yaml_file import MAX_BYTES, read_text
 from causal_openlock.formats.dot import dagitty_text, dot_text, parse_graph
-from causal_openlock.formats.schema_file import dump_schema, parse_schema, schema_from_dict
+from causal_openlock.formats.schema_file import (
+    dump_schema,
+    parse_schema,
+    read_schema,
+    schema_from_dict,
+)
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import FloatArray, gate_chance
 from causal_openlock.world.schema import DOOR, NAME, Schema
@@ -47,13 +51,12 @@ if TYPE_CHECKING:
     from pgmpy.models import DiscreteBayesianNetwork
 
 
-@dataclass(frozen=True)
-class Format:
+class Format(NamedTuple):
     """A file format that a schema can be written in.
 
     Attributes:
         name: Its name here.
-        suffixes: Suffixes of its files; the first is the default.
+        suffixes: Suffixes of its files.
         description: What it is and what reads it.
         write: From a schema to text.
         read: From text and a default name to a schema; None if it cannot be read.
@@ -64,16 +67,6 @@ class Format:
     description: str
     write: Callable[[Schema], str]
     read: Callable[[str, str], Schema] | None = None
-
-    @property
-    def suffix(self) -> str:
-        """Default suffix of files, such as ``.gml``."""
-        return self.suffixes[0]
-
-    @property
-    def readable(self) -> bool:
-        """Whether a schema can be read from it."""
-        return self.read is not None
 
 
 def export_schema(schema: Schema, format: str) -> str:
@@ -104,7 +97,7 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
     """
     chosen = _format(format)
     if chosen.read is None:
-        readable = ", ".join(known for known, each in FORMATS.items() if each.readable)
+        readable = ", ".join(known for known, each in FORMATS.items() if each.read)
         raise OpenLockError(
             f"{chosen.name} can only be written, as it does not hold all of a schema; "
             f"formats that can be read: {readable}"
@@ -118,12 +111,7 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
 
 
 def write_schema_as(schema: Schema, path: Path | str, format: str | None = None) -> None:
-    """Write a schema to a file.
-
-    Args:
-        schema: What to write.
-        path: Where; a file that is there is replaced in one step.
-        format: Name of the format; by default that of the path's suffix.
+    """Write a schema to a file; by default its suffix gives the format.
 
     Raises:
         OpenLockError: If the format is unknown or the file cannot be written.
@@ -132,25 +120,16 @@ def write_schema_as(schema: Schema, path: Path | str, format: str | None = None)
 
 
 def read_schema_as(path: Path | str, format: str | None = None) -> Schema:
-    """Read a schema from a file; the name of the file is its default name.
-
-    Args:
-        path: The file.
-        format: Name of its format; by default that of the path's suffix.
+    """Read a schema from a file; by default its suffix gives the format and its name the name.
 
     Raises:
         OpenLockError: If the file cannot be read or holds no schema; the text begins with its path.
     """
     path = Path(path)
     chosen = format or _format_of(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise OpenLockError(f"{path}: is not UTF-8 text; save it as UTF-8") from None
-    except OSError as error:
-        raise OpenLockError(f"{path}: cannot be read ({error.strerror}); check the name") from None
     if chosen == "yaml":
-        return parse_schema(text, path)
+        return read_schema(path)
+    text = read_text(path)
     stem = path.stem.replace("-", "_").replace(" ", "_")
     try:
         return import_schema(text, chosen, stem if NAME.fullmatch(stem) else "imported")
@@ -181,12 +160,8 @@ def _format_of(path: Path | str) -> str:
 
 def _plain_graph(schema: Schema) -> nx.DiGraph:
     """The schema as a graph whose attributes are names, numbers and lists of names."""
-    graph = nx.DiGraph(
-        name=schema.name,
-        title=schema.title,
-        levers=list(schema.levers),
-        inert=list(schema.inert),
-    )
+    about = {"name": schema.name, "title": schema.title}
+    graph = nx.DiGraph(**about, levers=list(schema.levers), inert=list(schema.inert))
     for node in [*schema.levers, DOOR]:
         graph.add_node(node, kind="door" if node == DOOR else "lever")
         if schema.causes(node):
@@ -304,6 +279,12 @@ def _read_gml(text: str, name: str) -> Schema:
     return _schema_of(graph, "gml", name)
 
 
+def _write_bif(schema: Schema) -> str:
+    from pgmpy.readwrite import BIFWriter
+
+    return str(BIFWriter(to_bayesian_network(schema)))
+
+
 def _read_dagitty(text: str, name: str) -> Schema:
     graph = parse_graph(text, "dagitty")
     outcomes = [node for node, value in graph.nodes(data="outcome") if value is not None]
@@ -316,7 +297,9 @@ def _read_dagitty(text: str, name: str) -> Schema:
     return _schema_of(graph, "dagitty", name)
 
 
-def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> DiscreteBayesianNetwork:
+def to_bayesian_network(
+    schema: Schema, push_probability: float = 1.0, lock: bool = False
+) -> DiscreteBayesianNetwork:
     """The causal model of one push per lever, causes before effects, then of the door.
 
     A lever's state is 1 if it moved: it was pushed and as many of its causes transmitted as its
@@ -328,6 +311,7 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
     Args:
         schema: The levers and the door.
         push_probability: Probability that a lever is pushed, independent of the others.
+        lock: Whether the door's state is instead that it is unlocked, whatever its strengths.
 
     Returns:
         A checked model whose nodes are the schema's and have the states 0 and 1.
@@ -347,8 +331,11 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
         causes = schema.causes(node)
         bits = [schema.mask([cause]) for cause in causes]
         # pgmpy counts through the causes' states with the first cause slowest.
-        moved = [sum(compress(bits, states)) for states in product((0, 1), repeat=len(causes))]
-        chance = gate_chance(schema, node, np.array(moved, dtype=np.int64))
+        states = product((0, 1), repeat=len(causes))
+        moved = np.array([sum(compress(bits, each)) for each in states], dtype=np.int64)
+        chance = gate_chance(schema, node, moved)
+        if lock and node == DOOR:
+            chance = (np.bitwise_count(moved) >= schema.threshold(DOOR)).astype(float)
         # Rounding may leave a sum of probabilities just above 1.
         chance = chance * (1.0 if node == DOOR else push_probability)
         network.add_cpds(binary_cpd(node, chance, causes))
@@ -359,10 +346,7 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
 def binary_cpd(node: str, chance: FloatArray, causes: Sequence[str] = ()) -> TabularCPD:
     """A conditional probability table of pgmpy for a node with the states 0 and 1.
 
-    Args:
-        node: The node.
-        chance: ``[2^K]`` probability of 1, by the states of K causes, the first one slowest.
-        causes: The causes.
+    ``chance``, ``[2^K]``, is the probability of 1 by the states of the causes, the first slowest.
     """
     from pgmpy.factors.discrete import TabularCPD
 
@@ -374,12 +358,6 @@ def binary_cpd(node: str, chance: FloatArray, causes: Sequence[str] = ()) -> Tab
         evidence_card=[2] * len(causes),
         state_names={each: [0, 1] for each in (node, *causes)},
     )
-
-
-def _write_bif(schema: Schema) -> str:
-    from pgmpy.readwrite import BIFWriter
-
-    return str(BIFWriter(to_bayesian_network(schema)))
 
 
 FORMATS: dict[str, Format] = {

@@ -29,12 +29,13 @@ from pydantic_core import PydanticCustomError
 from causal_openlock.errors import FileError, OpenLockError, SchemaError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.validation import StrictModel, described, sentence
-from causal_openlock.files.yaml_edit import rewritten, styled
 from causal_openlock.files.yaml_file import (
     Document,
     dump_yaml,
     parse_document,
     read_document,
+    rewritten,
+    styled,
 )
 from causal_openlock.wording import nearest
 from causal_openlock.world.schema import MAX_LEVERS, NAME, Gate, Schema

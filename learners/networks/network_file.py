@@ -20,7 +20,7 @@ from pydantic import Field
 
 from causal_openlock.errors import LearnerError
 from causal_openlock.files.atomic import replacing
-from causal_openlock.files.npz import HEADER, Archive, ArchiveError, open_archive, reading
+from causal_openlock.files.state import HEADER, Archive, StateError, open_archive
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.world.room import PAPER_POSITIONS
 from causal_openlock.world.schema import MAX_LEVERS
@@ -72,7 +72,7 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
         LearnerError: If there is no such file, or it holds something else.
     """
     try:
-        with open_archive(path, MOST_BYTES) as archive, reading():
+        with open_archive(path, MOST_BYTES) as archive:
             if archive.sizes.get("about", 0) > _MOST_ABOUT:
                 _refuse("its description is too long")
             about = json.loads(str(archive.read("about")))
@@ -91,7 +91,7 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
             f"there is no checkpoint {path}; make it with python -m learners.meta.training, or "
             "leave the parameter checkpoint out"
         ) from None
-    except (ArchiveError, OSError) as error:
+    except (StateError, OSError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise LearnerError(
             f"{path} is no checkpoint of rl2 ({reason}); make one with python -m "
@@ -117,4 +117,4 @@ def _weights(archive: Archive, name: str, shape: tuple[int, ...]) -> Any:
 
 
 def _refuse(why: str) -> NoReturn:
-    raise ArchiveError(why)
+    raise StateError(why)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from causal_openlock.belief.grammar import class_prior, schema_classes
 from causal_openlock.belief.hypotheses import Space
-from causal_openlock.belief.prior import Prior
+from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import Condition, Trials
@@ -130,7 +130,7 @@ def truth_in(played: Played, schema: Schema) -> float:
     many = len(belief.space.strengths)
     layout = played.session.truth.rooms[0].layout
     slots = belief.slots[list(layout.places)]
-    assert belief.space.blocks[0].active == sum(1 << int(slot) for slot in slots)
+    assert set(belief.space.blocks[0].slots) == {*map(int, slots)}
     behaviour = _acting_as(schema, tuple(slots.tolist()), belief.space)
     return float(belief.weight[belief.which // many == behaviour].sum())
 
@@ -139,7 +139,7 @@ def truth_in(played: Played, schema: Schema) -> float:
 def _acting_as(schema: Schema, slots: tuple[int, ...], space: Space) -> int:
     """Which behaviour of the grey levers a schema has, its levers in these slots."""
     own = space.blocks[0].catalogue
-    true = arrays_of([plain_of(schema)]).relabelled(np.array(slots))
+    true = arrays_of([plain_of(schema)]).on_slots(slots, len(slots))
     both = Structures(
         np.concatenate([own.members.causes, true.causes]),
         np.concatenate([own.members.threshold, true.threshold]),

@@ -13,8 +13,8 @@ from scipy import stats
 from scipy.special import betaln
 
 from causal_openlock.belief.evidence import DOOR, Event, Events, likelihood
-from causal_openlock.belief.hypotheses import Hypotheses
-from causal_openlock.belief.strength import CERTAIN, Strengths, at_least, strengths
+from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
+from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.world.schema import Schema
 from support.belief_by_hand import (
     DOOR_SLOT,
@@ -28,6 +28,7 @@ from support.belief_by_hand import (
 from support.strategies import schemas
 
 POSITIONS = 7
+CERTAIN = 0  # index of the strength 1
 
 
 def both(strength: float) -> Strengths:

@@ -219,7 +219,7 @@ def test_a_catalogue_lists_each_behaviour_once_with_all_that_stands_behind_it(
             if fits_console(plain, solutions, action_limit):
                 by_hand[transcript(plain, action_limit, strength)] += p * chance
     ours = own.prior(prior[None])[0]
-    first = [seen[index] for index in own.first]
+    first = [seen[index] for index in np.unique(own.behaviour, return_index=True)[1]]
     assert set(first) == by_hand.keys()
     assert ours == pytest.approx([by_hand[behaviour] for behaviour in first], abs=1e-12)
 

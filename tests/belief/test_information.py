@@ -34,7 +34,7 @@ def test_information_of_a_trial_sums_to_what_it_cleared_up(traces: list[Trace]) 
         told = trace.entropies[0] - trace.entropies[-1]
         assert own["obtained"].sum() == pytest.approx(told)
         assert own["entropy_before"].tolist() == pytest.approx(trace.entropies[:-1].tolist())
-        assert own["predicted"].tolist() == trace.predicted.tolist()
+        assert own["predicted"].tolist() == trace.table()["gain_predicted"].tolist()
 
 
 def test_what_hypotheses_drawn_anew_tell_is_not_information(traces: list[Trace]) -> None:
@@ -48,7 +48,7 @@ def test_what_hypotheses_drawn_anew_tell_is_not_information(traces: list[Trace])
 def test_every_subject_counts_once(traces: list[Trace]) -> None:
     actions = information_per_action(traces)
     means = mean_information(actions, ["learner"])
-    by_hand = [np.mean(trace.obtained) for trace in traces]
+    by_hand = [trace.table()["gain_obtained"].mean() for trace in traces]
     assert means["subjects"].tolist() == [2]
     assert means["actions"].tolist() == [len(actions)]
     assert means["obtained"].tolist() == pytest.approx([np.mean(by_hand)])

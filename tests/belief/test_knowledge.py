@@ -11,10 +11,8 @@ import pytest
 
 from causal_openlock.belief.beliefs import STRENGTH_NODES
 from causal_openlock.belief.grammar import class_prior, schema_classes
-from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space
-from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, rule_prior
-from causal_openlock.belief.prior import Prior
-from causal_openlock.belief.strength import strengths
+from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
+from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, Prior
 from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.world.schema import Schema
 from support.belief_by_hand import (
@@ -39,15 +37,8 @@ FORK = Schema("fork", ["L0", "L1", "L2"], {"L0": ["L1", "L2"], "L1": ["door"], "
 
 
 def new(concentration: float = 1.0, by_colour: float = 0.5, subjects: int = 1) -> Knowledge:
-    return Knowledge(
-        subjects,
-        7,
-        concentration=concentration,
-        simplicity=SIMPLICITY,
-        free_form=FREE_FORM,
-        rules=rule_prior(by_colour, 0.1),
-        strengths=CERTAIN,
-    )
+    prior = Prior(concentration, SIMPLICITY, FREE_FORM, by_colour, 0.1)
+    return Knowledge(subjects, 7, prior, CERTAIN)
 
 
 @cache
@@ -65,7 +56,7 @@ def alike(schema: Schema) -> tuple[Space, dict[int, object]]:
     space = space_of(levers, len(schema.solutions))
     own = arrays_of([plain_of(schema)])
     wanted = {
-        transcript(plains_of(own.relabelled(np.array(order)))[0], 3)
+        transcript(plains_of(own.on_slots(order, own.levers))[0], 3)
         for order in permutations(range(levers))
     }
     found = {}
@@ -190,7 +181,7 @@ def test_a_room_that_is_left_in_doubt_is_shared_out():
 
 def test_grey_levers_that_are_active_make_the_rule_near_certain():
     knowledge = new()
-    prior = rule_prior(0.5, 0.1)
+    prior = knowledge.prior.rules
     assert prior == pytest.approx([0.45, 0.05, 0.5])
     learn(knowledge, SCHEMAS["CC3"])
     by_hand = prior * [1.0, 0.0, 0.5**7]

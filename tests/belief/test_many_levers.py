@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from causal_openlock import Condition, Session
-from causal_openlock.belief import metropolis, sampling
+from causal_openlock.belief import sampling
 from causal_openlock.belief.catalogue import TABLE_BYTES, catalogue, distance, fits
 from causal_openlock.belief.hypotheses import RoomSight
-from causal_openlock.belief.sampling import Sampler, sampled
+from causal_openlock.belief.sampling import Sampler, metropolis, sampled
 from causal_openlock.belief.structures import Structures, behaviour_bytes
 from causal_openlock.cli import main
 from causal_openlock.experiment.expected_cost import Cost, cost_cautions, expected_cost
@@ -50,7 +50,6 @@ def looked_at(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         return distance(structures, *promise)
 
     monkeypatch.setattr(sampling, "distance", counted)
-    monkeypatch.setattr(metropolis, "distance", counted)
     return counts
 
 
@@ -113,9 +112,7 @@ def test_what_steps_reach_is_as_probable_as_what_is_drawn() -> None:
     drawn, order = sampler.draw(60_000, generator)
     kept = distance(drawn, *promise) == 0
     away = np.flatnonzero(~kept)[:1500]
-    reached = metropolis.metropolis(
-        sampler.guess, drawn[away], order[away], promise, 300, generator
-    )
+    reached = metropolis(sampler, drawn[away], order[away], promise, 300, generator)
     assert len(reached) > 1000
     assert (distance(reached, *promise) == 0).all()
     assert np.abs(shares(reached, n) - shares(drawn[kept], n)).max() < 0.05

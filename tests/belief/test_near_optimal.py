@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from causal_openlock.belief.evidence import DOOR, Event, likelihood
+from causal_openlock.belief.hypotheses import strengths
 from causal_openlock.belief.placements import mixture
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.belief.strength import strengths
 from causal_openlock.formats.schema_file import find_schema
 
 CERTAIN = strengths(0.0, 1.0, 1.0, 1)
@@ -29,7 +29,7 @@ def expected_attempts(hypotheses, prior, limit, objective):
             if len(found) == hypotheses.solutions.shape[1]:
                 continue
             total += prior[who].sum()
-        planner = Planner(hypotheses[who], CERTAIN, objective, found)
+        planner = Planner(hypotheses[who], CERTAIN, objective)
         values = planner.values(prior[who], Situation(pushed, unlocked, left, found))
         slot = int(np.flatnonzero(values >= values.max() - 1e-9)[0])
         for took_effect in (False, True):

@@ -21,15 +21,21 @@ from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
 from causal_openlock.belief.evidence import Event, likelihood
 from causal_openlock.belief.grammar import schema_classes
-from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space
-from causal_openlock.belief.marginals import edge_probabilities
-from causal_openlock.belief.networks import lock_network, model_of, probability_unlocked
+from causal_openlock.belief.hypotheses import (
+    RoomSight,
+    Space,
+    Strengths,
+    at_least,
+    enumerate_space,
+    strengths,
+)
+from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.marginals import edge_probabilities, model_of, probability_unlocked
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.belief.prior import Prior
-from causal_openlock.belief.strength import Strengths, at_least, strengths
 from causal_openlock.belief.structures import gate_dags
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.session import Session
+from causal_openlock.formats.graphs import to_bayesian_network
 from causal_openlock.world.fsm import FSM, compile_schema
 from causal_openlock.world.room import Room, position_names
 from causal_openlock.world.schema import DOOR, Gate, Schema
@@ -224,7 +230,7 @@ def test_the_expected_gain_of_each_next_push_is_that_of_pgmpy(noisy: bool, seed:
     for moment, outcome in play_at_random(machines[truth], generator, attempts=40):
         unlocked &= bool(moment.pushed)  # an attempt begins with a locked door
         found = tuple(mask_of(slots) for slots in moment.found)
-        planner = Planner(space.hypotheses, space.strengths, Objective(1.0, 0.0, 1), found)
+        planner = Planner(space.hypotheses, space.strengths, Objective(1.0, 0.0, 1))
         situation = Situation(mask_of(moment.pushed), unlocked, 3, found)
         values = planner.values(weight, situation)
         for slot in (*range(3), DOOR_SLOT):
@@ -297,7 +303,7 @@ def test_standing_pushed_and_being_tried_are_two_questions() -> None:
 
 def test_the_lock_of_a_noisy_schema_knows_no_chance() -> None:
     for schema in (SCHEMAS["noisy_CC3"], SCHEMAS["CC3"]):
-        table = lock_network(schema, 0.5).get_cpds(DOOR)
+        table = to_bayesian_network(schema, 0.5, lock=True).get_cpds(DOOR)
         np.testing.assert_array_equal(table.get_values(), [[1, 0, 0, 0], [0, 1, 1, 1]])
 
 
@@ -306,7 +312,7 @@ def test_the_lock_of_a_noisy_schema_knows_no_chance() -> None:
 JOINT_DO, WITH_EVIDENCE = "levers that cause one another", "evidence below the outcome"
 MENDED = (
     "CausalInference.query of this pgmpy is right where that of 1.1.2 erred (its issue 3543). "
-    "Good: take this mark away, and the remarks on it in belief/networks.py and schema_formats.py"
+    "Good: take this mark away, and the remarks on it in belief/marginals.py and schema_formats.py"
 )
 
 
@@ -595,7 +601,7 @@ def test_what_cannot_be_set_is_one_sentence() -> None:
 
 def test_beliefs_load_no_pgmpy() -> None:
     code = (
-        "import sys, learners.bayes, causal_openlock.belief.networks, causal_openlock.belief\n"
+        "import sys, learners.bayes, causal_openlock.belief.marginals, causal_openlock.belief\n"
         "print([name for name in ('pgmpy', 'pandas', 'torch') if name in sys.modules])"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

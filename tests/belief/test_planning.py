@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pytest
 
-from causal_openlock.belief.hypotheses import Hypotheses, RoomSight, enumerate_space
+from causal_openlock.belief.hypotheses import RoomSight, Strengths, enumerate_space, strengths
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.belief.strength import Strengths, strengths
+from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.world.schema import Gate, Schema
 from support.belief_by_hand import DOOR_SLOT, Outcome, World, entropy, hypothesis_of, plain_of
 
@@ -66,7 +66,7 @@ class Room:
     def values(self, belief: Belief, at: Situation, objective: Objective) -> np.ndarray:
         """The planner's values of this belief."""
         which = np.array(list(belief))
-        planner = Planner(self.hypotheses[which], self.how, objective, at.found)
+        planner = Planner(self.hypotheses[which], self.how, objective)
         return planner.values(np.array(list(belief.values())), at)
 
     def moments(self, rng: np.random.Generator, attempts: int, left: int) -> Iterator[

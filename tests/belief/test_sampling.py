@@ -17,11 +17,10 @@ from causal_openlock.belief import hypotheses as space_module
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.catalogue import fits, free_form_weight
 from causal_openlock.belief.evidence import DOOR, Event
-from causal_openlock.belief.hypotheses import RoomSight, enumerate_space
+from causal_openlock.belief.hypotheses import RoomSight, at_least, enumerate_space, strengths
+from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.marginals import edge_probabilities
-from causal_openlock.belief.prior import Prior
 from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
-from causal_openlock.belief.strength import at_least, strengths
 from causal_openlock.belief.structures import Structures, gate_dags
 from causal_openlock.experiment.protocol import Condition, Trials
 from causal_openlock.experiment.session import Session
@@ -268,13 +267,13 @@ def three_are_many(monkeypatch):
 
 def solving(belief: Belief) -> dict[frozenset[int], float]:
     """How probable each set of positions is a solution."""
-    probable: Counter[frozenset[int]] = Counter()
     solutions = belief.space.hypotheses.solutions[belief.which]
-    for row, weight in zip(solutions.tolist(), belief.weight.tolist(), strict=True):
-        for mask in row:
-            slots = [slot for slot in range(len(belief.slots)) if mask >> slot & 1]
-            probable[frozenset(belief.positions[slots].tolist())] += weight
-    return probable
+    weight = np.bincount(solutions.ravel(), np.repeat(belief.weight, solutions.shape[1]))
+    slots = range(len(belief.slots))
+    return {
+        frozenset(belief.positions[[slot for slot in slots if mask >> slot & 1]].tolist()):
+        float(weight[mask]) for mask in np.unique(solutions).tolist()
+    }  # fmt: skip
 
 
 def course(

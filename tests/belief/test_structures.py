@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from causal_openlock.belief.lever_sets import members
-from causal_openlock.belief.structures import Structures, gate_dags, linear_extensions, merge
+from causal_openlock.belief.structures import (
+    Structures,
+    gate_dags,
+    linear_extensions,
+    members,
+    merge,
+)
 from causal_openlock.world.fsm import compile_schema
 from support.belief_by_hand import (
     arrays_of,
@@ -109,7 +114,7 @@ def test_linear_extensions_are_topological_orders(levers):
 def test_levers_with_other_names_make_the_same_graph(schema):
     own, n = plain_of(schema), len(schema.levers)
     order = np.random.default_rng(n).permutation(n)
-    relabelled = plains_of(arrays_of([own]).relabelled(order))[0]
+    relabelled = plains_of(arrays_of([own]).on_slots(order, n))[0]
     for was, now in enumerate([*order.tolist(), n]):
         assert relabelled.causes[now] == {int(order[cause]) for cause in own.causes[was]}
         assert relabelled.threshold[now] == own.threshold[was]

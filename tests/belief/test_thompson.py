@@ -10,10 +10,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.belief.hypotheses import Hypotheses, RoomSight, enumerate_space
-from causal_openlock.belief.planning import Situation
-from causal_openlock.belief.strength import strengths
-from causal_openlock.belief.thompson import sample_solution
+from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
+from causal_openlock.belief.planning import Situation, sample_solution
+from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.world.fsm import FloatArray
 from support.belief_by_hand import World
 

@@ -27,8 +27,7 @@ from causal_openlock.belief.structure_schemas import (
     in_words,
     same_structure,
 )
-from causal_openlock.belief.trace import Trace, trace_trial
-from causal_openlock.belief.trace_text import percent, shown_name, trace_text
+from causal_openlock.belief.trace import Trace, percent, shown_name, trace_text, trace_trial
 from causal_openlock.cli import main
 from causal_openlock.contract.learner import View
 from causal_openlock.contract.registry import create
@@ -352,7 +351,7 @@ def test_panels_show_the_trace(cc4: Trace) -> None:
     entropies = panels["entropy"].lines[len(cc4.attempts)].get_ydata()
     np.testing.assert_allclose(entropies, cc4.entropies)
     heights = [bar.get_height() for bar in panels["gains"].patches]
-    gains = np.concatenate([cc4.predicted, cc4.obtained])
+    gains = cc4.table()[["gain_predicted", "gain_obtained"]].to_numpy().T.ravel()
     np.testing.assert_allclose(heights, gains[np.abs(gains) > 0.005])
     (mesh,) = panels["arrows"].collections
     rows = [label.get_text().split(" → ") for label in panels["arrows"].get_yticklabels()]

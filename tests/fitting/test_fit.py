@@ -24,7 +24,7 @@ from causal_openlock.analysis.results.people.human_likeness import (
 )
 from causal_openlock.analysis.results.people.published import POINT
 from causal_openlock.belief.beliefs import Beliefs
-from causal_openlock.belief.prior import Prior
+from causal_openlock.belief.knowledge import Prior
 from causal_openlock.cli import main
 from causal_openlock.contract.learner import Brief, View
 from causal_openlock.errors import LearnerError, OpenLockError, StoreError

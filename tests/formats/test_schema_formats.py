@@ -26,7 +26,7 @@ from causal_openlock.world.schema import DOOR, Gate, Schema
 from support.strategies import schemas
 
 BUNDLED = bundled_schemas()
-READABLE = [name for name, format in FORMATS.items() if format.readable]
+READABLE = [name for name, format in FORMATS.items() if format.read]
 GRAPHS = [name for name in READABLE if name != "yaml"]
 TITLES = st.text(st.characters(exclude_categories=["C", "Zl", "Zp"]), max_size=20)
 
@@ -94,7 +94,7 @@ def test_files_are_known_by_their_suffix(tmp_path, format: str) -> None:
         path = tmp_path / f"lock{suffix}"
         write_schema_as(schema, path)
         assert path.read_text(encoding="utf-8") == export_schema(schema, format)
-        if FORMATS[format].readable:
+        if FORMATS[format].read:
             assert read_schema_as(path) == schema
             other = path.rename(path.with_suffix(".txt"))
             assert read_schema_as(other, format) == schema

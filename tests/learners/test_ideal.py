@@ -9,9 +9,8 @@ from itertools import combinations, permutations
 import numpy as np
 import pytest
 
-from causal_openlock.belief.optimal import Optimum
+from causal_openlock.belief.optimal import Optimum, Symmetry
 from causal_openlock.belief.placements import TooLargeError, mixture, placements
-from causal_openlock.belief.symmetry import Symmetry
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
@@ -182,7 +181,7 @@ def test_symmetry_and_canonical_names_change_nothing_but_the_work(monkeypatch):
     whole = optimum("CC3", "CE3", positions=5)
     expected, nodes = whole.attempts(), whole.nodes
     monkeypatch.setattr(Symmetry, "swappable", lambda *_: False)
-    monkeypatch.setattr(Symmetry, "canonical", lambda _, *state: state)
+    monkeypatch.setattr(Symmetry, "_renamed", lambda _, *state: state)
     plain = optimum("CC3", "CE3", positions=5, node_limit=math.inf)
     assert plain.attempts() == pytest.approx(expected)
     assert plain.nodes > 5 * nodes

@@ -17,8 +17,7 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.belief.grammar import SchemaClass
-from causal_openlock.belief.hypotheses import Hypotheses
-from causal_openlock.belief.structures import NEVER, Structures
+from causal_openlock.belief.structures import NEVER, Hypotheses, Structures
 from causal_openlock.world.fsm import FSM, compile_schema
 from causal_openlock.world.room import Layout, Room
 from causal_openlock.world.schema import DOOR, Gate, Schema

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from causal_openlock.belief.beliefs import Belief, Beliefs
-from causal_openlock.belief.prior import Prior
+from causal_openlock.belief.knowledge import Prior
 from causal_openlock.contract.learner import Step, View
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.experiment.session import Session

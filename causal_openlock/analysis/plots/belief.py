@@ -23,8 +23,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.style import COMMON_CAUSE, COMMON_EFFECT, Plot
-from causal_openlock.belief.trace import Trace, TracedAction
-from causal_openlock.belief.trace_text import agreement, percent, shown_name
+from causal_openlock.belief.trace import Trace, TracedAction, agreement, percent, shown_name
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.render.arrange import arrange
