@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -45,6 +45,7 @@ from causal_openlock.experiment.expected_cost import Cost
 from causal_openlock.world.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, pick
 from causal_openlock.world.schema import Schema
+from learners.networks.checkpointed import Checkpointed
 
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
@@ -73,11 +74,17 @@ class BayesParameters(Prior):
     lapse: Annotated[Share, "share of actions that are random"] = 0.0
 
 
-class Bayes(BeliefLearner):
+class Bayes(Checkpointed, BeliefLearner):
     """Acts on a posterior over the causal structure of the room."""
 
     Parameters = BayesParameters
     parameters: BayesParameters
+    checkpointed: ClassVar = {
+        "beliefs": "beliefs",
+        "draws": "_draws",
+        "intended": "_plans",
+        "tried": "_tried",
+    }
 
     @classmethod
     def expected_cost(cls, parameters: BayesParameters, schema: Schema, action_limit: int) -> Cost:
@@ -196,19 +203,3 @@ class Bayes(BeliefLearner):
         self.beliefs.update(step)
         for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
             self._plans[subject] = None
-
-    def state_dict(self) -> dict[str, Any]:
-        """Beliefs, plans and randomness."""
-        return {
-            "beliefs": self.beliefs.state_dict(),
-            "draws": self._draws.state_dict(),
-            "intended": list(self._plans),
-            "tried": list(self._tried),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        self.beliefs.load_state_dict(state["beliefs"])
-        self._draws.load_state_dict(state["draws"])
-        self._plans = list(state["intended"])
-        self._tried = list(state["tried"])

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -74,14 +74,14 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
     try:
         with open_archive(path, MOST_BYTES) as archive, reading():
             if archive.sizes.get("about", 0) > _MOST_ABOUT:
-                _refuse("its description is too long")
+                raise ArchiveError("its description is too long")
             about = json.loads(str(archive.read("about")))
             checked = About.model_validate(about)
             sizes, positions = checked.sizes, checked.positions
             # A stack of no networks has all shapes and takes no memory.
             expected = make_policy(sizes, positions, []).state_dict()
             if archive.sizes.keys() != {"about", *expected}:
-                _refuse("it does not hold the weights of a network of its sizes")
+                raise ArchiveError("it does not hold the weights of a network of its sizes")
             weights = {
                 name: _weights(archive, name, tuple(tensor.shape[1:]))
                 for name, tensor in expected.items()
@@ -106,15 +106,9 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
 def _weights(archive: Archive, name: str, shape: tuple[int, ...]) -> Any:
     # Unpacked only if it is as large as it must be.
     least = 4 * math.prod(shape)
-    if not least < archive.sizes[name] <= least + HEADER:
-        _refuse(f"it does not fit its own sizes at {name}")
-    held = archive.read(name)
-    if held.shape != shape or held.dtype != np.float32:
-        _refuse(f"it does not fit its own sizes at {name}")
+    held = archive.read(name) if least < archive.sizes[name] <= least + HEADER else None
+    if held is None or held.shape != shape or held.dtype != np.float32:
+        raise ArchiveError(f"it does not fit its own sizes at {name}")
     if not np.isfinite(held).all():
-        _refuse(f"not all numbers in {name} are finite")
+        raise ArchiveError(f"not all numbers in {name} are finite")
     return held
-
-
-def _refuse(why: str) -> NoReturn:
-    raise ArchiveError(why)

@@ -9,7 +9,7 @@ Schulman et al., 2016).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -51,6 +51,19 @@ class Rollout(NamedTuple):
     done: Tensor  # nothing that follows counts for the step
     mask: Tensor  # the step happened
     bootstrap: Tensor  # [N, M] value of what follows the last step
+
+    @staticmethod
+    def stacked(steps: list[dict[str, Any]], networks: int) -> dict[str, Tensor]:
+        """``[N, T, M, ...]`` parts of T steps; each part of a step is ``[N * M, ...]``."""
+        return {
+            name: torch.from_numpy(
+                np.stack(
+                    [step[name].reshape(networks, -1, *step[name].shape[1:]) for step in steps],
+                    axis=1,
+                )
+            )
+            for name in steps[0]
+        }
 
     def of_rooms(self, which: Tensor) -> Rollout:
         """The same steps in some of the rooms."""

@@ -27,8 +27,6 @@ from learners.networks.recurrent_cells import StackedGRU, StackedLinear
 
 OWN, SHARED = 4, 9
 """Numbers perceived of each lever (pushed, grey, just pushed, just pulled), and of the room."""
-
-
 MOST_UNITS = 1024
 """The largest size that a network may have."""
 Units = Annotated[int, Field(ge=1, le=MOST_UNITS)]
@@ -98,6 +96,12 @@ class RecurrentPolicy(nn.Module, ABC):
             ``[N, T, M, A]`` logits of the actions, ``[N, T, M]`` values, and ``[N, M, S]`` the last
             hidden state.
         """
+
+    @torch.no_grad()
+    def step(self, inputs: Tensor, state: Tensor, fresh: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Run over one step; all shapes are as for :meth:`forward`, without T."""
+        logits, values, state = self(inputs[:, None], state, fresh[:, None])
+        return logits[:, 0], values[:, 0], state
 
 
 class LeverPolicy(RecurrentPolicy):
@@ -223,16 +227,14 @@ class FlatPolicy(RecurrentPolicy):
         self, inputs: Tensor, state: Tensor, fresh: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Run over T steps; see :class:`RecurrentPolicy`."""
-        projected = torch.baddbmm(
-            self.room.input_bias, inputs.flatten(1, 2), self.room.input_weight
-        )
+        room = self.room
+        projected = torch.baddbmm(room.input_bias, inputs.flatten(1, 2), room.input_weight)
         states = []
         for step, piece in enumerate(projected.view(*inputs.shape[:3], -1).unbind(1)):
             if fresh is not None and bool(fresh[:, step].any()):
-                kept = (~fresh[:, step]).to(state.dtype)[..., None]
-                state = torch.mul(state, kept)
-            recurrent = torch.baddbmm(self.room.hidden_bias, state, self.room.hidden_weight)
-            state = self.room.step(piece, recurrent, state)
+                state = state * (~fresh[:, step]).to(state.dtype)[..., None]
+            recurrent = torch.baddbmm(room.hidden_bias, state, room.hidden_weight)
+            state = room.step(piece, recurrent, state)
             states.append(state)
         read = torch.relu(self.reads(torch.stack(states, dim=1).flatten(1, 2)))
         policy, critic = read.chunk(2, dim=-1)
