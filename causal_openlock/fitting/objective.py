@@ -67,15 +67,9 @@ def conditions_to_fit(how: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Job:
-    """Some subjects of one candidate in one condition.
+    """Some subjects of one candidate in one of the paper's conditions, from number ``first`` on.
 
-    Attributes:
-        learner: Registered name of the learner.
-        parameters: Those that differ from their defaults.
-        condition: Name of one of the paper's conditions.
-        first: Number of the first subject.
-        subjects: How many.
-        seed: Seed of all randomness.
+    ``parameters`` are those that differ from the learner's defaults.
     """
 
     learner: str

@@ -46,12 +46,7 @@ class FittedLearner:
 
 
 def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
-    """The fitted learner, from what it did in all six conditions.
-
-    Args:
-        fitted: The fit.
-        trials: From :func:`~causal_openlock.fitting.study.fit`.
-    """
+    """The fitted learner, from what :func:`~causal_openlock.fitting.study.fit` returns."""
     plan = fitted.plan
     label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
     points = points_of(trials)
@@ -71,12 +66,7 @@ def entry(found: FittedLearner, learner: str) -> dict[str, Any]:
 
 
 def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) -> list[Path]:
-    """Write the result of a fit.
-
-    Args:
-        fitted: The fit.
-        found: From :func:`fitted_learner`.
-        folder: Where to write it.
+    """Write the result of a fit into a folder.
 
     Returns:
         The files: ``experiment.yaml``, which plays the fitted learner beside the plain one,
