@@ -47,11 +47,9 @@ LOG_EVERY = 10.0
 
 
 class MetaTraining(Checkpointed):
-    """A meta-training that can be interrupted after any update.
+    """A meta-training, as a file declares it, that can be interrupted after any update.
 
-    Args:
-        file: What is trained, and on what.
-        beside: Folder in which schemas are searched first.
+    Schemas are searched in the folder ``beside`` first.
     """
 
     checkpointed: ClassVar = {
@@ -198,12 +196,9 @@ def resume(training: MetaTraining, path: Path) -> None:
 
 
 def train(training: MetaTraining, out: Path, log: Callable[[str], None]) -> None:
-    """Train to the end, and write the network.
+    """Train to the end, and write the network; ``log`` takes lines of progress.
 
-    Args:
-        training: What to train; it goes on if it was interrupted.
-        out: The checkpoint to write; ``OUT.training`` stands beside it until the end.
-        log: Takes lines of progress.
+    ``OUT.training`` is beside it until the end, from which an interrupted training goes on.
 
     Raises:
         ExperimentError: If another training was interrupted there, or its file is damaged.

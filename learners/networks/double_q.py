@@ -28,6 +28,11 @@ Device = Literal["auto", "cpu", "cuda"]
 OptimizerName = Literal["adam", "rmsprop", "sgd"]
 Loss = Literal["huber", "squared"]
 
+OPTIMIZERS: dict[OptimizerName, Any] = {
+    "adam": torch.optim.Adam,
+    "rmsprop": torch.optim.RMSprop,
+    "sgd": torch.optim.SGD,
+}
 LARGE_TABLE = 1000
 """Observations from which on the target network no longer evaluates all of them ahead of time."""
 
@@ -96,11 +101,7 @@ class StackedMLP:
         return twin
 
     def activations(self, inputs: Tensor) -> list[Tensor]:
-        """The input of each layer, and last the outputs.
-
-        Args:
-            inputs: ``[N, M, in]``, or ``[M, in]`` for the same inputs to every agent.
-        """
+        """The input of each layer, and last the outputs; inputs are as for :meth:`__call__`."""
         layers = [inputs.expand(self.agents, -1, -1)]
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             if layer:
@@ -113,11 +114,9 @@ class StackedMLP:
         return self.activations(inputs)[-1]
 
     def backward(self, activations: list[Tensor], gradient: Tensor) -> None:
-        """Set ``parameters.grad``.
+        """Set ``parameters.grad`` by the ``[N, M, out]`` gradient of each agent's loss.
 
-        Args:
-            activations: As :meth:`activations` returned them.
-            gradient: ``[N, M, out]`` of each agent's loss with respect to its outputs.
+        The gradient is with respect to the outputs, the last of :meth:`activations`.
         """
         weights, biases = self._gradients
         for layer in reversed(range(len(weights))):
@@ -168,20 +167,16 @@ class StackedDoubleQ:
         self.target_period = target_period
         self.loss = loss
         self.updates = 0
-        parameters = [self.online.parameters]
         # On a GPU the optimizer counts its steps there, so that nothing has to wait for the count.
-        self._capturable = parameters[0].device.type == "cuda"
-        self.optimizer: torch.optim.Optimizer
-        if optimizer == "adam":
-            self.optimizer = torch.optim.Adam(
-                parameters, lr=learning_rate, fused=True, capturable=self._capturable
-            )
-        elif optimizer == "rmsprop":
-            self.optimizer = torch.optim.RMSprop(
-                parameters, lr=learning_rate, capturable=self._capturable
-            )
-        else:
-            self.optimizer = torch.optim.SGD(parameters, lr=learning_rate)
+        self._capturable = self.online.parameters.device.type == "cuda"
+        options: dict[str, Any] = {
+            "adam": {"fused": True, "capturable": self._capturable},
+            "rmsprop": {"capturable": self._capturable},
+            "sgd": {},
+        }[optimizer]
+        self.optimizer = OPTIMIZERS[optimizer](
+            [self.online.parameters], lr=learning_rate, **options
+        )
         self.observe(torch.zeros(0, self.online.sizes[0]))
 
     def observe(self, table: Tensor) -> None:
@@ -192,11 +187,9 @@ class StackedDoubleQ:
     def greedy(
         self, observations: NDArray[Any], wanted: NDArray[np.bool_] | None = None
     ) -> NDArray[np.int64]:
-        """``[N]`` the best action for each agent's observation.
+        """``[N]`` the best action for each agent's observation, ``[N, in]``.
 
-        Args:
-            observations: ``[N, in]``.
-            wanted: ``[N]`` whose actions are wanted; the others' can be any. By default all are.
+        Of agents that are not ``wanted``, ``[N]``, it can be any. By default all are.
         """
         inputs = torch.from_numpy(observations).to(self.online.parameters)[:, None]
         best: NDArray[np.int64] = self.online(inputs).squeeze(1).argmax(dim=1).cpu().numpy()
@@ -223,11 +216,9 @@ class StackedDoubleQ:
     def _rows_of(self, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
         """Which observations to evaluate: the whole table, or those of the transitions if fewer.
 
-        The shapes do not depend on the data, as a CUDA graph needs it.
-
-        Returns:
-            ``[N, U]`` rows of the table, and ``[N, M]`` the columns among them of the observations
-            before and after each transition.
+        That is ``[N, U]`` rows of the table, and the ``[N, M]`` columns among them of the
+        observations before and after each transition. The shapes do not depend on the data, as a
+        CUDA graph needs it.
         """
         agents, many = batch.before.shape
         every = torch.arange(min(len(self._table), 2 * many), device=batch.before.device)

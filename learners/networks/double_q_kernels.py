@@ -388,10 +388,8 @@ def look_up(batch: Batch, agent: int, table: TargetTable, scratch: Scratch) -> t
     """Gather the distinct observations of an agent's minibatch in ``scratch``.
 
     Those that an action was taken in come first. What followed is left out where the target ends
-    there, since nothing needs to be evaluated.
-
-    Returns:
-        How many an action was taken in, and how many there are.
+    there, since nothing needs to be evaluated. Returned are how many an action was taken in, and
+    how many there are.
     """
     before, after, not_done = batch.before[agent], batch.after[agent], batch.not_done[agent]
     column, rows = scratch.column, scratch.rows
@@ -464,21 +462,11 @@ def update(
     loss: int,
     scratch: Scratch,
 ) -> Floats:
-    """One gradient step for each agent that trains.
+    """One gradient step for each agent that ``trains``, ``[N]``, on a minibatch of arrays.
 
-    Args:
-        online: The networks to train.
-        target: The target networks.
-        batch: The minibatches, as arrays.
-        trains: ``[N]`` which agents take the step.
-        table: What the numbers in the minibatches mean.
-        optimizer: By what the step is taken.
-        gamma: Discount factor.
-        loss: ``HUBER`` or ``SQUARED``.
-        scratch: Room for all distinct observations of an agent's minibatch.
-
-    Returns:
-        ``[N, M]`` the TD errors before the step, also of agents that take none.
+    ``loss`` is ``HUBER`` or ``SQUARED``, and ``scratch`` has room for all distinct observations of
+    an agent's minibatch. Returned are the ``[N, M]`` TD errors before the step, also of agents that
+    take none.
     """
     errors = np.empty(batch.reward.shape, dtype=online.flat.dtype)
     actions = online.sizes[-1]

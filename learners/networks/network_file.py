@@ -44,13 +44,9 @@ class About(StrictModel, extra="ignore"):
 def write_network(
     path: Path | str, network: RecurrentPolicy, positions: int, about: dict[str, Any]
 ) -> None:
-    """Write a single network.
+    """Write a single network (N = 1), trained in rooms of so many positions, whole or not at all.
 
-    Args:
-        path: Where to; the file is complete or not there.
-        network: The network, N = 1.
-        positions: Levers of the rooms that it was trained in.
-        about: Anything else to write about it, as plain data.
+    ``about`` is anything else to write about it, as plain data.
     """
     about = {"format": 1, "sizes": network.sizes.model_dump(), "positions": positions, **about}
     weights = {name: tensor[0].numpy() for name, tensor in network.state_dict().items()}
@@ -59,14 +55,7 @@ def write_network(
 
 
 def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, dict[str, Any]]:
-    """Read a network.
-
-    Args:
-        path: The file.
-        copies: How many networks of the same weights to make, N.
-
-    Returns:
-        The networks, and what was written about them.
+    """Read so many copies of a network, and what was written about it.
 
     Raises:
         LearnerError: If there is no such file, or it holds something else.

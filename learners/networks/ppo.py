@@ -79,10 +79,7 @@ class Rollout(NamedTuple):
 def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:
     """``[N, T, M]`` how much better each action was than expected (GAE).
 
-    Args:
-        rollout: What happened.
-        gamma: Discount factor.
-        gae_lambda: 0 trusts the values after one step, 1 only what was earned.
+    A lambda of 0 trusts the values after one step, 1 only what was earned.
     """
     advantage = torch.zeros_like(rollout.value)
     following, ahead = rollout.bootstrap, torch.zeros_like(rollout.bootstrap)
@@ -100,36 +97,20 @@ def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """Settings of proximal policy optimization.
-
-    Attributes:
-        learning_rate: Of Adam.
-        gamma: Discount factor.
-        gae_lambda: Lambda of the advantage estimate.
-        clip: How far an action's probability may move from what it was, as a share of it.
-        value_weight: Weight of the squared error of the values.
-        epochs: How often a rollout is gone through.
-        minibatches: Parts of its rooms that are learned from one after another.
-        max_grad_norm: Norm to which gradients are clipped.
-    """
+    """Settings of proximal policy optimization."""
 
     learning_rate: float = 0.001
     gamma: float = 0.97
     gae_lambda: float = 0.95
-    clip: float = 0.2
-    value_weight: float = 0.5
+    clip: float = 0.2  # how far an action's probability may move, as a share of what it was
+    value_weight: float = 0.5  # of the squared error of the values
     epochs: int = 2
-    minibatches: int = 4
+    minibatches: int = 4  # parts of the rooms, learned from one after another
     max_grad_norm: float = 0.5
 
 
 class PPO(Checkpointed):
-    """Improves N policies from their rollouts.
-
-    Args:
-        network: The policies.
-        settings: How.
-    """
+    """Improves N policies from their rollouts."""
 
     checkpointed: ClassVar = {"network": "network", "optimiser": "optimizer"}
 
@@ -141,15 +122,9 @@ class PPO(Checkpointed):
     def update(
         self, rollout: Rollout, entropy_weight: float, generator: np.random.Generator | None = None
     ) -> dict[str, float]:
-        """Learn from a rollout.
+        """Learn from a rollout; returns means over it of ``entropy``, ``value_error``, ``clipped``.
 
-        Args:
-            rollout: What happened.
-            entropy_weight: Weight of the policy's entropy.
-            generator: Mixes the rooms before they are split; not needed for a single minibatch.
-
-        Returns:
-            Means over the rollout: ``entropy``, ``value_error`` and ``clipped``.
+        The generator mixes the rooms before they are split; a single minibatch needs none.
         """
         settings = self.settings
         advantage = advantages(rollout, settings.gamma, settings.gae_lambda)

@@ -49,14 +49,9 @@ class Sizes(StrictModel):
 
 
 def split(inputs: Tensor, positions: int) -> tuple[Tensor, Tensor]:
-    """Inputs, sorted by lever.
+    """What :class:`~learners.networks.perception.Perception` returns, sorted by lever.
 
-    Args:
-        inputs: ``[..., in]`` as :class:`~learners.networks.perception.Perception` returns them.
-        positions: Levers, P.
-
-    Returns:
-        ``[..., P, 4]`` of each lever and ``[..., 9]`` of the room.
+    That is ``[..., P, 4]`` of each lever and ``[..., 9]`` of the room, from ``[..., in]``.
     """
     pushed, grey, door, push, pull, rest = torch.split(
         inputs,
@@ -111,10 +106,6 @@ class LeverPolicy(RecurrentPolicy):
     (their mean and their maximum) and from that of the lever acted on last; each lever's from what
     is perceived of it, and from the room's. A lever's own state and the room's then give the logits
     of pushing it and of pulling it.
-
-    Args:
-        sizes: Its sizes.
-        generators: One source of initial weights for each network.
     """
 
     def __init__(self, sizes: Sizes, generators: Sequence[np.random.Generator]) -> None:
@@ -200,13 +191,7 @@ def _pooled(levers: Tensor) -> Tensor:
 
 
 class FlatPolicy(RecurrentPolicy):
-    """A plain recurrent network, with inputs and actions of each position of its own.
-
-    Args:
-        sizes: Its sizes.
-        positions: Levers of the rooms that it is made for.
-        generators: One source of initial weights for each network.
-    """
+    """A plain recurrent network, with inputs and actions of each position of its own."""
 
     def __init__(
         self, sizes: Sizes, positions: int, generators: Sequence[np.random.Generator]
