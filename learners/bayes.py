@@ -108,6 +108,13 @@ class Bayes(Checkpointed, BeliefLearner):
         self.beliefs = Beliefs(brief, self.parameters, samples)
         self._plans: list[tuple[int, ...] | None] = [None] * brief.subjects
         self._tried = [0] * brief.subjects
+        self._objectives = {
+            "solve_and_learn": Objective(1.0, self.parameters.beta),
+            "solve": Objective(0.0, 1.0),
+            # When there is nothing left to learn, solving decides.
+            "learn_attempt": Objective(1.0, ALMOST_NOTHING),
+            "learn_action": Objective(1.0, 0.0, horizon=1),
+        }
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the action of each subject."""
@@ -141,18 +148,10 @@ class Bayes(Checkpointed, BeliefLearner):
 
     def _values(self, belief: Belief, situation: Situation) -> FloatArray:
         """``[P + 1]`` value of pushing each lever, and the door, under the policy."""
-        beta = self.parameters.beta
-        if self.parameters.policy == "solve_and_learn":
-            return self._plan(belief, situation, Objective(1.0, beta))
-        solve = Objective(0.0, 1.0)
-        if self.parameters.policy == "solve":
-            return self._plan(belief, situation, solve)
-        if self.parameters.policy == "learn_attempt":
-            # When there is nothing left to learn, solving decides.
-            return self._plan(belief, situation, Objective(1.0, ALMOST_NOTHING))
-        values = self._plan(belief, situation, Objective(1.0, 0.0, horizon=1))
-        if situation.unlocked or values.max() < TIE:
-            to_solve = self._plan(belief, situation, solve)
+        policy = self.parameters.policy
+        values = self._plan(belief, situation, self._objectives[policy])
+        if policy == "learn_action" and (situation.unlocked or values.max() < TIE):
+            to_solve = self._plan(belief, situation, self._objectives["solve"])
             if values.max() < TIE or to_solve[-1] > 0:
                 return to_solve
         return values
@@ -185,12 +184,11 @@ class Bayes(Checkpointed, BeliefLearner):
         return missing[0]
 
     def _plan(self, belief: Belief, situation: Situation, objective: Objective) -> FloatArray:
+        space = belief.space
         chosen, weight = thinned(belief.weight, self.parameters.planned)
         which = belief.which[chosen]
-        space = belief.space
-        belief_key = blake2b(which.tobytes() + weight.tobytes(), digest_size=16).digest()
-        key = (objective, situation, belief_key)
-        plans = _PLANS.setdefault(space, {})
+        digest = blake2b(which.tobytes() + weight.tobytes(), digest_size=16).digest()
+        key, plans = (objective, situation, digest), _PLANS.setdefault(space, {})
         if key not in plans:
             if len(plans) >= MOST_PLANS:
                 plans.clear()

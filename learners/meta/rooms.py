@@ -33,28 +33,16 @@ _KEPT = ("_schema", "_listed_at", "_bits", "_trial", "_trials", "life_over")
 
 @dataclass(frozen=True)
 class Distribution:
-    """What rooms are drawn from.
-
-    Attributes:
-        schemas: The schemas.
-        weights: How often each is drawn, relative to the others.
-        rewards: Names of reward functions, one of which a life perceives.
-        attempt_limit: Attempts in a trial.
-        trials: The fewest and the most trials in a life.
-        change: Chance that a trial's schema is drawn anew, and not that of the one before.
-        excluded: Sets of positions at which a room's grey levers never stand.
-        placements: In how many ways levers are placed at all, whatever their number, drawn once;
-            ``None`` draws each room's anew.
-    """
+    """What rooms are drawn from; a :class:`~learners.meta.file.RoomsFile` declares it."""
 
     schemas: tuple[Schema, ...]
-    weights: tuple[float, ...]
-    rewards: tuple[str, ...] = ("unique_solutions",)
+    weights: tuple[float, ...]  # how often each schema is drawn, relative to the others
+    rewards: tuple[str, ...] = ("unique_solutions",)  # a life perceives one of these
     attempt_limit: int = 30
-    trials: tuple[int, int] = (1, 7)
+    trials: tuple[int, int] = (1, 7)  # the fewest and the most in a life
     change: float = 0.15
-    excluded: frozenset[frozenset[int]] = frozenset()
-    placements: int | None = None
+    excluded: frozenset[frozenset[int]] = frozenset()  # sets of positions of grey levers
+    placements: int | None = None  # ways to place any number of levers; None: all
 
 
 class MetaRooms:
@@ -74,24 +62,24 @@ class MetaRooms:
     """
 
     def __init__(
-        self,
-        distribution: Distribution,
-        rooms: int,
-        generator: np.random.Generator,
+        self, distribution: Distribution, rooms: int, generator: np.random.Generator
     ) -> None:
         self.distribution, self.generator = distribution, generator
         self._levers = np.array([len(schema.levers) for schema in distribution.schemas])
-        tables = RoomTables(POSITIONS)
+        self._tables = RoomTables(POSITIONS)
         listed = [
-            (schema, Layout(tuple(range(levers)), POSITIONS), default_action_limit(schema))
-            for schema, levers in zip(distribution.schemas, self._levers.tolist(), strict=True)
+            (
+                schema,
+                Layout(tuple(range(len(schema.levers))), POSITIONS),
+                default_action_limit(schema),
+            )
+            for schema in distribution.schemas
         ]
-        self._listed = tables.add(listed)
-        self._tables = tables
+        self._listed = self._tables.add(listed)
         weights = np.array(distribution.weights, dtype=float)
         self._reached = np.cumsum(weights / weights.sum())
         self._batch = RoomBatch(
-            tables,
+            self._tables,
             [find_reward(name) for name in distribution.rewards],
             rooms,
             distribution.attempt_limit,
@@ -106,7 +94,7 @@ class MetaRooms:
             subjects=rooms,
             positions=POSITIONS,
             action_names=action_names(POSITIONS),
-            action_limit=int(tables.action_limit.max()),
+            action_limit=int(self._tables.action_limit.max()),
             attempt_limit=distribution.attempt_limit,
             trials=distribution.trials[1],
             generators=(),

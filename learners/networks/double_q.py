@@ -1,4 +1,4 @@
-"""Double Q-learning for N agents at once, in plain torch.
+"""Double Q-learning for N agents at once, in torch; on a GPU replayed as a CUDA graph.
 
 N networks of the same shape keep their weights as ``[N, in, out]`` tensors, so that one batched
 matrix product evaluates all of them and one optimizer step trains all of them. Nothing is shared:
@@ -22,6 +22,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from learners.networks.cuda_graph import Captured
 from learners.networks.replay_buffer import Batch
 
 Device = Literal["auto", "cpu", "cuda"]
@@ -33,6 +34,8 @@ OPTIMIZERS: dict[OptimizerName, Any] = {
     "rmsprop": torch.optim.RMSprop,
     "sgd": torch.optim.SGD,
 }
+LEAST_TABLE = 64
+"""Rows of the padded table of observations at first; it doubles whenever it is full."""
 LARGE_TABLE = 1000
 """Observations from which on the target network no longer evaluates all of them ahead of time."""
 
@@ -137,6 +140,9 @@ class StackedDoubleQ:
     read off; loss and gradient are the same as if each transition had been evaluated by itself. The
     target network changes seldom, so its values of the whole table are kept until it does.
 
+    All shapes and addresses stay the same while the table grows within its padding, so that a GPU
+    can replay updates as a CUDA graph (:mod:`learners.networks.cuda_graph`).
+
     Args:
         sizes: As for :class:`StackedMLP`.
         generators: One source of initial weights for each agent.
@@ -177,12 +183,23 @@ class StackedDoubleQ:
         self.optimizer = OPTIMIZERS[optimizer](
             [self.online.parameters], lr=learning_rate, **options
         )
-        self.observe(torch.zeros(0, self.online.sizes[0]))
+        self._captured: dict[tuple[torch.Size, ...], Captured] = {}
+        self._table = self.online.parameters.new_zeros(0, self.online.sizes[0])
+        self._target_values: Tensor | None = None
+        self.observe(self._table)
 
     def observe(self, table: Tensor) -> None:
         """Replace the table of ``[D, in]`` distinct observations, which all indices refer to."""
-        self._table = table.to(self.online.parameters)
-        self._target_values: Tensor | None = None
+        rows = LEAST_TABLE
+        while rows < len(table):
+            rows *= 2
+        if len(self._table) != rows:
+            self._table = self.online.parameters.new_zeros(rows, self.online.sizes[0])
+            self._target_values = None
+            self._captured.clear()  # captured steps read the old table at its address
+        self._table.zero_()
+        self._table[: len(table)] = table.to(self._table)
+        self._target_changed()
 
     def greedy(
         self, observations: NDArray[Any], wanted: NDArray[np.bool_] | None = None
@@ -202,12 +219,9 @@ class StackedDoubleQ:
         values, actions = activations[-1], self.online.sizes[-1]
         # Double Q: the online network chooses, the target network evaluates.
         choice = values.argmax(dim=2).gather(1, after)
-        if len(self._table) > LARGE_TABLE:
+        target_values, row = self._target_values, batch.after
+        if target_values is None:
             target_values, row = self.target(self._table[rows]), after
-        else:
-            if self._target_values is None:
-                self._target_values = self.target(self._table)
-            target_values, row = self._target_values, batch.after
         following = target_values.flatten(1).gather(1, row * actions + choice)
         td_target = batch.reward + batch.not_done * following * self.gamma
         output = before * actions + batch.action
@@ -217,8 +231,7 @@ class StackedDoubleQ:
         """Which observations to evaluate: the whole table, or those of the transitions if fewer.
 
         That is ``[N, U]`` rows of the table, and the ``[N, M]`` columns among them of the
-        observations before and after each transition. The shapes do not depend on the data, as a
-        CUDA graph needs it.
+        observations before and after each transition.
         """
         agents, many = batch.before.shape
         every = torch.arange(min(len(self._table), 2 * many), device=batch.before.device)
@@ -241,12 +254,18 @@ class StackedDoubleQ:
         Returns:
             ``[N, M]`` the TD errors before the step.
         """
-        errors = self._train(batch, trains)
+        given = (*batch, *(() if trains is None else (trains,)))
+        shapes = tuple(tensor.shape for tensor in given)
+        if shapes not in self._captured:
+            self._captured[shapes] = Captured(self._train, self.online.parameters.device)
+        errors = self._captured[shapes](*given)
         self._after_step()
         return errors
 
-    def _train(self, batch: Batch, trains: Tensor | None) -> Tensor:
+    def _train(self, *given: Tensor) -> Tensor:
         """The update on the device; counting and the target network are :meth:`_after_step`'s."""
+        batch = Batch(*given[: len(Batch._fields)])
+        trains = given[-1] if len(given) > len(batch) else None
         errors, activations, output = self._evaluate(batch)
         # The slope of half the square is the error; Huber's never exceeds 1.
         slope = errors.clamp(-1.0, 1.0) if self.loss == "huber" else errors
@@ -282,7 +301,11 @@ class StackedDoubleQ:
             self._target_changed()
 
     def _target_changed(self) -> None:
-        self._target_values = None
+        """Evaluate the table anew, in the place where captured steps read it."""
+        if len(self._table) <= LARGE_TABLE:
+            values = self.target(self._table)
+            kept = self._target_values
+            self._target_values = values if kept is None else kept.copy_(values)
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimizer and counters as they are now."""
@@ -304,4 +327,5 @@ class StackedDoubleQ:
                 group["capturable"] = self._capturable
         self.optimizer.load_state_dict(optimizer)
         self.updates = state["updates"]
+        self._captured.clear()  # the state of the optimizer has moved
         self._target_changed()

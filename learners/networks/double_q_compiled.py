@@ -55,7 +55,7 @@ class CompiledDoubleQ(StackedDoubleQ):
 
     def observe(self, table: Tensor) -> None:
         """As for :class:`~learners.networks.double_q.StackedDoubleQ`."""
-        super().observe(table)
+        self._table = table.to(self.online.parameters)
         values = (self.online.agents, len(table), self.online.sizes[-1])
         self._target_table = kernels.TargetTable(
             self._table.numpy(), np.zeros(values, self._type), np.zeros(values[:2], dtype=bool)
@@ -104,7 +104,6 @@ class CompiledDoubleQ(StackedDoubleQ):
         return torch.from_numpy(errors)
 
     def _target_changed(self) -> None:
-        super()._target_changed()
         self._target_table.is_known[:] = False
 
     def _optimizer_step(self) -> kernels.Optimizer:

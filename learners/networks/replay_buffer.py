@@ -110,14 +110,19 @@ class ReplayBuffer(Checkpointed):
         self.rings.view(5, -1).index_copy_(1, places, torch.from_numpy(new).to(self.rings))
         return places
 
-    def sample(self, uniform: FloatArray) -> Batch:
+    def sample(self, uniform: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
         """Transitions drawn with replacement, for each subject from its own ring.
 
         Args:
             uniform: ``[B, M]`` numbers in [0, 1) that they are drawn by.
+            beta: By subject, ``[B]``, or for all: how much of the bias of priorities is undone,
+                from 0 to 1.
         """
         slots = torch.from_numpy((uniform * self.length[:, None]).astype(np.int64))
         return self._at(slots.to(self.rings.device), torch.ones(slots.shape))
+
+    def update_priorities(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
+        """Set the priorities of transitions, ``[B, M]``, of the subjects ``who``, ``[B]``."""
 
     def _at(self, slots: Tensor, weight: Tensor) -> Batch:
         places = slots + torch.from_numpy(self._begins).to(slots.device)
@@ -161,10 +166,7 @@ class PrioritisedReplayBuffer(ReplayBuffer):
         return where
 
     def sample(self, uniform: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
-        """Transitions drawn by priority, for each subject from its own ring.
-
-        ``beta``, by subject (``[B]``) or for all: how much of the bias is undone, from 0 to 1.
-        """
+        """Transitions drawn by priority, for each subject from its own ring."""
         device = self.rings.device
         stratum = (np.arange(uniform.shape[1]) + uniform) / uniform.shape[1]
         upto = self.priority.cumsum(dim=1)
@@ -179,7 +181,7 @@ class PrioritisedReplayBuffer(ReplayBuffer):
         return self._at(slots, weight)
 
     def update_priorities(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
-        """Set the priorities of transitions, ``[B, M]``, of the subjects ``who``, ``[B]``."""
+        """Set them by the new TD errors."""
         mine = torch.from_numpy(np.flatnonzero(who)).to(slots.device)
         priority = _power(errors[mine].abs().double() + LEAST_PRIORITY, self.alpha)
         self.priority[mine[:, None], slots[mine]] = priority
