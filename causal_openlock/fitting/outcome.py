@@ -25,24 +25,14 @@ from causal_openlock.fitting.study import Fit
 
 @dataclass(frozen=True)
 class FittedLearner:
-    """The learner with the parameters that a fit found.
-
-    Attributes:
-        label: Its name.
-        parameters: Those that differ from the learner's defaults.
-        score: Its distance from people, on a seed that nothing was chosen by.
-        model: The same of the published model, of which nothing was fitted here.
-        points: Its means at people's points; ``held_out``: whether it was not fitted to them.
-        effects: Differences that people show, tested; ``like_people``: whether the sign is
-            people's.
-    """
+    """The learner with the parameters that a fit found."""
 
     label: str
-    parameters: dict[str, Any]
-    score: Score
-    model: Score
-    points: pd.DataFrame
-    effects: pd.DataFrame
+    parameters: dict[str, Any]  #: those that differ from the learner's defaults
+    score: Score  #: on a seed that nothing was chosen by
+    model: Score  #: of the published model, of which nothing was fitted here
+    points: pd.DataFrame  #: means at people's points; held_out: whether it was not fitted to them
+    effects: pd.DataFrame  #: that people show, tested; like_people: whether the sign is people's
 
 
 def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:

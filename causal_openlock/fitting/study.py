@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 from pydantic import TypeAdapter
@@ -35,9 +35,6 @@ from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.fitting.objective import Job, conditions_to_fit, jobs, joined, play, score
 from causal_openlock.fitting.search import SearchSpace
 from causal_openlock.version import __version__
-
-if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
 
 FILE = "fit.json"
 ROUND = 4
@@ -63,25 +60,15 @@ def require_optuna() -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """The settings of a fit.
-
-    Attributes:
-        space: What is searched.
-        hold_out: Which points are held out; see :mod:`~causal_openlock.fitting.objective`.
-        candidates: How many are tried.
-        subjects: How many subjects each of them plays in each condition.
-        finalists: How many of the best are played again.
-        final_subjects: How many subjects then.
-        seed: Of the search and of all play; the next two seeds are taken as well.
-    """
+    """The settings of a fit."""
 
     space: SearchSpace
-    hold_out: str = "transfer"
+    hold_out: str = "transfer"  #: see :mod:`~causal_openlock.fitting.objective`
     candidates: int = 60
-    subjects: int = 40
-    finalists: int = 5
+    subjects: int = 40  #: that each candidate plays in each condition
+    finalists: int = 5  #: so many of the best are played again
     final_subjects: int = 200
-    seed: int = 2018
+    seed: int = 2018  #: of the search and of all play; the next two seeds are used as well
 
     def as_dict(self) -> dict[str, Any]:
         """All that determines the results of candidates."""
@@ -93,27 +80,18 @@ class Plan:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Parameters that were tried, and how near to people they come.
+    """Parameters that were tried, and how near to people they come."""
 
-    Attributes:
-        number: In the order of the proposals, from 0.
-        chosen: Values of the parameters that are searched.
-        rmse: Distance from people on the points that it is fitted to, in attempts.
-    """
-
-    number: int
+    number: int  #: in the order of the proposals, from 0
     chosen: dict[str, int | float]
-    rmse: float
+    rmse: float  #: distance from people on the points that it is fitted to, in attempts
 
 
 @dataclass
 class Fit:
-    """The state of a fit.
+    """The state of a fit: the candidates that were tried, in the order of their numbers.
 
-    Attributes:
-        plan: Its settings.
-        done: Candidates that were tried, in the order of their numbers.
-        again: Distances of the best, played again with more subjects and another seed.
+    ``again`` has the distances of the best, played again with more subjects and another seed.
     """
 
     plan: Plan
@@ -229,6 +207,7 @@ def _players(space: SearchSpace, workers: int) -> Iterator[Start]:
 def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
     """The candidates of the round that begins with a number, whatever came after it."""
     import optuna
+    from optuna.distributions import BaseDistribution, FloatDistribution, IntDistribution
 
     logging.getLogger("optuna").setLevel(logging.WARNING)
     with warnings.catch_warnings():
@@ -239,7 +218,12 @@ def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
             seed=(state.plan.seed * 1_000_003 + first) % 2**32,
         )
         study = optuna.create_study(sampler=sampler)
-        distributions = _distributions(state.plan.space)
+        distributions: dict[str, BaseDistribution] = {
+            name: IntDistribution(int(one.low), int(one.high), log=one.log)
+            if one.whole
+            else FloatDistribution(one.low, one.high, log=one.log)
+            for name, one in state.plan.space.ranges.items()
+        }
         for known in state.done[:first]:
             study.add_trial(
                 optuna.trial.create_trial(
@@ -247,17 +231,6 @@ def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
                 )
             )
         return [dict(study.ask(distributions).params) for _ in range(ROUND)]
-
-
-def _distributions(space: SearchSpace) -> dict[str, BaseDistribution]:
-    from optuna.distributions import FloatDistribution, IntDistribution
-
-    return {
-        name: IntDistribution(int(one.low), int(one.high), log=one.log)
-        if one.whole
-        else FloatDistribution(one.low, one.high, log=one.log)
-        for name, one in space.ranges.items()
-    }
 
 
 # -- what is kept ---------------------------------------------------------------------------------
