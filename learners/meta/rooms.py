@@ -3,8 +3,8 @@
 A :class:`~causal_openlock.experiment.session.Session` plans every trial beforehand and keeps a
 record. Meta-training needs neither and goes through millions of rooms, so that they are drawn while
 it goes on. The tables of :mod:`causal_openlock.world.tables` hold each schema once, its levers at
-the first positions; where they stand in a trial is a permutation of the positions, applied to what
-is seen and done. What a learner is told has the same form as in a session.
+the first positions; where they are in a trial is a permutation of the positions, applied to what
+is seen and done. What a learner perceives has the same form as in a session.
 
 A *life* is what a memory lasts for: some trials, the first in a room of a schema that is drawn, and
 each of the others in another room of the same schema, or now and then of another one.
@@ -46,15 +46,10 @@ class Distribution:
 
 
 class MetaRooms:
-    """B rooms that go on for ever.
-
-    Args:
-        distribution: What they are drawn from.
-        rooms: How many at once, B.
-        generator: Draws them.
+    """B rooms that go on for ever, drawn from a distribution by a generator.
 
     Attributes:
-        brief: What a learner is told before it starts.
+        brief: What a learner knows before it starts.
         view: What is perceived now.
         life_over: ``[B]`` whether the memory's life ended with the last step.
         last_schema: ``[B]`` index of the schema of the room in which the last step was taken.
@@ -101,7 +96,7 @@ class MetaRooms:
         )
         self._everyone = np.arange(rooms)
         self._schema = np.zeros(rooms, dtype=np.int64)
-        # Which listed position stands at each of the room's, and by action.
+        # Which listed position is at each of the room's, and by action.
         self._listed_at = np.zeros((rooms, POSITIONS), dtype=np.int64)
         self._bits = np.zeros((rooms, 2 * POSITIONS + 2), dtype=np.int64)
         self._bits[:, -2:] = 2 * POSITIONS, 2 * POSITIONS + 1
@@ -121,7 +116,7 @@ class MetaRooms:
 
     @property
     def layout(self) -> IntArray:
-        """``[B, 7]`` which lever of its schema stands where; -1 where none does."""
+        """``[B, 7]`` which lever of its schema is where; -1 where none is."""
         levers = self._levers[self._schema][:, None]
         return np.where(self._listed_at < levers, self._listed_at, -1)
 
@@ -179,7 +174,7 @@ class MetaRooms:
         )
 
     def _seen(self, row: IntArray) -> NDArray[np.int8]:
-        """What is seen at these rows, with the levers where they stand in each room."""
+        """What is seen at these rows, with the levers where they are in each room."""
         return np.take_along_axis(self._tables.observation.take(row, axis=0), self._bits, axis=1)
 
     def step(self, action: IntArray) -> Step:
@@ -209,7 +204,7 @@ class MetaRooms:
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """Where every room stands, and what draws the next ones."""
+        """The state of every room, and what draws the next ones."""
         kept = {name: array.copy() for name, array in self._arrays().items()}
         return {**kept, "generator": self.generator.bit_generator.state}
 

@@ -3,7 +3,7 @@
 A minibatch holds only some ten distinct observations, and half or more of the activations are zero:
 too little for a library of matrix products, which rearranges 64 kB of weights before it multiplies
 them with six rows. Here each row of a product is summed by itself, zeros left out, in an order that
-depends on nothing but the row. That is quicker, and it makes an agent's numbers its own: they do
+depends on the row alone. That is quicker, and it makes an agent's numbers its own: they do
 not depend on which observations are evaluated together, on which agents share a cell, or on whether
 a run was interrupted.
 

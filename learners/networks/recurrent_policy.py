@@ -100,7 +100,7 @@ class RecurrentPolicy(nn.Module, ABC):
 
 
 class LeverPolicy(RecurrentPolicy):
-    """Networks with a hidden state for each lever, wherever it stands.
+    """Networks with a hidden state for each lever, wherever it is.
 
     The room's state is updated from what is perceived of the room, from the states of all levers
     (their mean and their maximum) and from that of the lever acted on last; each lever's from what

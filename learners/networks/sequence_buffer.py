@@ -24,7 +24,7 @@ Floats = NDArray[np.float32]
 class Sequences:
     """M sequences for each of N agents: K steps of burn-in, U steps to learn from, and one more.
 
-    Time is the second axis. The steps to learn from stand in the columns from K on. A sequence
+    Time is the second axis. The steps to learn from are in the columns from K on. A sequence
     that has fewer steps is padded with copies of its first step to learn from, which
     ``burn_in_mask`` and ``mask`` leave out.
 
@@ -104,14 +104,14 @@ class SequenceBuffer(Checkpointed):
     def sample(self, uniform: FloatArray) -> Sequences:
         """Sequences drawn with replacement, for each subject from its own ring.
 
-        A step is drawn, and then where in the sequence it stands. The newest step is never learned
+        A step is drawn, and then its place in the sequence. The newest step is never learned
         from, since what follows it is not known yet.
 
         Args:
             uniform: ``[B, 2 M]`` numbers in [0, 1) that they are drawn by.
         """
         which, where = np.split(uniform, 2, axis=1)
-        # Steps are numbered from a subject's first, and stand in the ring at their remainder.
+        # Steps are numbered from a subject's first, and are in the ring at their remainder.
         newest = self.count[:, None] - 1
         oldest = np.maximum(self.count[:, None] - self.capacity, 0)
         drawn = oldest + (which * np.maximum(newest - oldest, 0)).astype(np.int64)
