@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -50,6 +50,7 @@ from causal_openlock.experiment.expected_cost import Cost
 from causal_openlock.world.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, pick
 from causal_openlock.world.schema import Schema
+from learners.networks.checkpointed import Checkpointed
 
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
@@ -78,11 +79,17 @@ class BayesParameters(Prior):
     lapse: Annotated[Share, "share of actions that are random"] = 0.0
 
 
-class Bayes(BeliefLearner):
+class Bayes(Checkpointed, BeliefLearner):
     """Acts on a posterior over the causal structure of the room."""
 
     Parameters = BayesParameters
     parameters: BayesParameters
+    checkpointed: ClassVar = {
+        "beliefs": "beliefs",
+        "draws": "_draws",
+        "intended": "_plans",
+        "tried": "_tried",
+    }
 
     @classmethod
     def expected_cost(cls, parameters: BayesParameters, schema: Schema, action_limit: int) -> Cost:
@@ -106,6 +113,13 @@ class Bayes(BeliefLearner):
         self.beliefs = Beliefs(brief, self.parameters, samples)
         self._plans: list[tuple[int, ...] | None] = [None] * brief.subjects
         self._tried = [0] * brief.subjects
+        self._objectives = {
+            "solve_and_learn": Objective(1.0, self.parameters.beta),
+            "solve": Objective(0.0, 1.0),
+            # When there is nothing left to learn, solving decides.
+            "learn_attempt": Objective(1.0, ALMOST_NOTHING),
+            "learn_action": Objective(1.0, 0.0, horizon=1),
+        }
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the action of each subject."""
@@ -139,18 +153,10 @@ class Bayes(BeliefLearner):
 
     def _values(self, belief: Belief, situation: Situation) -> FloatArray:
         """``[P + 1]`` value of pushing each lever, and the door, under the policy."""
-        beta = self.parameters.beta
-        if self.parameters.policy == "solve_and_learn":
-            return self._plan(belief, situation, Objective(1.0, beta))
-        solve = Objective(0.0, 1.0)
-        if self.parameters.policy == "solve":
-            return self._plan(belief, situation, solve)
-        if self.parameters.policy == "learn_attempt":
-            # When there is nothing left to learn, solving decides.
-            return self._plan(belief, situation, Objective(1.0, ALMOST_NOTHING))
-        values = self._plan(belief, situation, Objective(1.0, 0.0, horizon=1))
-        if situation.unlocked or values.max() < TIE:
-            to_solve = self._plan(belief, situation, solve)
+        policy = self.parameters.policy
+        values = self._plan(belief, situation, self._objectives[policy])
+        if policy == "learn_action" and (situation.unlocked or values.max() < TIE):
+            to_solve = self._plan(belief, situation, self._objectives["solve"])
             if values.max() < TIE or to_solve[-1] > 0:
                 return to_solve
         return values
@@ -183,12 +189,11 @@ class Bayes(BeliefLearner):
         return missing[0]
 
     def _plan(self, belief: Belief, situation: Situation, objective: Objective) -> FloatArray:
+        space = belief.space
         chosen, weight = thinned(belief.weight, self.parameters.planned)
         which = belief.which[chosen]
-        space = belief.space
-        belief_key = blake2b(which.tobytes() + weight.tobytes(), digest_size=16).digest()
-        key = (objective, situation, belief_key)
-        plans = _PLANS.setdefault(space, {})
+        digest = blake2b(which.tobytes() + weight.tobytes(), digest_size=16).digest()
+        key, plans = (objective, situation, digest), _PLANS.setdefault(space, {})
         if key not in plans:
             if len(plans) >= MOST_PLANS:
                 plans.clear()
@@ -201,19 +206,3 @@ class Bayes(BeliefLearner):
         self.beliefs.update(step)
         for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
             self._plans[subject] = None
-
-    def state_dict(self) -> dict[str, Any]:
-        """Beliefs, plans and randomness."""
-        return {
-            "beliefs": self.beliefs.state_dict(),
-            "draws": self._draws.state_dict(),
-            "intended": list(self._plans),
-            "tried": list(self._tried),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        self.beliefs.load_state_dict(state["beliefs"])
-        self._draws.load_state_dict(state["draws"])
-        self._plans = list(state["intended"])
-        self._tried = list(state["tried"])

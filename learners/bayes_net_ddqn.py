@@ -10,7 +10,7 @@ once nothing is left to learn. Values and greedy actions are those of the DDQN
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class BayesNetDDQN(DDQN, BeliefLearner):
 
     Parameters = BayesNetDDQNParameters
     parameters: BayesNetDDQNParameters
+    checkpointed: ClassVar = {**DDQN.checkpointed, "beliefs": "beliefs"}
 
     def begin(self, brief: Brief) -> None:
         """Begin as a DDQN, with a belief for each subject."""
@@ -54,12 +55,3 @@ class BayesNetDDQN(DDQN, BeliefLearner):
         """Train the DDQN and update the posteriors."""
         super().learn(step)
         self.beliefs.update(step)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The state of the DDQN, and the beliefs."""
-        return super().state_dict() | {"beliefs": self.beliefs.state_dict()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        super().load_state_dict(state)
-        self.beliefs.load_state_dict(state["beliefs"])

@@ -10,7 +10,7 @@ whether values reach over the end of an attempt) is a parameter here.
 solutions it has found. :class:`SemiMarkovDDQN` sees in a few more bits how many. All subjects of a
 cell are trained at once, each with a network, a replay buffer and randomness of its own: on a CPU
 by compiled loops (:mod:`learners.networks.double_q_compiled`), on a GPU by torch, replayed as a
-CUDA graph (:mod:`learners.networks.double_q_captured`).
+CUDA graph (:mod:`learners.networks.double_q`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from learners.networks.double_q import StackedDoubleQ
-    from learners.networks.replay_buffer import PrioritisedReplayBuffer, ReplayBuffer
 
 
 @dataclass(frozen=True)
@@ -95,14 +94,11 @@ class DDQNParameters:
 
 
 def double_q_class(device: torch.device) -> type[StackedDoubleQ]:
-    """The implementation for a device: compiled loops on a CPU, a CUDA graph on a GPU."""
-    if device.type == "cpu":
-        from learners.networks.double_q_compiled import CompiledDoubleQ
+    """The implementation for a device: compiled loops on a CPU, torch on a GPU."""
+    from learners.networks.double_q import StackedDoubleQ
+    from learners.networks.double_q_compiled import CompiledDoubleQ
 
-        return CompiledDoubleQ
-    from learners.networks.double_q_captured import CapturedDoubleQ
-
-    return CapturedDoubleQ
+    return CompiledDoubleQ if device.type == "cpu" else StackedDoubleQ
 
 
 class DDQN(Checkpointed, Learner):
@@ -154,12 +150,11 @@ class DDQN(Checkpointed, Learner):
         )
         self._table = ObservationTable(self._inputs)
         size = (brief.subjects, settings.replay_size)
-        self._prioritised: PrioritisedReplayBuffer | None = None
-        if settings.prioritised:
-            self._prioritised = PrioritisedReplayBuffer(
-                *size, settings.priority_exponent, self._device
-            )
-        self._replay: ReplayBuffer = self._prioritised or ReplayBuffer(*size, self._device)
+        self._replay = (
+            PrioritisedReplayBuffer(*size, settings.priority_exponent, self._device)
+            if settings.prioritised
+            else ReplayBuffer(*size, self._device)
+        )
         self.epsilon = np.full(brief.subjects, settings.epsilon_start)
         self._actions = np.zeros(brief.subjects, dtype=np.int64)
         self._errors: Tensor | None = None
@@ -219,16 +214,11 @@ class DDQN(Checkpointed, Learner):
             self.q.observe(self._torch.from_numpy(self._table.rows))
 
     def _train(self, trains: BoolArray) -> None:
-        uniform = self._batches.uniform()
-        if self._prioritised:
-            batch = self._prioritised.sample(uniform, self.importance)
-        else:
-            batch = self._replay.sample(uniform)
+        batch = self._replay.sample(self._batches.uniform(), self.importance)
         mask = None if trains.all() else self._torch.from_numpy(trains).to(self._device)
         with denormals_flushed():
-            errors = self._errors = self.q.update(batch, mask)
-        if self._prioritised:
-            self._prioritised.update_priorities(batch.slot, errors, trains)
+            self._errors = self.q.update(batch, mask)
+        self._replay.update_priorities(batch.slot, self._errors, trains)
 
     @property
     def importance(self) -> FloatArray:

@@ -31,7 +31,6 @@ from causal_openlock.belief.placements import (
     ways_to_place,
 )
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
-from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.contract.learner import Brief, InformedLearner, Step, Truth, View
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.expected_cost import Cost
@@ -47,19 +46,12 @@ SECONDS_A_STATE, SECONDS_A_PLAN = 3e-4, 2e-4
 
 @dataclass(eq=False)
 class RoomBelief:
-    """A subject's belief about the room that it is in.
-
-    Attributes:
-        action_limit: Actions in an attempt.
-        slots: ``[P]`` the slot of each position; those of the n active, grey levers come first.
-        weight: ``[H]`` probability of each placement of the schema's levers.
-        found: The levers that were pushed when solutions were found, in ascending order.
-    """
+    """A subject's belief about the room that it is in."""
 
     action_limit: int
-    slots: IntArray
-    weight: FloatArray
-    found: tuple[int, ...] = ()
+    slots: IntArray  # [P] slot of each position; those of the n active, grey levers come first
+    weight: FloatArray  # [H] probability of each placement of the schema's levers
+    found: tuple[int, ...] = ()  # levers pushed when solutions were found, in ascending order
 
 
 class Ideal(InformedLearner):
@@ -158,20 +150,26 @@ class _Solver:
         self._optimum: Optimum | None = None
         self._best: dict[Any, tuple[int, ...]] = {}
         self._posteriors: dict[tuple[bytes, Event], FloatArray] = {}
-        if schema.deterministic:
-            self._strengths = strengths(0.0, 1.0, 1.0, 1)
-            self._optimum = _solved(self._hypotheses, self.prior, action_limit)
-        else:
-            self._strengths = _one_strength(schema)
+        if not schema.deterministic:  # certainty, and the mean strength of the schema's edges
+            known = [schema.graph.edges[edge]["strength"] for edge in schema.graph.edges]
+            value = np.array([1.0, float(np.mean(known))])
+            steps = np.stack([at_least(strength) for strength in value])
+            self._strengths = Strengths(value, np.array([0.0, 1.0]), steps)
             self._hypotheses.strength[:] = 1
+            return
+        self._strengths = strengths(0.0, 1.0, 1.0, 1)
+        try:
+            optimum = Optimum(self._hypotheses, self.prior, action_limit)
+            optimum.attempts()
+        except TooLargeError:
+            return
+        optimum.node_limit = math.inf  # it is in reach, whatever was computed before
+        self._optimum = optimum
 
     def best(self, weight: FloatArray, situation: Situation, seeking: bool) -> tuple[int, ...]:
         """The actions that are best: pushes by slot, then pulls, then the door.
 
-        Args:
-            weight: ``[H]`` the posterior.
-            situation: Where the attempt stands.
-            seeking: Whether there is a solution left to find; if not, any solution counts.
+        If it is not ``seeking`` a solution that is left to find, any solution counts.
         """
         if self._optimum is not None and seeking:
             possible = weight > 0
@@ -182,55 +180,26 @@ class _Solver:
             return self._best[key]
         which, counts = thinned(weight, PLANNED)
         key = (which.tobytes(), counts.tobytes(), *astuple(situation), seeking)
-        if key not in self._best:
-            self._best[key] = self._planned(which, counts, situation, seeking)
+        if key not in self._best:  # plan for the rest of the attempt
+            objective = Objective() if seeking else Objective(information=0.0)
+            planner = Planner(self._hypotheses[which], self._strengths, objective)
+            values = planner.values(counts, situation)
+            slots = len(values) - 1
+            best = np.flatnonzero(values >= values.max() - TIE).tolist()
+            self._best[key] = tuple(2 * slots if slot == slots else slot for slot in best)
         return self._best[key]
-
-    def _planned(
-        self, which: IntArray, weight: FloatArray, situation: Situation, seeking: bool
-    ) -> tuple[int, ...]:
-        """The best actions by a plan for the rest of the attempt."""
-        objective = Objective() if seeking else Objective(information=0.0)
-        planner = Planner(self._hypotheses[which], self._strengths, objective)
-        values = planner.values(weight, situation)
-        slots = len(values) - 1
-        best = np.flatnonzero(values >= values.max() - TIE)
-        return tuple(2 * slots if slot == slots else slot for slot in best.tolist())
 
     def after(self, weight: FloatArray, event: Event) -> FloatArray:
         """``[H]`` the posterior after an event; shared, so not to be changed."""
-        if len(self._strengths) > 1:  # hardly any posterior occurs twice
-            return self._after(weight, event)
         key = (weight.tobytes(), event)
-        if key not in self._posteriors:
-            self._posteriors[key] = self._after(weight, event)
-        return self._posteriors[key]
-
-    def _after(self, weight: FloatArray, event: Event) -> FloatArray:
+        if (known := self._posteriors.get(key)) is not None:
+            return known
         every = np.arange(len(weight))
-        posterior = weight * likelihood(self._hypotheses, every, self._strengths, event)
-        total = float(posterior.sum())
-        assert total > 0, "the room's schema allows what happens in it"
-        result: FloatArray = posterior / total
-        return result
-
-
-def _solved(hypotheses: Hypotheses, weight: FloatArray, action_limit: int) -> Optimum | None:
-    """The optimum if it is in reach, whatever was computed before."""
-    try:
-        optimum = Optimum(hypotheses, weight, action_limit)
-        optimum.attempts()
-    except TooLargeError:
-        return None
-    optimum.node_limit = math.inf
-    return optimum
+        joint = weight * likelihood(self._hypotheses, every, self._strengths, event)
+        posterior: FloatArray = joint / float(joint.sum())
+        if len(self._strengths) == 1:  # otherwise hardly any posterior occurs twice
+            self._posteriors[key] = posterior
+        return posterior
 
 
 _solver = lru_cache(maxsize=32)(_Solver)
-
-
-def _one_strength(schema: Schema) -> Strengths:
-    """Certainty, and the mean strength of the schema's edges."""
-    known = [schema.graph.edges[edge]["strength"] for edge in schema.graph.edges]
-    value = np.array([1.0, float(np.mean(known))])
-    return Strengths(value, np.array([0.0, 1.0]), np.stack([at_least(s) for s in value]))

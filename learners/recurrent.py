@@ -22,7 +22,7 @@ from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Share
-from causal_openlock.world.fsm import BoolArray, IntArray
+from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams
 from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
@@ -156,17 +156,15 @@ class Recurrent(Checkpointed, Learner):
         self._hidden_state[resets] = 0
         self._perception.forget(resets)
         count = self._replay.count
-        self._train(playing & (count > settings.unroll) & (count % settings.train_period == 0))
-        decayed = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
-        if settings.epsilon_after_trial is not None:
-            decayed[step.trial_over] = settings.epsilon_after_trial
-        self.epsilon = np.where(playing, decayed, self.epsilon)
-
-    def _train(self, trains: BoolArray) -> None:
+        trains = playing & (count > settings.unroll) & (count % settings.train_period == 0)
         if trains.any():
             batch = self._replay.sample(self._batches.uniform())
             with denormals_flushed():
                 self._losses = self.q.update(batch, self._torch.from_numpy(trains))
+        decayed = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
+        if settings.epsilon_after_trial is not None:
+            decayed[step.trial_over] = settings.epsilon_after_trial
+        self.epsilon = np.where(playing, decayed, self.epsilon)
 
     def metrics(self) -> dict[str, float]:
         """Epsilon, the loss of the last minibatch, and the values of what was seen last."""

@@ -138,14 +138,10 @@ class RL2(Checkpointed, Learner):
     def _evaluate(self, view: View) -> tuple[Any, Any, Any]:
         """``[B, A]`` logits, ``[B]`` values and ``[B, S]`` the next hidden state."""
         self._inputs = self._perception.inputs(view)
-        from_numpy = self._torch.from_numpy
-        with self._torch.no_grad():
-            logits, values, state = self.network(
-                from_numpy(self._inputs)[:, None, None],
-                from_numpy(self._hidden_state)[:, None],
-                from_numpy(self._fresh)[:, None, None],
-            )
-        return logits[:, 0, 0].numpy(), values[:, 0, 0].numpy(), state[:, 0].numpy()
+        given = self._inputs, self._hidden_state, self._fresh
+        found = self.network.step(*(self._torch.from_numpy(part)[:, None] for part in given))
+        logits, values, state = (part[:, 0].numpy() for part in found)
+        return logits, values, state
 
     def act(self, view: View) -> IntArray:
         """``[B]`` actions of the policy; :meth:`learn` then keeps the next hidden state."""
@@ -191,14 +187,10 @@ class RL2(Checkpointed, Learner):
         """The steps since the last update, ``[B, T, 1]``."""
         from learners.networks.ppo import Rollout
 
-        from_numpy = self._torch.from_numpy
-        stacked = {
-            name: from_numpy(np.stack([step[name] for step in self._steps], axis=1)).unsqueeze(2)
-            for name in self._steps[0]
-        }
         _, values, _ = self._evaluate(after)
-        state = from_numpy(self._state_before)[:, None]
-        return Rollout(**stacked, state=state, bootstrap=from_numpy(values)[:, None])
+        state, bootstrap = map(self._torch.from_numpy, (self._state_before, values))
+        steps = Rollout.stacked(self._steps, self.brief.subjects)
+        return Rollout(**steps, state=state[:, None], bootstrap=bootstrap[:, None])
 
     def metrics(self) -> dict[str, float]:
         """Entropy of the policy, in nats, and the mean of its values."""

@@ -34,7 +34,7 @@ from causal_openlock.contract.parameters import Count
 from causal_openlock.contract.probes import GlobalRandomness
 from causal_openlock.errors import LearnerError
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import IntArray
+from causal_openlock.world.fsm import BoolArray, IntArray
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")
 OURS = ("policy", "env", "seed", "_init_setup_model")
@@ -154,11 +154,13 @@ class _Model:
             ) from action
         return action
 
-    def end(self) -> None:
-        """Let the thread end, before the interpreter might end around it."""
-        self._environment.feedback.put(None)
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join()
+    @staticmethod
+    def end_all(models: list[_Model]) -> None:
+        """Let their threads end, before the interpreter might end around them."""
+        for model in models:
+            model._environment.feedback.put(None)
+            if model._thread is not None and model._thread is not threading.current_thread():
+                model._thread.join()
 
 
 def _run(model: Any, environment: _Environment, total: int) -> None:
@@ -175,11 +177,6 @@ def _run(model: Any, environment: _Environment, total: int) -> None:
         pass
     except Exception as error:  # whatever it is, the session waits for an action
         environment.actions.put(error)
-
-
-def _end(models: list[_Model]) -> None:
-    for model in models:
-        model.end()
 
 
 def find_algorithm(name: str) -> Any:
@@ -235,7 +232,7 @@ class StableBaselines(Learner):
         policy = chosen.policy or plain
         self._models: list[_Model] = []
         # The models hold no reference to the learner, so that it can be collected and ends them.
-        weakref.finalize(self, _end, self._models)
+        weakref.finalize(self, _Model.end_all, self._models)
         for seed in self._seeds:
             settings = {"device": "cpu", "verbose": 0, **chosen.settings, "seed": seed}
             try:
@@ -251,19 +248,18 @@ class StableBaselines(Learner):
         """``[B]`` the action of each model."""
         if not self._history:
             self._begin_with(view.observation.copy())
-        for subject in np.flatnonzero(view.playing):
-            self._act(int(subject))
+        self._act(view.playing)
         return self._actions.copy()
 
     def _begin_with(self, observation: NDArray[np.int8]) -> None:
         self._pending = [Feedback(row, 0.0, False, False, row) for row in observation]
         self._history.append((_packed(observation),))
 
-    def _act(self, subject: int) -> None:
-        feedback = self._pending[subject]
-        if feedback is not None:
-            self._actions[subject] = self._models[subject].act(feedback, self._total)
-            self._pending[subject] = None
+    def _act(self, playing: BoolArray) -> None:
+        for subject in np.flatnonzero(playing):
+            if (feedback := self._pending[subject]) is not None:
+                self._actions[subject] = self._models[subject].act(feedback, self._total)
+                self._pending[subject] = None
 
     def learn(self, step: Step) -> None:
         """Keep the feedback until the models act again."""
@@ -280,19 +276,12 @@ class StableBaselines(Learner):
         )
 
     def _record(self, *feedback: NDArray[Any]) -> None:
-        outcome, following, reward, terminated, truncated, playing = (
-            part.copy() for part in feedback
-        )
-        packed = _packed(outcome), _packed(following), reward, terminated, truncated, playing
-        self._history.append(packed)
+        outcome, following, *rest = (part.copy() for part in feedback)
+        self._history.append((_packed(outcome), _packed(following), *rest))
+        reward, terminated, truncated, playing = (part.tolist() for part in rest)
         for subject in np.flatnonzero(playing):
-            self._pending[subject] = Feedback(
-                outcome[subject],
-                float(reward[subject]),
-                bool(terminated[subject]),
-                bool(truncated[subject]),
-                following[subject],
-            )
+            flags = reward[subject], terminated[subject], truncated[subject]
+            self._pending[subject] = Feedback(outcome[subject], *flags, following[subject])
 
     def state_dict(self) -> dict[str, Any]:
         """The models' seeds and all feedback that they were given."""
@@ -301,7 +290,7 @@ class StableBaselines(Learner):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Bring new models to the same point, which takes as long as it did then."""
-        _end(self._models)
+        _Model.end_all(self._models)
         self._seeds, self._history = list(state["seeds"]), []
         self._make_models(find_algorithm(self.parameters.algorithm))
         if not state["history"]:
@@ -309,12 +298,9 @@ class StableBaselines(Learner):
         first, *later = state["history"]
         self._begin_with(self._unpacked(first[0]))
         for outcome, following, *rest in later:
-            for subject in np.flatnonzero(rest[-1]):
-                self._act(int(subject))
+            self._act(rest[-1])
             self._record(self._unpacked(outcome), self._unpacked(following), *rest)
-        for number, asked in enumerate(state["asked"]):
-            if asked:
-                self._act(number)
+        self._act(np.array(state["asked"]))
 
     def _unpacked(self, bits: NDArray[np.uint8]) -> NDArray[np.int8]:
         whole = np.unpackbits(bits, axis=1, count=self.brief.observation_size)

@@ -67,15 +67,9 @@ def conditions_to_fit(how: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Job:
-    """Some subjects of one candidate in one condition.
+    """Some subjects of one candidate in one of the paper's conditions, from number ``first`` on.
 
-    Attributes:
-        learner: Registered name of the learner.
-        parameters: Those that differ from their defaults.
-        condition: Name of one of the paper's conditions.
-        first: Number of the first subject.
-        subjects: How many.
-        seed: Seed of all randomness.
+    ``parameters`` are those that differ from the learner's defaults.
     """
 
     learner: str
@@ -87,11 +81,7 @@ class Job:
 
 
 def jobs(
-    learner: str,
-    parameters: dict[str, Any],
-    conditions: tuple[str, ...],
-    subjects: int,
-    seed: int,
+    learner: str, parameters: dict[str, Any], conditions: tuple[str, ...], subjects: int, seed: int
 ) -> list[Job]:
     """The jobs of one candidate."""
     return [
@@ -129,26 +119,14 @@ def joined(played: list[pd.DataFrame]) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Score:
-    """How far a candidate is from people, in attempts.
+    """How far a candidate is from people, in attempts."""
 
-    Attributes:
-        fitted: On the points that it is fitted to.
-        held_out: On the others; NaN if it did not play them.
-        all: On all that it played.
-    """
-
-    fitted: float
-    held_out: float
+    fitted: float  #: on the points that it is fitted to
+    held_out: float  #: on the others; NaN if it did not play them
     all: float
 
 
 def score(points: pd.DataFrame, how: str) -> Score:
-    """How far means are from people's.
-
-    Args:
-        points: From :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`, of
-            one learner.
-        how: Which points are held out, one of :data:`HOLD_OUT`.
-    """
+    """How far the means of one learner are from people's; ``how`` is one of :data:`HOLD_OUT`."""
     out = held_out(points, how)
     return Score(distance(points[~out])[0], distance(points[out])[0], distance(points)[0])

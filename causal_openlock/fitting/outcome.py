@@ -25,33 +25,18 @@ from causal_openlock.fitting.study import Fit
 
 @dataclass(frozen=True)
 class FittedLearner:
-    """The learner with the parameters that a fit found.
-
-    Attributes:
-        label: Its name.
-        parameters: Those that differ from the learner's defaults.
-        score: Its distance from people, on a seed that nothing was chosen by.
-        model: The same of the published model, of which nothing was fitted here.
-        points: Its means at people's points; ``held_out``: whether it was not fitted to them.
-        effects: Differences that people show, tested; ``like_people``: whether the sign is
-            people's.
-    """
+    """The learner with the parameters that a fit found."""
 
     label: str
-    parameters: dict[str, Any]
-    score: Score
-    model: Score
-    points: pd.DataFrame
-    effects: pd.DataFrame
+    parameters: dict[str, Any]  #: those that differ from the learner's defaults
+    score: Score  #: on a seed that nothing was chosen by
+    model: Score  #: of the published model, of which nothing was fitted here
+    points: pd.DataFrame  #: means at people's points; held_out: whether it was not fitted to them
+    effects: pd.DataFrame  #: that people show, tested; like_people: whether the sign is people's
 
 
 def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
-    """The fitted learner, from what it did in all six conditions.
-
-    Args:
-        fitted: The fit.
-        trials: From :func:`~causal_openlock.fitting.study.fit`.
-    """
+    """The fitted learner, from what :func:`~causal_openlock.fitting.study.fit` returns."""
     plan = fitted.plan
     label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
     points = points_of(trials)
@@ -71,12 +56,7 @@ def entry(found: FittedLearner, learner: str) -> dict[str, Any]:
 
 
 def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) -> list[Path]:
-    """Write the result of a fit.
-
-    Args:
-        fitted: The fit.
-        found: From :func:`fitted_learner`.
-        folder: Where to write it.
+    """Write the result of a fit into a folder.
 
     Returns:
         The files: ``experiment.yaml``, which plays the fitted learner beside the plain one,

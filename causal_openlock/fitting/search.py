@@ -35,11 +35,7 @@ FORM = "name=low:high, or name=low:high:log"
 class Range:
     """The bounds of a parameter.
 
-    Attributes:
-        low: The least value.
-        high: The greatest value.
-        log: Whether its logarithm is searched evenly.
-        whole: Whether it takes whole numbers only.
+    ``log``: its logarithm is searched evenly; ``whole``: it takes whole numbers only.
     """
 
     low: float
@@ -50,13 +46,7 @@ class Range:
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """What is searched for a learner; see :func:`search_space`.
-
-    Attributes:
-        learner: Its registered name.
-        fixed: Parameters that are set.
-        ranges: Parameters that are searched.
-    """
+    """The parameters of a learner that are searched, and those that are set to a fixed value."""
 
     learner: str
     fixed: Mapping[str, Any]
@@ -98,11 +88,6 @@ def search_space(
     learner: str, ranges: Mapping[str, Range], fixed: Mapping[str, Any] | None = None
 ) -> SearchSpace:
     """A search space, checked.
-
-    Args:
-        learner: Registered name of the learner.
-        ranges: What is searched, by the names of its parameters.
-        fixed: Parameters that are set.
 
     Raises:
         LearnerError: If a parameter is unknown, is no number, is both fixed and searched, or has

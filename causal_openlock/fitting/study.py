@@ -18,12 +18,11 @@ import json
 import logging
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 from pydantic import TypeAdapter
@@ -37,19 +36,16 @@ from causal_openlock.fitting.objective import Job, conditions_to_fit, jobs, join
 from causal_openlock.fitting.search import SearchSpace
 from causal_openlock.version import __version__
 
-if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
-
 FILE = "fit.json"
 ROUND = 4
 """Candidates that are proposed at a time."""
 
-AwaitTrials = Callable[[], pd.DataFrame]
-"""Waits until a job is played, and returns its trials."""
+Start = Callable[[Mapping[str, float], tuple[str, ...], int, int], Callable[[], pd.DataFrame]]
+"""Starts to play a candidate, in some conditions, with a seed and so many subjects.
 
-Submit = Callable[[Job], AwaitTrials]
-"""Starts to play a job."""
-
+What it returns waits until all is played, and returns the trials.
+"""
+Report = Callable[[int, int, str], None]
 RANDOM_FIRST = 12
 """Candidates that are drawn at random before the search learns from them."""
 
@@ -64,25 +60,15 @@ def require_optuna() -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """The settings of a fit.
-
-    Attributes:
-        space: What is searched.
-        hold_out: Which points are held out; see :mod:`~causal_openlock.fitting.objective`.
-        candidates: How many are tried.
-        subjects: How many subjects each of them plays in each condition.
-        finalists: How many of the best are played again.
-        final_subjects: How many subjects then.
-        seed: Of the search and of all play; the next two seeds are taken as well.
-    """
+    """The settings of a fit."""
 
     space: SearchSpace
-    hold_out: str = "transfer"
+    hold_out: str = "transfer"  #: see :mod:`~causal_openlock.fitting.objective`
     candidates: int = 60
-    subjects: int = 40
-    finalists: int = 5
+    subjects: int = 40  #: that each candidate plays in each condition
+    finalists: int = 5  #: so many of the best are played again
     final_subjects: int = 200
-    seed: int = 2018
+    seed: int = 2018  #: of the search and of all play; the next two seeds are used as well
 
     def as_dict(self) -> dict[str, Any]:
         """All that determines the results of candidates."""
@@ -94,31 +80,22 @@ class Plan:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Parameters that were tried, and how near to people they come.
+    """Parameters that were tried, and how near to people they come."""
 
-    Attributes:
-        number: In the order of the proposals, from 0.
-        chosen: Values of the parameters that are searched.
-        rmse: Distance from people on the points that it is fitted to, in attempts.
-    """
-
-    number: int
+    number: int  #: in the order of the proposals, from 0
     chosen: dict[str, int | float]
-    rmse: float
+    rmse: float  #: distance from people on the points that it is fitted to, in attempts
 
 
 @dataclass
 class Fit:
-    """The state of a fit.
+    """The state of a fit: the candidates that were tried, in the order of their numbers.
 
-    Attributes:
-        plan: Its settings.
-        done: Candidates that were tried, by number.
-        again: Distances of the best, played again with more subjects and another seed.
+    ``again`` has the distances of the best, played again with more subjects and another seed.
     """
 
     plan: Plan
-    done: dict[int, Candidate] = field(default_factory=dict)
+    done: list[Candidate] = field(default_factory=list)
     again: dict[int, float] = field(default_factory=dict)
 
     @property
@@ -132,7 +109,7 @@ class Fit:
         rows = [
             {"number": one.number, **one.chosen, "rmse": one.rmse,
              "again": self.again.get(one.number, float("nan"))}
-            for one in self.done.values()
+            for one in self.done
         ]  # fmt: skip
         ordered: pd.DataFrame = pd.DataFrame(rows).sort_values(["rmse", "number"])
         return ordered.reset_index(drop=True)
@@ -143,7 +120,7 @@ def fit(
     folder: Path | str,
     *,
     workers: int = 1,
-    report: Callable[[int, int, str], None] = lambda done, total, what: None,
+    report: Report = lambda done, total, what: None,
 ) -> tuple[Fit, pd.DataFrame]:
     """Run a fit, or the rest of one that was stopped.
 
@@ -166,80 +143,62 @@ def fit(
     path = Path(folder) / FILE
     state = _opened(plan, path)
     conditions = conditions_to_fit(plan.hold_out)
-    with _players(workers) as submit:
-        for first in range(0, plan.candidates, ROUND):
-            size = min(ROUND, plan.candidates - first)
-            numbers = [number for number in range(first, first + size) if number not in state.done]
-            if not numbers:
-                continue
-            proposed = dict(enumerate(_proposals(state, first), first))
-            pending = [
-                (n, _submit(submit, plan, proposed[n], conditions, plan.seed, plan.subjects))
-                for n in numbers
-            ]
-            for number, awaited in pending:
+    with _players(plan.space, workers) as start:
+        while (known := len(state.done)) < plan.candidates:
+            first = known - known % ROUND
+            proposed = _proposals(state, first)[known - first : plan.candidates - first]
+            waiting = [start(one, conditions, plan.seed, plan.subjects) for one in proposed]
+            for chosen, trials in zip(proposed, waiting, strict=True):
                 report(len(state.done), plan.candidates, "searching")
-                rmse = score(points_of(_trials(awaited)), plan.hold_out).fitted
-                state.done[number] = Candidate(number, proposed[number], rmse)
+                rmse = score(points_of(trials()), plan.hold_out).fitted
+                state.done.append(Candidate(len(state.done), chosen, rmse))
                 _keep(state, path)
-        _play_again(state, path, submit, conditions, report)
+        _play_again(state, path, start, conditions, report)
         report(len(state.done), plan.candidates, "the best, on a fresh seed")
         best = state.best.chosen
-        awaited = _submit(submit, plan, best, PAPER_CONDITIONS, plan.seed + 2, plan.final_subjects)
-        return state, _trials(awaited)
+        return state, start(best, PAPER_CONDITIONS, plan.seed + 2, plan.final_subjects)()
 
 
 def _play_again(
-    state: Fit,
-    path: Path,
-    submit: Submit,
-    conditions: tuple[str, ...],
-    report: Callable[[int, int, str], None],
+    state: Fit, path: Path, start: Start, conditions: tuple[str, ...], report: Report
 ) -> None:
     """Play the best few again, with more subjects and another seed."""
     plan = state.plan
-    tried = [one for one in state.done.values() if one.number < plan.candidates]
+    tried = state.done[: plan.candidates]
     chosen = sorted(tried, key=lambda one: (one.rmse, one.number))[: plan.finalists]
     for number in set(state.again) - {one.number for one in chosen}:
         del state.again[number]  # others are among the best since more were tried
     waiting = {
-        one.number: _submit(
-            submit, plan, one.chosen, conditions, plan.seed + 1, plan.final_subjects
-        )
+        one.number: start(one.chosen, conditions, plan.seed + 1, plan.final_subjects)
         for one in chosen
         if one.number not in state.again
     }
-    for number, awaited in waiting.items():
+    for number, trials in waiting.items():
         report(len(state.done), plan.candidates, "the best few again")
-        state.again[number] = score(points_of(_trials(awaited)), plan.hold_out).fitted
+        state.again[number] = score(points_of(trials()), plan.hold_out).fitted
         _keep(state, path)
 
 
-def _submit(
-    submit: Submit,
-    plan: Plan,
-    chosen: Mapping[str, float],
-    conditions: tuple[str, ...],
-    seed: int,
-    subjects: int,
-) -> list[AwaitTrials]:
-    parameters = plan.space.parameters(chosen)
-    return [submit(job) for job in jobs(plan.space.learner, parameters, conditions, subjects, seed)]
-
-
-def _trials(awaited: list[AwaitTrials]) -> pd.DataFrame:
-    return joined([trials() for trials in awaited])
-
-
 @contextmanager
-def _players(workers: int) -> Iterator[Submit]:
-    """How jobs are played: in this process, or by several others at once."""
+def _players(space: SearchSpace, workers: int) -> Iterator[Start]:
+    """How candidates are played: in this process, or by several others at once."""
+
+    def start(
+        submit: Callable[[Job], Callable[[], pd.DataFrame]],
+        chosen: Mapping[str, float],
+        conditions: tuple[str, ...],
+        seed: int,
+        subjects: int,
+    ) -> Callable[[], pd.DataFrame]:
+        all_jobs = jobs(space.learner, space.parameters(chosen), conditions, subjects, seed)
+        waiting = [submit(job) for job in all_jobs]
+        return lambda: joined([trials() for trials in waiting])
+
     if workers == 1:
-        yield lambda job: partial(play, job)
+        yield partial(start, lambda job: partial(play, job))
         return
     with worker_pool(workers) as pool:
-        executor: Executor = pool
-        yield lambda job: executor.submit(play, job).result
+        yield partial(start, lambda job: pool.submit(play, job).result)
 
 
 # -- what to try next -----------------------------------------------------------------------------
@@ -248,6 +207,7 @@ def _players(workers: int) -> Iterator[Submit]:
 def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
     """The candidates of the round that begins with a number, whatever came after it."""
     import optuna
+    from optuna.distributions import BaseDistribution, FloatDistribution, IntDistribution
 
     logging.getLogger("optuna").setLevel(logging.WARNING)
     with warnings.catch_warnings():
@@ -258,9 +218,13 @@ def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
             seed=(state.plan.seed * 1_000_003 + first) % 2**32,
         )
         study = optuna.create_study(sampler=sampler)
-        distributions = _distributions(state.plan.space)
-        for number in range(first):
-            known = state.done[number]
+        distributions: dict[str, BaseDistribution] = {
+            name: IntDistribution(int(one.low), int(one.high), log=one.log)
+            if one.whole
+            else FloatDistribution(one.low, one.high, log=one.log)
+            for name, one in state.plan.space.ranges.items()
+        }
+        for known in state.done[:first]:
             study.add_trial(
                 optuna.trial.create_trial(
                     params=known.chosen, distributions=distributions, value=known.rmse
@@ -269,27 +233,7 @@ def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
         return [dict(study.ask(distributions).params) for _ in range(ROUND)]
 
 
-def _distributions(space: SearchSpace) -> dict[str, BaseDistribution]:
-    from optuna.distributions import FloatDistribution, IntDistribution
-
-    return {
-        name: IntDistribution(int(one.low), int(one.high), log=one.log)
-        if one.whole
-        else FloatDistribution(one.low, one.high, log=one.log)
-        for name, one in space.ranges.items()
-    }
-
-
 # -- what is kept ---------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Kept:
-    """The content of the file."""
-
-    plan: dict[str, Any]
-    done: list[Candidate]
-    again: dict[int, float]
 
 
 def _opened(plan: Plan, path: Path) -> Fit:
@@ -298,24 +242,27 @@ def _opened(plan: Plan, path: Path) -> Fit:
     if not path.exists():
         return Fit(plan)
     try:
-        kept = TypeAdapter(_Kept).validate_json(path.read_bytes())
-    except (ValueError, OSError):
-        kept = None
-    same = kept is not None and kept.plan == json.loads(json.dumps(plan.as_dict()))
-    if kept is None or (
-        same and any(set(one.chosen) != set(plan.space.ranges) for one in kept.done)
-    ):
-        raise StoreError(f"{path}: this is no fit; choose another folder with --out")
+        kept = json.loads(path.read_bytes())
+        same = kept["plan"] == json.loads(json.dumps(plan.as_dict()))
+        state = Fit(
+            plan,
+            TypeAdapter(list[Candidate]).validate_python(kept["done"]),
+            TypeAdapter(dict[int, float]).validate_python(kept["again"]),
+        )
+        if same and any(set(one.chosen) != set(plan.space.ranges) for one in state.done):
+            raise ValueError("a candidate has other parameters")
+    except (ValueError, OSError, TypeError, LookupError):
+        raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
     if not same:
         raise StoreError(
             f"{path.parent} holds another fit (its search space, seed, subjects, held-out points "
             "or version differ); choose another folder with --out"
         )
-    return Fit(plan, {one.number: one for one in kept.done}, kept.again)
+    return state
 
 
 def _keep(state: Fit, path: Path) -> None:
-    done = [asdict(state.done[number]) for number in sorted(state.done)]
     again = {str(number): rmse for number, rmse in sorted(state.again.items())}
+    done = [asdict(one) for one in state.done]
     whole = {"plan": state.plan.as_dict(), "done": done, "again": again}
     write_text(path, json.dumps(whole, indent=1) + "\n")

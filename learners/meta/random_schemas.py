@@ -42,13 +42,8 @@ def random_schemas(
     """Random gate-DAG schemas that attempts of three actions can solve, no two the same.
 
     Every lever has causes among those before it in a random order, every node a random gate, and
-    levers that lead nowhere are inert.
-
-    Args:
-        number: How many.
-        levers: How many levers each may have.
-        seed: Draws them.
-        excluded: What none of them does the same as.
+    levers that lead nowhere are inert. ``levers`` are the numbers of levers that one may have, and
+    none behaves as one of those ``excluded``.
     """
     forbidden = {behaviour(schema) for schema in excluded}
     generator = np.random.default_rng(seed)

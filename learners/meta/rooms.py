@@ -3,8 +3,8 @@
 A :class:`~causal_openlock.experiment.session.Session` plans every trial beforehand and keeps a
 record. Meta-training needs neither and goes through millions of rooms, so that they are drawn while
 it goes on. The tables of :mod:`causal_openlock.world.tables` hold each schema once, its levers at
-the first positions; where they stand in a trial is a permutation of the positions, applied to what
-is seen and done. What a learner is told has the same form as in a session.
+the first positions; where they are in a trial is a permutation of the positions, applied to what
+is seen and done. What a learner perceives has the same form as in a session.
 
 A *life* is what a memory lasts for: some trials, the first in a room of a schema that is drawn, and
 each of the others in another room of the same schema, or now and then of another one.
@@ -33,40 +33,23 @@ _KEPT = ("_schema", "_listed_at", "_bits", "_trial", "_trials", "life_over")
 
 @dataclass(frozen=True)
 class Distribution:
-    """What rooms are drawn from.
-
-    Attributes:
-        schemas: The schemas.
-        weights: How often each is drawn, relative to the others.
-        rewards: Names of reward functions, one of which a life perceives.
-        attempt_limit: Attempts in a trial.
-        trials: The fewest and the most trials in a life.
-        change: Chance that a trial's schema is drawn anew, and not that of the one before.
-        excluded: Sets of positions at which a room's grey levers never stand.
-        placements: In how many ways levers are placed at all, whatever their number, drawn once;
-            ``None`` draws each room's anew.
-    """
+    """What rooms are drawn from; a :class:`~learners.meta.file.RoomsFile` declares it."""
 
     schemas: tuple[Schema, ...]
-    weights: tuple[float, ...]
-    rewards: tuple[str, ...] = ("unique_solutions",)
+    weights: tuple[float, ...]  # how often each schema is drawn, relative to the others
+    rewards: tuple[str, ...] = ("unique_solutions",)  # a life perceives one of these
     attempt_limit: int = 30
-    trials: tuple[int, int] = (1, 7)
+    trials: tuple[int, int] = (1, 7)  # the fewest and the most in a life
     change: float = 0.15
-    excluded: frozenset[frozenset[int]] = frozenset()
-    placements: int | None = None
+    excluded: frozenset[frozenset[int]] = frozenset()  # sets of positions of grey levers
+    placements: int | None = None  # ways to place any number of levers; None: all
 
 
 class MetaRooms:
-    """B rooms that go on for ever.
-
-    Args:
-        distribution: What they are drawn from.
-        rooms: How many at once, B.
-        generator: Draws them.
+    """B rooms that go on for ever, drawn from a distribution by a generator.
 
     Attributes:
-        brief: What a learner is told before it starts.
+        brief: What a learner knows before it starts.
         view: What is perceived now.
         life_over: ``[B]`` whether the memory's life ended with the last step.
         last_schema: ``[B]`` index of the schema of the room in which the last step was taken.
@@ -74,24 +57,24 @@ class MetaRooms:
     """
 
     def __init__(
-        self,
-        distribution: Distribution,
-        rooms: int,
-        generator: np.random.Generator,
+        self, distribution: Distribution, rooms: int, generator: np.random.Generator
     ) -> None:
         self.distribution, self.generator = distribution, generator
         self._levers = np.array([len(schema.levers) for schema in distribution.schemas])
-        tables = RoomTables(POSITIONS)
+        self._tables = RoomTables(POSITIONS)
         listed = [
-            (schema, Layout(tuple(range(levers)), POSITIONS), default_action_limit(schema))
-            for schema, levers in zip(distribution.schemas, self._levers.tolist(), strict=True)
+            (
+                schema,
+                Layout(tuple(range(len(schema.levers))), POSITIONS),
+                default_action_limit(schema),
+            )
+            for schema in distribution.schemas
         ]
-        self._listed = tables.add(listed)
-        self._tables = tables
+        self._listed = self._tables.add(listed)
         weights = np.array(distribution.weights, dtype=float)
         self._reached = np.cumsum(weights / weights.sum())
         self._batch = RoomBatch(
-            tables,
+            self._tables,
             [find_reward(name) for name in distribution.rewards],
             rooms,
             distribution.attempt_limit,
@@ -106,14 +89,14 @@ class MetaRooms:
             subjects=rooms,
             positions=POSITIONS,
             action_names=action_names(POSITIONS),
-            action_limit=int(tables.action_limit.max()),
+            action_limit=int(self._tables.action_limit.max()),
             attempt_limit=distribution.attempt_limit,
             trials=distribution.trials[1],
             generators=(),
         )
         self._everyone = np.arange(rooms)
         self._schema = np.zeros(rooms, dtype=np.int64)
-        # Which listed position stands at each of the room's, and by action.
+        # Which listed position is at each of the room's, and by action.
         self._listed_at = np.zeros((rooms, POSITIONS), dtype=np.int64)
         self._bits = np.zeros((rooms, 2 * POSITIONS + 2), dtype=np.int64)
         self._bits[:, -2:] = 2 * POSITIONS, 2 * POSITIONS + 1
@@ -133,7 +116,7 @@ class MetaRooms:
 
     @property
     def layout(self) -> IntArray:
-        """``[B, 7]`` which lever of its schema stands where; -1 where none does."""
+        """``[B, 7]`` which lever of its schema is where; -1 where none is."""
         levers = self._levers[self._schema][:, None]
         return np.where(self._listed_at < levers, self._listed_at, -1)
 
@@ -191,7 +174,7 @@ class MetaRooms:
         )
 
     def _seen(self, row: IntArray) -> NDArray[np.int8]:
-        """What is seen at these rows, with the levers where they stand in each room."""
+        """What is seen at these rows, with the levers where they are in each room."""
         return np.take_along_axis(self._tables.observation.take(row, axis=0), self._bits, axis=1)
 
     def step(self, action: IntArray) -> Step:
@@ -221,7 +204,7 @@ class MetaRooms:
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """Where every room stands, and what draws the next ones."""
+        """The state of every room, and what draws the next ones."""
         kept = {name: array.copy() for name, array in self._arrays().items()}
         return {**kept, "generator": self.generator.bit_generator.state}
 

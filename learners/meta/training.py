@@ -47,11 +47,9 @@ LOG_EVERY = 10.0
 
 
 class MetaTraining(Checkpointed):
-    """A meta-training that can be interrupted after any update.
+    """A meta-training, as a file declares it, that can be interrupted after any update.
 
-    Args:
-        file: What is trained, and on what.
-        beside: Folder in which schemas are searched first.
+    Schemas are searched in the folder ``beside`` first.
     """
 
     checkpointed: ClassVar = {
@@ -99,14 +97,10 @@ class MetaTraining(Checkpointed):
         """Whether as many actions are taken as the file asks for."""
         return self.actions >= self.file.actions
 
-    def _evaluate(self, inputs: Floats) -> tuple[Floats, Floats, Tensor]:
-        """``[B, A]`` logits, ``[B]`` values and ``[1, B, S]`` the next hidden state."""
-        fresh = torch.from_numpy(self._fresh)[None, None]
-        with torch.no_grad():
-            logits, values, state = self.network(
-                torch.from_numpy(inputs)[None, None], self._hidden_state, fresh
-            )
-        return logits[0, 0].numpy(), values[0, 0].numpy(), state
+    def _evaluate(self, inputs: Floats) -> tuple[Tensor, Tensor, Tensor]:
+        """``[1, B, A]`` logits, ``[1, B]`` values and ``[1, B, S]`` the next hidden state."""
+        seen, fresh = (torch.from_numpy(part)[None] for part in (inputs, self._fresh))
+        return self.network.step(seen, self._hidden_state, fresh)
 
     def rollout(self) -> Rollout:
         """Play on in all rooms for some steps."""
@@ -116,7 +110,8 @@ class MetaTraining(Checkpointed):
         for _ in range(file.steps):
             view = rooms.view
             inputs = self.perception.inputs(view)
-            logits, value, self._hidden_state = self._evaluate(inputs)
+            found, value, self._hidden_state = self._evaluate(inputs)
+            logits = found[0].numpy()
             action = sample_actions(logits, self._policy.random(file.at_once))
             step = rooms.step(action)
             self._count(step.trial_over, view)
@@ -126,7 +121,7 @@ class MetaTraining(Checkpointed):
                     "fresh": self._fresh,
                     "action": action,
                     "log_prob": log_prob(logits, action),
-                    "value": value,
+                    "value": value.numpy()[0],
                     "reward": (step.new_solution - file.action_cost).astype(np.float32),
                     "done": step.trial_over,
                 }
@@ -134,12 +129,8 @@ class MetaTraining(Checkpointed):
             self.perception.note(step)
             self.perception.forget(rooms.life_over)
             self._fresh = rooms.life_over
-        _, values, _ = self._evaluate(self.perception.inputs(rooms.view))
-        stacked = {
-            name: torch.from_numpy(np.stack([step[name] for step in steps])[None])
-            for name in steps[0]
-        }
-        bootstrap = torch.from_numpy(values)[None]
+        _, bootstrap, _ = self._evaluate(self.perception.inputs(rooms.view))
+        stacked = Rollout.stacked(steps, networks=1)
         mask = torch.ones_like(stacked["done"])
         return Rollout(**stacked, state=state, mask=mask, bootstrap=bootstrap)
 
@@ -191,18 +182,8 @@ class MetaTraining(Checkpointed):
             generator.bit_generator.state = kept
 
 
-def save_training(path: Path, training: MetaTraining) -> None:
-    """Write all that an interrupted training needs to go on."""
-    with replacing(path) as file:
-        write_state(file, training.state_dict())
-
-
-def resume_training(path: Path, training: MetaTraining) -> None:
-    """Go on from what :func:`save_training` has written.
-
-    Raises:
-        ExperimentError: If another training was interrupted there, or the file is damaged.
-    """
+def resume(training: MetaTraining, path: Path) -> None:
+    """Go on from what an interrupted training left, if it was the same training."""
     try:
         state = read_state(path)
     except StateError as error:
@@ -215,16 +196,16 @@ def resume_training(path: Path, training: MetaTraining) -> None:
 
 
 def train(training: MetaTraining, out: Path, log: Callable[[str], None]) -> None:
-    """Train to the end, and write the network.
+    """Train to the end, and write the network; ``log`` takes lines of progress.
 
-    Args:
-        training: What to train; it goes on if it was interrupted.
-        out: The checkpoint to write; ``OUT.training`` stands beside it until the end.
-        log: Takes lines of progress.
+    ``OUT.training`` is beside it until the end, from which an interrupted training goes on.
+
+    Raises:
+        ExperimentError: If another training was interrupted there, or its file is damaged.
     """
     interrupted = out.with_name(f"{out.name}.training")
     if interrupted.exists():
-        resume_training(interrupted, training)
+        resume(training, interrupted)
         log(f"goes on from {interrupted}")
     began = logged = time.monotonic()
     before = training.actions
@@ -235,7 +216,8 @@ def train(training: MetaTraining, out: Path, log: Callable[[str], None]) -> None
             logged = now
             speed = (training.actions - before) / (now - began)
             log(f"{training.progress()}, entropy {metrics['entropy']:.2f}, {speed:,.0f} actions/s")
-            save_training(interrupted, training)
+            with replacing(interrupted) as file:
+                write_state(file, training.state_dict())
     training.save(out)
     interrupted.unlink(missing_ok=True)
 

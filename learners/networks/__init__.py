@@ -5,9 +5,9 @@ own. N networks of one shape are a single stack of ``[N, in, out]`` weights, and
 written for such stacks; no agent's numbers depend on which others are in the stack.
 
 ======================  ===========================================================================
-``double_q``            Stacked perceptrons and double Q-learning in plain torch: the reference.
-``double_q_compiled``   The same on a CPU, for ``ddqn``, by the loops of ``double_q_kernels``.
-``double_q_captured``   The same on a GPU, replayed as a CUDA graph.
+``double_q``            Stacked perceptrons and double Q-learning in torch: on a GPU, for ``ddqn``.
+``double_q_compiled``   The same on a CPU, by the loops of ``double_q_kernels``.
+``cuda_graph``          A step on tensors, replayed as a CUDA graph.
 ``replay_buffer``       Transitions for ``ddqn``, drawn uniformly or by priority.
 ``recurrent_cells``     Stacked linear layers, GRUs and LSTMs.
 ``recurrent_q``         Double Q-learning on sequences (R2D2), for ``recurrent``.

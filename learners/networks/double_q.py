@@ -1,4 +1,4 @@
-"""Double Q-learning for N agents at once, in plain torch.
+"""Double Q-learning for N agents at once, in torch; on a GPU replayed as a CUDA graph.
 
 N networks of the same shape keep their weights as ``[N, in, out]`` tensors, so that one batched
 matrix product evaluates all of them and one optimizer step trains all of them. Nothing is shared:
@@ -22,12 +22,20 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from learners.networks.cuda_graph import Captured
 from learners.networks.replay_buffer import Batch
 
 Device = Literal["auto", "cpu", "cuda"]
 OptimizerName = Literal["adam", "rmsprop", "sgd"]
 Loss = Literal["huber", "squared"]
 
+OPTIMIZERS: dict[OptimizerName, Any] = {
+    "adam": torch.optim.Adam,
+    "rmsprop": torch.optim.RMSprop,
+    "sgd": torch.optim.SGD,
+}
+LEAST_TABLE = 64
+"""Rows of the padded table of observations at first; it doubles whenever it is full."""
 LARGE_TABLE = 1000
 """Observations from which on the target network no longer evaluates all of them ahead of time."""
 
@@ -96,11 +104,7 @@ class StackedMLP:
         return twin
 
     def activations(self, inputs: Tensor) -> list[Tensor]:
-        """The input of each layer, and last the outputs.
-
-        Args:
-            inputs: ``[N, M, in]``, or ``[M, in]`` for the same inputs to every agent.
-        """
+        """The input of each layer, and last the outputs; inputs are as for :meth:`__call__`."""
         layers = [inputs.expand(self.agents, -1, -1)]
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             if layer:
@@ -113,11 +117,9 @@ class StackedMLP:
         return self.activations(inputs)[-1]
 
     def backward(self, activations: list[Tensor], gradient: Tensor) -> None:
-        """Set ``parameters.grad``.
+        """Set ``parameters.grad`` by the ``[N, M, out]`` gradient of each agent's loss.
 
-        Args:
-            activations: As :meth:`activations` returned them.
-            gradient: ``[N, M, out]`` of each agent's loss with respect to its outputs.
+        The gradient is with respect to the outputs, the last of :meth:`activations`.
         """
         weights, biases = self._gradients
         for layer in reversed(range(len(weights))):
@@ -137,6 +139,9 @@ class StackedDoubleQ:
     minibatch, each agent's network evaluates the table once and the values of the transitions are
     read off; loss and gradient are the same as if each transition had been evaluated by itself. The
     target network changes seldom, so its values of the whole table are kept until it does.
+
+    All shapes and addresses stay the same while the table grows within its padding, so that a GPU
+    can replay updates as a CUDA graph (:mod:`learners.networks.cuda_graph`).
 
     Args:
         sizes: As for :class:`StackedMLP`.
@@ -168,35 +173,40 @@ class StackedDoubleQ:
         self.target_period = target_period
         self.loss = loss
         self.updates = 0
-        parameters = [self.online.parameters]
         # On a GPU the optimizer counts its steps there, so that nothing has to wait for the count.
-        self._capturable = parameters[0].device.type == "cuda"
-        self.optimizer: torch.optim.Optimizer
-        if optimizer == "adam":
-            self.optimizer = torch.optim.Adam(
-                parameters, lr=learning_rate, fused=True, capturable=self._capturable
-            )
-        elif optimizer == "rmsprop":
-            self.optimizer = torch.optim.RMSprop(
-                parameters, lr=learning_rate, capturable=self._capturable
-            )
-        else:
-            self.optimizer = torch.optim.SGD(parameters, lr=learning_rate)
-        self.observe(torch.zeros(0, self.online.sizes[0]))
+        self._capturable = self.online.parameters.device.type == "cuda"
+        options: dict[str, Any] = {
+            "adam": {"fused": True, "capturable": self._capturable},
+            "rmsprop": {"capturable": self._capturable},
+            "sgd": {},
+        }[optimizer]
+        self.optimizer = OPTIMIZERS[optimizer](
+            [self.online.parameters], lr=learning_rate, **options
+        )
+        self._captured: dict[tuple[torch.Size, ...], Captured] = {}
+        self._table = self.online.parameters.new_zeros(0, self.online.sizes[0])
+        self._target_values: Tensor | None = None
+        self.observe(self._table)
 
     def observe(self, table: Tensor) -> None:
         """Replace the table of ``[D, in]`` distinct observations, which all indices refer to."""
-        self._table = table.to(self.online.parameters)
-        self._target_values: Tensor | None = None
+        rows = LEAST_TABLE
+        while rows < len(table):
+            rows *= 2
+        if len(self._table) != rows:
+            self._table = self.online.parameters.new_zeros(rows, self.online.sizes[0])
+            self._target_values = None
+            self._captured.clear()  # captured steps read the old table at its address
+        self._table.zero_()
+        self._table[: len(table)] = table.to(self._table)
+        self._target_changed()
 
     def greedy(
         self, observations: NDArray[Any], wanted: NDArray[np.bool_] | None = None
     ) -> NDArray[np.int64]:
-        """``[N]`` the best action for each agent's observation.
+        """``[N]`` the best action for each agent's observation, ``[N, in]``.
 
-        Args:
-            observations: ``[N, in]``.
-            wanted: ``[N]`` whose actions are wanted; the others' can be any. By default all are.
+        Of agents that are not ``wanted``, ``[N]``, it can be any. By default all are.
         """
         inputs = torch.from_numpy(observations).to(self.online.parameters)[:, None]
         best: NDArray[np.int64] = self.online(inputs).squeeze(1).argmax(dim=1).cpu().numpy()
@@ -209,12 +219,9 @@ class StackedDoubleQ:
         values, actions = activations[-1], self.online.sizes[-1]
         # Double Q: the online network chooses, the target network evaluates.
         choice = values.argmax(dim=2).gather(1, after)
-        if len(self._table) > LARGE_TABLE:
+        target_values, row = self._target_values, batch.after
+        if target_values is None:
             target_values, row = self.target(self._table[rows]), after
-        else:
-            if self._target_values is None:
-                self._target_values = self.target(self._table)
-            target_values, row = self._target_values, batch.after
         following = target_values.flatten(1).gather(1, row * actions + choice)
         td_target = batch.reward + batch.not_done * following * self.gamma
         output = before * actions + batch.action
@@ -223,11 +230,8 @@ class StackedDoubleQ:
     def _rows_of(self, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
         """Which observations to evaluate: the whole table, or those of the transitions if fewer.
 
-        The shapes do not depend on the data, as a CUDA graph needs it.
-
-        Returns:
-            ``[N, U]`` rows of the table, and ``[N, M]`` the columns among them of the observations
-            before and after each transition.
+        That is ``[N, U]`` rows of the table, and the ``[N, M]`` columns among them of the
+        observations before and after each transition.
         """
         agents, many = batch.before.shape
         every = torch.arange(min(len(self._table), 2 * many), device=batch.before.device)
@@ -250,12 +254,18 @@ class StackedDoubleQ:
         Returns:
             ``[N, M]`` the TD errors before the step.
         """
-        errors = self._train(batch, trains)
+        given = (*batch, *(() if trains is None else (trains,)))
+        shapes = tuple(tensor.shape for tensor in given)
+        if shapes not in self._captured:
+            self._captured[shapes] = Captured(self._train, self.online.parameters.device)
+        errors = self._captured[shapes](*given)
         self._after_step()
         return errors
 
-    def _train(self, batch: Batch, trains: Tensor | None) -> Tensor:
+    def _train(self, *given: Tensor) -> Tensor:
         """The update on the device; counting and the target network are :meth:`_after_step`'s."""
+        batch = Batch(*given[: len(Batch._fields)])
+        trains = given[-1] if len(given) > len(batch) else None
         errors, activations, output = self._evaluate(batch)
         # The slope of half the square is the error; Huber's never exceeds 1.
         slope = errors.clamp(-1.0, 1.0) if self.loss == "huber" else errors
@@ -291,7 +301,11 @@ class StackedDoubleQ:
             self._target_changed()
 
     def _target_changed(self) -> None:
-        self._target_values = None
+        """Evaluate the table anew, in the place where captured steps read it."""
+        if len(self._table) <= LARGE_TABLE:
+            values = self.target(self._table)
+            kept = self._target_values
+            self._target_values = values if kept is None else kept.copy_(values)
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimizer and counters as they are now."""
@@ -313,4 +327,5 @@ class StackedDoubleQ:
                 group["capturable"] = self._capturable
         self.optimizer.load_state_dict(optimizer)
         self.updates = state["updates"]
+        self._captured.clear()  # the state of the optimizer has moved
         self._target_changed()

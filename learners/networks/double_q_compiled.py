@@ -11,6 +11,7 @@ cannot be written to, in the user's cache) for all later processes of the instal
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from learners.networks import double_q_kernels as kernels
-from learners.networks.double_q import StackedDoubleQ, StackedMLP
+from learners.networks.double_q import StackedDoubleQ
 from learners.networks.replay_buffer import Batch
 
 RULES: dict[type[torch.optim.Optimizer], int] = {
@@ -30,33 +31,23 @@ RULES: dict[type[torch.optim.Optimizer], int] = {
 LOSSES = {"huber": kernels.HUBER, "squared": kernels.SQUARED}
 
 
-def networks_of(stack: StackedMLP) -> kernels.Networks:
-    """The same parameters as compiled code takes them."""
-    sizes = np.array(stack.sizes, dtype=np.int64)
-    lengths = stack.agents * (sizes[:-1] + 1) * sizes[1:]
-    begins = np.concatenate([[0], lengths.cumsum()[:-1]])
-    return kernels.Networks(stack.parameters.numpy(), sizes, begins, stack.agents)
+@lru_cache
+def layout(widths: tuple[int, ...], agents: int) -> tuple[kernels.Integers, kernels.Integers]:
+    """The sizes of networks, and where each layer begins in the parameters of all agents."""
+    sizes = np.array(widths, dtype=np.int64)
+    lengths = agents * (sizes[:-1] + 1) * sizes[1:]
+    return sizes, np.concatenate([[0], lengths.cumsum()[:-1]])
 
 
 class CompiledDoubleQ(StackedDoubleQ):
     """A :class:`StackedDoubleQ` in compiled code for a CPU."""
 
-    _views: tuple[kernels.Networks, kernels.Networks] | None = None
-
     @property
     def _networks(self) -> tuple[kernels.Networks, kernels.Networks]:
         """The networks and the target networks, as views of the tensors."""
-        if self._views is None:
-            self._views = networks_of(self.online), networks_of(self.target)
-        return self._views
-
-    def __getstate__(self) -> dict[str, Any]:
-        # A copy has tensors of its own, and needs views of those.
-        return {**vars(self), "_views": None}
-
-    @property
-    def _rule(self) -> int:
-        return RULES[type(self.optimizer)]
+        online, target = self.online.parameters.numpy(), self.target.parameters.numpy()
+        shape = *layout(self.online.sizes, self.online.agents), self.online.agents
+        return kernels.Networks(online, *shape), kernels.Networks(target, *shape)
 
     @property
     def _type(self) -> np.dtype[Any]:
@@ -64,7 +55,7 @@ class CompiledDoubleQ(StackedDoubleQ):
 
     def observe(self, table: Tensor) -> None:
         """As for :class:`~learners.networks.double_q.StackedDoubleQ`."""
-        super().observe(table)
+        self._table = table.to(self.online.parameters)
         values = (self.online.agents, len(table), self.online.sizes[-1])
         self._target_table = kernels.TargetTable(
             self._table.numpy(), np.zeros(values, self._type), np.zeros(values[:2], dtype=bool)
@@ -99,17 +90,9 @@ class CompiledDoubleQ(StackedDoubleQ):
         most = min(2 * batch.before.shape[1], len(self._table))
         if len(self._scratch.rows) < most:
             self._scratch = self._scratch_for(most)
-        parts = (
-            batch.before,
-            batch.action,
-            batch.reward,
-            batch.after,
-            batch.not_done,
-            batch.weight,
-        )
         errors = kernels.update(
             *self._networks,
-            kernels.Minibatch(*(np.ascontiguousarray(part.numpy()) for part in parts)),
+            Batch(*(np.ascontiguousarray(part.numpy()) for part in batch)),
             np.ones(self.online.agents, dtype=bool) if trains is None else trains.numpy(),
             self._target_table,
             self._optimizer_step(),
@@ -121,35 +104,24 @@ class CompiledDoubleQ(StackedDoubleQ):
         return torch.from_numpy(errors)
 
     def _target_changed(self) -> None:
-        super()._target_changed()
         self._target_table.is_known[:] = False
 
-    def _optimizer_state(self) -> dict[str, Tensor]:
-        """The state of torch's optimizer, created at the first step as torch does."""
-        parameters = self.online.parameters
-        if self._rule == kernels.SGD:
-            return {}
-        state = self.optimizer.state[parameters]
-        if not state:
-            state["step"] = torch.zeros((), dtype=torch.float32)
-            adam = self._rule == kernels.ADAM
-            for name in ("exp_avg", "exp_avg_sq") if adam else ("square_avg",):
-                state[name] = torch.zeros_like(parameters)
-        return state
-
     def _optimizer_step(self) -> kernels.Optimizer:
-        """Count one more step, and describe the optimizer at that step."""
-        settings, state = self.optimizer.param_groups[0], self._optimizer_state()
-        first = second = self._networks[0].flat  # unused where the rule keeps no moments
-        kept = kept_square = 0.0
-        if state:
+        """Count one more step of torch's optimizer, and describe it at that step."""
+        rule, parameters = RULES[type(self.optimizer)], self.online.parameters
+        settings = self.optimizer.param_groups[0]
+        first = second = parameters.numpy()  # unused where the rule keeps no moments
+        kept, kept_square, count = 0.0, 0.0, 1.0
+        if rule != kernels.SGD:
+            moments = ("exp_avg", "exp_avg_sq") if rule == kernels.ADAM else ("square_avg",)
+            state = self.optimizer.state[parameters]
+            if not state:  # created at the first step, as torch does
+                state["step"] = torch.zeros((), dtype=torch.float32)
+                state |= {name: torch.zeros_like(parameters) for name in moments}
             state["step"] += 1
-        if self._rule == kernels.ADAM:
-            kept, kept_square = settings["betas"]
-            first, second = state["exp_avg"].numpy(), state["exp_avg_sq"].numpy()
-        elif self._rule == kernels.RMSPROP:
-            kept_square, second = settings["alpha"], state["square_avg"].numpy()
-        count = float(state.get("step", 1.0))
+            count = float(state["step"])
+            first, second = (state[name].numpy() for name in (moments[0], moments[-1]))
+            kept, kept_square = settings.get("betas", (0.0, settings.get("alpha")))
         numbers = (
             settings["lr"] / (1 - kept**count),
             1 - kept,
@@ -158,4 +130,4 @@ class CompiledDoubleQ(StackedDoubleQ):
             settings.get("eps", 0.0),
             (1 - kept_square**count) ** -0.5,
         )
-        return kernels.Optimizer(self._rule, np.array(numbers, self._type), first, second)
+        return kernels.Optimizer(rule, np.array(numbers, self._type), first, second)

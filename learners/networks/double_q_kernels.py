@@ -3,7 +3,7 @@
 A minibatch holds only some ten distinct observations, and half or more of the activations are zero:
 too little for a library of matrix products, which rearranges 64 kB of weights before it multiplies
 them with six rows. Here each row of a product is summed by itself, zeros left out, in an order that
-depends on nothing but the row. That is quicker, and it makes an agent's numbers its own: they do
+depends on the row alone. That is quicker, and it makes an agent's numbers its own: they do
 not depend on which observations are evaluated together, on which agents share a cell, or on whether
 a run was interrupted.
 
@@ -17,11 +17,14 @@ everything here.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from learners.networks.replay_buffer import Batch
 
 Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 Floats = NDArray[np.floating[Any]]
@@ -34,21 +37,25 @@ BLOCK = 64
 """Rows of weights that all observations are multiplied with before the next rows are read."""
 
 
-def compiled(function: Compiled) -> Compiled:
+def compiled(function: Compiled, **options: Any) -> Compiled:
     """Compile at the first call, once for an installation.
 
     ``error_model="numpy"`` divides as NumPy does: a check for zero would keep loops from being
     vectorised. Fused multiply-adds (``contract``) are all that is allowed of fast arithmetic, so
     that what is not a number stays so.
     """
-    compiler = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-    return cast(Compiled, compiler(function))
+    options = {"fastmath": {"contract"}, **options}
+    return cast(Compiled, numba.njit(cache=True, error_model="numpy", **options)(function))
 
 
 def inlined(function: Compiled) -> Compiled:
     """Compile into the functions that call this one: small ones, whose calls would cost most."""
-    compiler = numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-    return cast(Compiled, compiler(function))
+    return compiled(function, forceinline=True)
+
+
+def reassociated(function: Compiled) -> Compiled:
+    """Compile sums in several parts at once, in an order that their length decides."""
+    return compiled(function, fastmath={"contract", "reassoc"})
 
 
 class Networks(NamedTuple):
@@ -82,17 +89,6 @@ class Optimizer(NamedTuple):
     settings: Floats
     first: Floats
     second: Floats
-
-
-class Minibatch(NamedTuple):
-    """Minibatches of N agents, as ``learners.networks.replay_buffer.Batch``; all ``[N, M]``."""
-
-    before: Integers
-    action: Integers
-    reward: Floats
-    after: Integers
-    not_done: Floats
-    weight: Floats
 
 
 class TargetTable(NamedTuple):
@@ -264,14 +260,11 @@ def greedy(
 # -- training -------------------------------------------------------------------------------------
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@reassociated
 def four_products(
     rows: Floats, i: int, j: int, k: int, m: int, weights: Floats, unit: int
 ) -> tuple[Any, Any, Any, Any]:
-    """The inner products of four rows with a unit's weights.
-
-    Each is summed in several parts at once (``reassoc``), in an order that its length decides.
-    """
+    """The inner products of four rows with a unit's weights."""
     a = b = c = d = weights.dtype.type(0)
     for output in range(weights.shape[1]):
         weight = weights[unit, output]
@@ -298,17 +291,12 @@ def train_units(
     What a unit passes on, its gradient and the step on it are done at once, while its weights are
     in the cache: the sums of the gradient take no time beside the step's divisions and roots.
 
-    Args:
-        given: ``[R, U]`` what the units gave for R observations.
-        slope: ``[R + 1, out]`` gradient by the outputs; zeros in the last row.
-        below: ``[R + 1, U]`` set to the gradient by what the units gave, where they let something
-            through: the slope of a ReLU is 1 there and 0 elsewhere. What is in the last row means
-            nothing. Empty where there is no layer below.
-        weights: ``[U, out]``.
-        first: ``[U, out]`` what the optimizer remembers of them.
-        second: The same.
-        optimizer: By what steps are taken.
-        scratch: Room to work in.
+    For R observations, ``given``, ``[R, U]``, is what the units gave, and ``slope``,
+    ``[R + 1, out]``, the gradient by the outputs, with zeros in the last row. ``below``,
+    ``[R + 1, U]``, is set to the gradient by what the units gave, where they let something
+    through (the slope of a ReLU is 1 there and 0 elsewhere); its last row means nothing, and it is
+    empty where there is no layer below. ``weights`` are ``[U, out]``, as are the optimizer's
+    ``first`` and ``second`` of them.
     """
     rule, settings = optimizer.rule, optimizer.settings
     size, new, old_square = settings[0], settings[1], settings[2]
@@ -359,13 +347,7 @@ def backward(
 ) -> None:
     """Train an agent's network on the gradient by its outputs, which ``slope_by(0)`` holds.
 
-    Args:
-        networks: The networks.
-        agent: Which of them.
-        many: Observations that were evaluated.
-        used: How many of these, from the first on, have a gradient.
-        optimizer: By what steps are taken.
-        scratch: The trace of the observations, and their gradient.
+    ``scratch`` has the trace of ``many`` observations; the first ``used`` of them have a gradient.
     """
     always = np.ones((used, 1), networks.flat.dtype)
     turn = 0
@@ -402,42 +384,12 @@ def backward(
 
 
 @compiled
-def gather(
-    rings: Floats, slots: Integers, like: Floats
-) -> tuple[Integers, Integers, Integers, Floats, Floats]:
-    """The parts of minibatches, each ``[N, M]``, from rings of transitions.
-
-    Args:
-        rings: ``[5, N, capacity]`` as in ``learners.networks.replay_buffer.Replay``.
-        slots: ``[N, M]`` which transitions.
-        like: Something of the type that rewards should have.
-
-    Returns:
-        Number of the observation before, action, number of the observation after, reward, and
-        whether a value follows.
-    """
-    before, action, after = np.empty_like(slots), np.empty_like(slots), np.empty_like(slots)
-    reward, not_done = np.empty(slots.shape, like.dtype), np.empty(slots.shape, like.dtype)
-    for agent in range(slots.shape[0]):
-        for transition in range(slots.shape[1]):
-            slot = slots[agent, transition]
-            before[agent, transition] = rings[0, agent, slot]
-            action[agent, transition] = rings[1, agent, slot]
-            after[agent, transition] = rings[2, agent, slot]
-            reward[agent, transition] = rings[3, agent, slot]
-            not_done[agent, transition] = rings[4, agent, slot]
-    return before, action, after, reward, not_done
-
-
-@compiled
-def look_up(batch: Minibatch, agent: int, table: TargetTable, scratch: Scratch) -> tuple[int, int]:
-    """Gather the distinct observations of an agent's minibatch in ``scratch``, and count them.
+def look_up(batch: Batch, agent: int, table: TargetTable, scratch: Scratch) -> tuple[int, int]:
+    """Gather the distinct observations of an agent's minibatch in ``scratch``.
 
     Those that an action was taken in come first. What followed is left out where the target ends
-    there, since nothing needs to be evaluated.
-
-    Returns:
-        How many an action was taken in, and how many there are.
+    there, since nothing needs to be evaluated. Returned are how many an action was taken in, and
+    how many there are.
     """
     before, after, not_done = batch.before[agent], batch.after[agent], batch.not_done[agent]
     column, rows = scratch.column, scratch.rows
@@ -458,27 +410,9 @@ def look_up(batch: Minibatch, agent: int, table: TargetTable, scratch: Scratch) 
 
 
 @compiled
-def forget(many: int, scratch: Scratch) -> None:
-    """Make ``scratch`` ready for the next agent."""
-    for observation in range(many):
-        scratch.column[scratch.rows[observation]] = -1
-
-
-@compiled
-def evaluate_target(
-    target: Networks, agent: int, many: int, table: TargetTable, scratch: Scratch
-) -> None:
-    """Evaluate the observations that the target network has not evaluated yet."""
-    for row in scratch.rows[:many]:
-        if not table.is_known[agent, row]:
-            table.values[agent, row] = evaluate(target, agent, table.rows[row : row + 1], scratch)
-            table.is_known[agent, row] = True
-
-
-@compiled
 def td_errors(
     values: Floats,
-    batch: Minibatch,
+    batch: Batch,
     agent: int,
     table: TargetTable,
     gamma: float,
@@ -500,7 +434,7 @@ def td_errors(
 
 @compiled
 def loss_gradient(
-    errors: Floats, batch: Minibatch, agent: int, loss: int, scratch: Scratch, gradient: Floats
+    errors: Floats, batch: Batch, agent: int, loss: int, scratch: Scratch, gradient: Floats
 ) -> None:
     """Set the ``[U, out]`` gradient of an agent's loss by its values of the observations."""
     gradient[:] = 0
@@ -520,7 +454,7 @@ def loss_gradient(
 def update(
     online: Networks,
     target: Networks,
-    batch: Minibatch,
+    batch: Batch,
     trains: NDArray[np.bool_],
     table: TargetTable,
     optimizer: Optimizer,
@@ -528,32 +462,26 @@ def update(
     loss: int,
     scratch: Scratch,
 ) -> Floats:
-    """One gradient step for each agent that trains.
+    """One gradient step for each agent that ``trains``, ``[N]``, on a minibatch of arrays.
 
-    Args:
-        online: The networks to train.
-        target: The target networks.
-        batch: The minibatches.
-        trains: ``[N]`` which agents take the step.
-        table: What the numbers in the minibatches mean.
-        optimizer: By what the step is taken.
-        gamma: Discount factor.
-        loss: ``HUBER`` or ``SQUARED``.
-        scratch: Room for at least two observations for each transition.
-
-    Returns:
-        ``[N, M]`` the TD errors before the step, also of agents that take none.
+    ``loss`` is ``HUBER`` or ``SQUARED``, and ``scratch`` has room for all distinct observations of
+    an agent's minibatch. Returned are the ``[N, M]`` TD errors before the step, also of agents that
+    take none.
     """
     errors = np.empty(batch.reward.shape, dtype=online.flat.dtype)
     actions = online.sizes[-1]
     for agent in range(online.agents):
         acted_in, many = look_up(batch, agent, table, scratch)
-        evaluate_target(target, agent, many, table, scratch)
+        for row in scratch.rows[:many]:
+            if not table.is_known[agent, row]:
+                observation = table.rows[row : row + 1]
+                table.values[agent, row] = evaluate(target, agent, observation, scratch)
+                table.is_known[agent, row] = True
         values = evaluate(online, agent, scratch.inputs[:many], scratch)
         td_errors(values, batch, agent, table, gamma, scratch, errors[agent])
         if trains[agent]:
             gradient = slope_by(scratch, 0, acted_in, actions)
             loss_gradient(errors[agent], batch, agent, loss, scratch, gradient)
             backward(online, agent, many, acted_in, optimizer, scratch)
-        forget(many, scratch)
+        scratch.column[scratch.rows[:many]] = -1
     return errors

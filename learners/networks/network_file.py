@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -44,13 +44,9 @@ class About(StrictModel, extra="ignore"):
 def write_network(
     path: Path | str, network: RecurrentPolicy, positions: int, about: dict[str, Any]
 ) -> None:
-    """Write a single network.
+    """Write a single network (N = 1), trained in rooms of so many positions, whole or not at all.
 
-    Args:
-        path: Where to; the file is complete or not there.
-        network: The network, N = 1.
-        positions: Levers of the rooms that it was trained in.
-        about: Anything else to write about it, as plain data.
+    ``about`` is anything else to write about it, as plain data.
     """
     about = {"format": 1, "sizes": network.sizes.model_dump(), "positions": positions, **about}
     weights = {name: tensor[0].numpy() for name, tensor in network.state_dict().items()}
@@ -59,14 +55,7 @@ def write_network(
 
 
 def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, dict[str, Any]]:
-    """Read a network.
-
-    Args:
-        path: The file.
-        copies: How many networks of the same weights to make, N.
-
-    Returns:
-        The networks, and what was written about them.
+    """Read so many copies of a network, and what was written about it.
 
     Raises:
         LearnerError: If there is no such file, or it holds something else.
@@ -74,14 +63,14 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
     try:
         with open_archive(path, MOST_BYTES) as archive:
             if archive.sizes.get("about", 0) > _MOST_ABOUT:
-                _refuse("its description is too long")
+                raise StateError("its description is too long")
             about = json.loads(str(archive.read("about")))
             checked = About.model_validate(about)
             sizes, positions = checked.sizes, checked.positions
             # A stack of no networks has all shapes and takes no memory.
             expected = make_policy(sizes, positions, []).state_dict()
             if archive.sizes.keys() != {"about", *expected}:
-                _refuse("it does not hold the weights of a network of its sizes")
+                raise StateError("it does not hold the weights of a network of its sizes")
             weights = {
                 name: _weights(archive, name, tuple(tensor.shape[1:]))
                 for name, tensor in expected.items()
@@ -106,15 +95,9 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
 def _weights(archive: Archive, name: str, shape: tuple[int, ...]) -> Any:
     # Unpacked only if it is as large as it must be.
     least = 4 * math.prod(shape)
-    if not least < archive.sizes[name] <= least + HEADER:
-        _refuse(f"it does not fit its own sizes at {name}")
-    held = archive.read(name)
-    if held.shape != shape or held.dtype != np.float32:
-        _refuse(f"it does not fit its own sizes at {name}")
+    held = archive.read(name) if least < archive.sizes[name] <= least + HEADER else None
+    if held is None or held.shape != shape or held.dtype != np.float32:
+        raise StateError(f"it does not fit its own sizes at {name}")
     if not np.isfinite(held).all():
-        _refuse(f"not all numbers in {name} are finite")
+        raise StateError(f"not all numbers in {name} are finite")
     return held
-
-
-def _refuse(why: str) -> NoReturn:
-    raise StateError(why)

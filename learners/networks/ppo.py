@@ -9,7 +9,7 @@ Schulman et al., 2016).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -52,6 +52,19 @@ class Rollout(NamedTuple):
     mask: Tensor  # the step happened
     bootstrap: Tensor  # [N, M] value of what follows the last step
 
+    @staticmethod
+    def stacked(steps: list[dict[str, Any]], networks: int) -> dict[str, Tensor]:
+        """``[N, T, M, ...]`` parts of T steps; each part of a step is ``[N * M, ...]``."""
+        return {
+            name: torch.from_numpy(
+                np.stack(
+                    [step[name].reshape(networks, -1, *step[name].shape[1:]) for step in steps],
+                    axis=1,
+                )
+            )
+            for name in steps[0]
+        }
+
     def of_rooms(self, which: Tensor) -> Rollout:
         """The same steps in some of the rooms."""
         rooms_axis = {"state": 1, "bootstrap": 1}
@@ -66,10 +79,7 @@ class Rollout(NamedTuple):
 def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:
     """``[N, T, M]`` how much better each action was than expected (GAE).
 
-    Args:
-        rollout: What happened.
-        gamma: Discount factor.
-        gae_lambda: 0 trusts the values after one step, 1 only what was earned.
+    A lambda of 0 trusts the values after one step, 1 only what was earned.
     """
     advantage = torch.zeros_like(rollout.value)
     following, ahead = rollout.bootstrap, torch.zeros_like(rollout.bootstrap)
@@ -87,36 +97,20 @@ def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """Settings of proximal policy optimization.
-
-    Attributes:
-        learning_rate: Of Adam.
-        gamma: Discount factor.
-        gae_lambda: Lambda of the advantage estimate.
-        clip: How far an action's probability may move from what it was, as a share of it.
-        value_weight: Weight of the squared error of the values.
-        epochs: How often a rollout is gone through.
-        minibatches: Parts of its rooms that are learned from one after another.
-        max_grad_norm: Norm to which gradients are clipped.
-    """
+    """Settings of proximal policy optimization."""
 
     learning_rate: float = 0.001
     gamma: float = 0.97
     gae_lambda: float = 0.95
-    clip: float = 0.2
-    value_weight: float = 0.5
+    clip: float = 0.2  # how far an action's probability may move, as a share of what it was
+    value_weight: float = 0.5  # of the squared error of the values
     epochs: int = 2
-    minibatches: int = 4
+    minibatches: int = 4  # parts of the rooms, learned from one after another
     max_grad_norm: float = 0.5
 
 
 class PPO(Checkpointed):
-    """Improves N policies from their rollouts.
-
-    Args:
-        network: The policies.
-        settings: How.
-    """
+    """Improves N policies from their rollouts."""
 
     checkpointed: ClassVar = {"network": "network", "optimiser": "optimizer"}
 
@@ -128,15 +122,9 @@ class PPO(Checkpointed):
     def update(
         self, rollout: Rollout, entropy_weight: float, generator: np.random.Generator | None = None
     ) -> dict[str, float]:
-        """Learn from a rollout.
+        """Learn from a rollout; returns means over it of ``entropy``, ``value_error``, ``clipped``.
 
-        Args:
-            rollout: What happened.
-            entropy_weight: Weight of the policy's entropy.
-            generator: Mixes the rooms before they are split; not needed for a single minibatch.
-
-        Returns:
-            Means over the rollout: ``entropy``, ``value_error`` and ``clipped``.
+        The generator mixes the rooms before they are split; a single minibatch needs none.
         """
         settings = self.settings
         advantage = advantages(rollout, settings.gamma, settings.gae_lambda)

@@ -50,11 +50,6 @@ def product(bias: Tensor, inputs: Tensor, weight: Tensor) -> Tensor:
 
     It is made with columns of zeros behind the others, so that each agent's part begins where a
     vector of the processor's does: how a product is rounded may depend on that.
-
-    Args:
-        bias: ``[N, 1, out]``.
-        inputs: ``[N, M, in]``.
-        weight: ``[N, in, out]``.
     """
     outputs = weight.shape[-1]
     if not (rest := -outputs % ALIGNED):
@@ -134,10 +129,8 @@ class StackedCell(nn.Module, ABC):
     def step(self, projected: Tensor, recurrent: Tensor, state: Tensor) -> Tensor:
         """``[N, M, S]`` the next hidden state.
 
-        Args:
-            projected: ``[N, M, gates * H]`` what the input contributes to each gate.
-            recurrent: ``[N, M, gates * H]`` what the last output contributes.
-            state: ``[N, M, S]`` the hidden state before.
+        ``projected`` and ``recurrent``, both ``[N, M, gates * H]``, are what the input and the last
+        output contribute to each gate.
         """
 
 

@@ -27,8 +27,6 @@ from learners.networks.recurrent_cells import StackedGRU, StackedLinear
 
 OWN, SHARED = 4, 9
 """Numbers perceived of each lever (pushed, grey, just pushed, just pulled), and of the room."""
-
-
 MOST_UNITS = 1024
 """The largest size that a network may have."""
 Units = Annotated[int, Field(ge=1, le=MOST_UNITS)]
@@ -51,14 +49,9 @@ class Sizes(StrictModel):
 
 
 def split(inputs: Tensor, positions: int) -> tuple[Tensor, Tensor]:
-    """Inputs, sorted by lever.
+    """What :class:`~learners.networks.perception.Perception` returns, sorted by lever.
 
-    Args:
-        inputs: ``[..., in]`` as :class:`~learners.networks.perception.Perception` returns them.
-        positions: Levers, P.
-
-    Returns:
-        ``[..., P, 4]`` of each lever and ``[..., 9]`` of the room.
+    That is ``[..., P, 4]`` of each lever and ``[..., 9]`` of the room, from ``[..., in]``.
     """
     pushed, grey, door, push, pull, rest = torch.split(
         inputs,
@@ -99,18 +92,20 @@ class RecurrentPolicy(nn.Module, ABC):
             hidden state.
         """
 
+    @torch.no_grad()
+    def step(self, inputs: Tensor, state: Tensor, fresh: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Run over one step; all shapes are as for :meth:`forward`, without T."""
+        logits, values, state = self(inputs[:, None], state, fresh[:, None])
+        return logits[:, 0], values[:, 0], state
+
 
 class LeverPolicy(RecurrentPolicy):
-    """Networks with a hidden state for each lever, wherever it stands.
+    """Networks with a hidden state for each lever, wherever it is.
 
     The room's state is updated from what is perceived of the room, from the states of all levers
     (their mean and their maximum) and from that of the lever acted on last; each lever's from what
     is perceived of it, and from the room's. A lever's own state and the room's then give the logits
     of pushing it and of pulling it.
-
-    Args:
-        sizes: Its sizes.
-        generators: One source of initial weights for each network.
     """
 
     def __init__(self, sizes: Sizes, generators: Sequence[np.random.Generator]) -> None:
@@ -196,13 +191,7 @@ def _pooled(levers: Tensor) -> Tensor:
 
 
 class FlatPolicy(RecurrentPolicy):
-    """A plain recurrent network, with inputs and actions of each position of its own.
-
-    Args:
-        sizes: Its sizes.
-        positions: Levers of the rooms that it is made for.
-        generators: One source of initial weights for each network.
-    """
+    """A plain recurrent network, with inputs and actions of each position of its own."""
 
     def __init__(
         self, sizes: Sizes, positions: int, generators: Sequence[np.random.Generator]
@@ -223,16 +212,14 @@ class FlatPolicy(RecurrentPolicy):
         self, inputs: Tensor, state: Tensor, fresh: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Run over T steps; see :class:`RecurrentPolicy`."""
-        projected = torch.baddbmm(
-            self.room.input_bias, inputs.flatten(1, 2), self.room.input_weight
-        )
+        room = self.room
+        projected = torch.baddbmm(room.input_bias, inputs.flatten(1, 2), room.input_weight)
         states = []
         for step, piece in enumerate(projected.view(*inputs.shape[:3], -1).unbind(1)):
             if fresh is not None and bool(fresh[:, step].any()):
-                kept = (~fresh[:, step]).to(state.dtype)[..., None]
-                state = torch.mul(state, kept)
-            recurrent = torch.baddbmm(self.room.hidden_bias, state, self.room.hidden_weight)
-            state = self.room.step(piece, recurrent, state)
+                state = state * (~fresh[:, step]).to(state.dtype)[..., None]
+            recurrent = torch.baddbmm(room.hidden_bias, state, room.hidden_weight)
+            state = room.step(piece, recurrent, state)
             states.append(state)
         read = torch.relu(self.reads(torch.stack(states, dim=1).flatten(1, 2)))
         policy, critic = read.chunk(2, dim=-1)

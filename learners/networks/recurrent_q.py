@@ -15,23 +15,10 @@ from learners.networks.sequence_buffer import Sequences
 
 
 class StackedRecurrentNetwork(nn.Module):
-    """N networks of a recurrent layer and a perceptron that reads it.
-
-    Args:
-        cell: Kind of the recurrent layer.
-        inputs: Width of the input.
-        hidden: Width of the recurrent layer, and of the hidden layer behind it.
-        outputs: Width of the output, A.
-        generators: One source of initial weights for each agent.
-    """
+    """N networks of a recurrent layer and a perceptron, both of ``hidden`` units, that reads it."""
 
     def __init__(
-        self,
-        cell: CellName,
-        inputs: int,
-        hidden: int,
-        outputs: int,
-        generators: Generators,
+        self, cell: CellName, inputs: int, hidden: int, outputs: int, generators: Generators
     ) -> None:
         super().__init__()
         self.cell = CELLS[cell](inputs, hidden, generators)
@@ -83,12 +70,7 @@ class RecurrentDoubleQ(Checkpointed):
 
     @torch.no_grad()
     def values(self, inputs: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        """``[N, A]`` values of the actions now and ``[N, S]`` the next hidden state.
-
-        Args:
-            inputs: ``[N, in]`` what each agent perceives.
-            state: ``[N, S]`` the hidden state before.
-        """
+        """``[N, A]`` values of the actions and the next hidden state, by ``[N, in]`` inputs."""
         values, state = self.online(inputs[:, None, None], state[:, None])
         return values[:, 0, 0], state[:, 0]
 
@@ -115,15 +97,10 @@ class RecurrentDoubleQ(Checkpointed):
         return losses
 
     def update(self, batch: Sequences, trains: Tensor) -> Tensor:
-        """One gradient step for every agent on its own sequences.
+        """One gradient step for every agent that ``trains``, ``[N]``, on its own sequences.
 
-        Args:
-            batch: The sequences of all agents.
-            trains: ``[N]`` which agents take the step; the networks of the others stay as they
-                are, whatever their sequences hold.
-
-        Returns:
-            ``[N]`` the loss of each agent.
+        The networks of the others stay as they are, whatever their sequences hold. Returned is the
+        ``[N]`` loss of each agent.
         """
         losses = self.losses(batch)
         self.optimizer.zero_grad()

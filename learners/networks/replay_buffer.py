@@ -7,7 +7,6 @@ uniformly, or by :class:`PrioritisedReplayBuffer` in proportion to their last TD
 
 from __future__ import annotations
 
-import copy
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -17,7 +16,6 @@ from torch import Tensor
 
 from causal_openlock.contract.learner import Observations
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
-from learners.networks import double_q_kernels as kernels
 from learners.networks.checkpointed import Checkpointed
 
 LEAST_PRIORITY = 1e-6
@@ -47,7 +45,9 @@ class ObservationTable(Checkpointed):
 
 
 class Batch(NamedTuple):
-    """A minibatch of M transitions for each of N agents; every part is ``[N, M]``.
+    """A minibatch of M transitions for each of N agents.
+
+    Every part is ``[N, M]``: a tensor, or an array for compiled code.
 
     Attributes:
         before: Number of the observation that the action was taken in.
@@ -59,16 +59,16 @@ class Batch(NamedTuple):
         slot: Where in its ring it is.
     """
 
-    before: Tensor
-    action: Tensor
-    reward: Tensor
-    after: Tensor
-    not_done: Tensor
-    weight: Tensor
-    slot: Tensor
+    before: Any
+    action: Any
+    reward: Any
+    after: Any
+    not_done: Any
+    weight: Any
+    slot: Any
 
 
-class ReplayBuffer:
+class ReplayBuffer(Checkpointed):
     """B rings of transitions, one for each subject, drawn from uniformly.
 
     Args:
@@ -101,55 +101,36 @@ class ReplayBuffer:
         after: IntArray,
         not_done: BoolArray,
     ) -> Tensor:
-        """Add one transition for each of the subjects ``who``; all arguments are as long.
-
-        Returns:
-            Where they are in the flattened rings.
-        """
+        """Add a transition for each of the subjects ``who``; return its place in the flat rings."""
         slot = self._next[who]
-        where = who * self.capacity + slot
-        columns = np.array([before, action, after, reward, not_done], dtype=np.float64)
+        new = np.array([before, action, after, reward, not_done], dtype=np.float64)
         self._next[who] = (slot + 1) % self.capacity
         self.length[who] = np.minimum(self.length[who] + 1, self.capacity)
-        rings = self.rings.view(5, -1)
-        if rings.is_cuda:
-            places = torch.from_numpy(where).to(rings.device)
-            rings.index_copy_(1, places, torch.from_numpy(columns).to(rings.device))
-            return places
-        rings.numpy()[:, where] = columns
-        return torch.from_numpy(where)
+        places = torch.from_numpy(who * self.capacity + slot).to(self.rings.device)
+        self.rings.view(5, -1).index_copy_(1, places, torch.from_numpy(new).to(self.rings))
+        return places
 
-    def sample(self, uniform: FloatArray) -> Batch:
+    def sample(self, uniform: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
         """Transitions drawn with replacement, for each subject from its own ring.
 
         Args:
             uniform: ``[B, M]`` numbers in [0, 1) that they are drawn by.
+            beta: By subject, ``[B]``, or for all: how much of the bias of priorities is undone,
+                from 0 to 1.
         """
         slots = torch.from_numpy((uniform * self.length[:, None]).astype(np.int64))
-        slots = slots.to(self.rings.device)
-        return self._at(slots, torch.ones(slots.shape, device=slots.device))
+        return self._at(slots.to(self.rings.device), torch.ones(slots.shape))
+
+    def update_priorities(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
+        """Set the priorities of transitions, ``[B, M]``, of the subjects ``who``, ``[B]``."""
 
     def _at(self, slots: Tensor, weight: Tensor) -> Batch:
-        if self.rings.is_cuda:
-            places = slots + torch.from_numpy(self._begins).to(slots.device)
-            held = self.rings.view(5, -1).index_select(1, places.flatten()).view(5, *slots.shape)
-            before, action, after = held[:3].long()
-            reward, not_done = held[3:].to(weight.dtype)
-        else:
-            parts = kernels.gather(self.rings.numpy(), slots.numpy(), weight.numpy())
-            before, action, after, reward, not_done = map(torch.from_numpy, parts)
+        places = slots + torch.from_numpy(self._begins).to(slots.device)
+        held = self.rings.view(5, -1).index_select(1, places.flatten()).view(5, *slots.shape)
+        before, action, after = held[:3].long()
+        reward, not_done = held[3:].to(torch.get_default_dtype())
+        weight = weight.to(reward)
         return Batch(before, action, reward, after, not_done, weight, slots)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The rings as they are now, for a checkpoint."""
-        return copy.deepcopy(vars(self))
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        for name, value in copy.deepcopy(state).items():
-            held = vars(self)[name]
-            # Tensors stay on the device where they are, whichever the checkpoint comes from.
-            vars(self)[name] = value.to(held) if isinstance(held, Tensor) else value
 
 
 class PrioritisedReplayBuffer(ReplayBuffer):
@@ -162,10 +143,7 @@ class PrioritisedReplayBuffer(ReplayBuffer):
     total priority.
 
     Args:
-        subjects: As for :class:`ReplayBuffer`, with ``capacity`` and ``device``.
-        capacity: Transitions that each ring holds.
-        alpha: 0 draws uniformly, 1 in proportion to the error.
-        device: Where the rings are kept.
+        alpha: 0 draws uniformly, 1 in proportion to the error; the others as before.
     """
 
     def __init__(
@@ -188,13 +166,7 @@ class PrioritisedReplayBuffer(ReplayBuffer):
         return where
 
     def sample(self, uniform: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
-        """Transitions drawn by priority, for each subject from its own ring.
-
-        Args:
-            uniform: ``[B, M]`` numbers in [0, 1) that they are drawn by.
-            beta: How much of the bias is undone, by subject (``[B]``) or for all: 0 nothing,
-                1 all of it.
-        """
+        """Transitions drawn by priority, for each subject from its own ring."""
         device = self.rings.device
         stratum = (np.arange(uniform.shape[1]) + uniform) / uniform.shape[1]
         upto = self.priority.cumsum(dim=1)
@@ -206,16 +178,10 @@ class PrioritisedReplayBuffer(ReplayBuffer):
         exponent = np.broadcast_to(beta, self.length.shape)[:, None]
         weight = _power(length * probability, -exponent)
         weight /= weight.amax(dim=1, keepdim=True)
-        return self._at(slots, weight.to(torch.get_default_dtype()))
+        return self._at(slots, weight)
 
     def update_priorities(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
-        """Set the priorities of transitions by their new TD errors.
-
-        Args:
-            slots: ``[B, M]`` where they are.
-            errors: ``[B, M]`` their TD errors.
-            who: ``[B]`` whose priorities to set.
-        """
+        """Set them by the new TD errors."""
         mine = torch.from_numpy(np.flatnonzero(who)).to(slots.device)
         priority = _power(errors[mine].abs().double() + LEAST_PRIORITY, self.alpha)
         self.priority[mine[:, None], slots[mine]] = priority

@@ -8,7 +8,6 @@ crosses the border of a segment: the network must not carry over in replay what 
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from learners.networks.checkpointed import Checkpointed
 
 Floats = NDArray[np.float32]
 
@@ -24,7 +24,7 @@ Floats = NDArray[np.float32]
 class Sequences:
     """M sequences for each of N agents: K steps of burn-in, U steps to learn from, and one more.
 
-    Time is the second axis. The steps to learn from stand in the columns from K on. A sequence
+    Time is the second axis. The steps to learn from are in the columns from K on. A sequence
     that has fewer steps is padded with copies of its first step to learn from, which
     ``burn_in_mask`` and ``mask`` leave out.
 
@@ -48,7 +48,7 @@ class Sequences:
     mask: Floats
 
 
-class SequenceBuffer:
+class SequenceBuffer(Checkpointed):
     """B rings of steps, one for each subject.
 
     Args:
@@ -88,14 +88,8 @@ class SequenceBuffer:
     ) -> None:
         """Add one step for each of the subjects ``who``; all arguments are as long.
 
-        Args:
-            who: Indices of the subjects.
-            inputs: What was perceived.
-            state: Hidden state before that.
-            action: What was done.
-            reward: What it earned.
-            not_done: Whether the value of what follows counts.
-            resets: Whether the hidden state was reset after it; ``not_done`` must be false then.
+        ``state`` is the hidden state before what was perceived, ``inputs``. Where the hidden state
+        ``resets`` after the step, ``not_done`` must be false.
         """
         slot = self.count[who] % self.capacity
         self._begins[who, slot] = self._segment[who]
@@ -110,14 +104,14 @@ class SequenceBuffer:
     def sample(self, uniform: FloatArray) -> Sequences:
         """Sequences drawn with replacement, for each subject from its own ring.
 
-        A step is drawn, and then where in the sequence it stands. The newest step is never learned
+        A step is drawn, and then its place in the sequence. The newest step is never learned
         from, since what follows it is not known yet.
 
         Args:
             uniform: ``[B, 2 M]`` numbers in [0, 1) that they are drawn by.
         """
         which, where = np.split(uniform, 2, axis=1)
-        # Steps are numbered from a subject's first, and stand in the ring at their remainder.
+        # Steps are numbered from a subject's first, and are in the ring at their remainder.
         newest = self.count[:, None] - 1
         oldest = np.maximum(self.count[:, None] - self.capacity, 0)
         drawn = oldest + (which * np.maximum(newest - oldest, 0)).astype(np.int64)
@@ -146,11 +140,7 @@ class SequenceBuffer:
             mask=(inside & (step < newest[:, None]))[:, self.burn_in : -1].astype(np.float32),
         )
 
-    def state_dict(self) -> dict[str, Any]:
-        """The rings as they are now, for a checkpoint."""
-        return copy.deepcopy(vars(self))
-
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        for name, value in copy.deepcopy(state).items():
-            vars(self)["_not_done" if name == "_goes_on" else name] = value  # its name in 0.2
+        renamed = {"_goes_on": "_not_done"}  # since version 0.2
+        super().load_state_dict({renamed.get(name, name): part for name, part in state.items()})

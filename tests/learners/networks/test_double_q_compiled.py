@@ -16,7 +16,6 @@ from learners.ddqn import double_q_class
 from learners.networks import double_q_kernels as kernels
 from learners.networks.denormals import denormals_flushed
 from learners.networks.double_q import StackedDoubleQ
-from learners.networks.double_q_captured import CapturedDoubleQ
 from learners.networks.double_q_compiled import CompiledDoubleQ
 from learners.networks.replay_buffer import Batch
 from support.checkpoints import same
@@ -267,9 +266,9 @@ def test_what_is_not_a_number_is_not_hidden() -> None:
         assert torch.isnan(weight).flatten(1).any(dim=1).tolist() == [False, True, False, False]
 
 
-def test_a_cpu_is_given_compiled_code_and_a_gpu_a_graph() -> None:
+def test_a_cpu_is_given_compiled_code_and_a_gpu_torch() -> None:
     assert double_q_class(torch.device("cpu")) is CompiledDoubleQ
-    assert double_q_class(torch.device("cuda")) is CapturedDoubleQ
+    assert double_q_class(torch.device("cuda")) is StackedDoubleQ
 
 
 def test_numba_is_imported_only_when_a_learner_begins() -> None:

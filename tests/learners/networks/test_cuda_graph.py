@@ -1,4 +1,4 @@
-"""The update of fixed shape, which a GPU replays as a graph, run on a CPU against the reference."""
+"""The update of fixed shape, which a GPU replays as a graph, run on a CPU against compiled code."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import pytest
 import torch
 from torch import Tensor
 
-import learners.networks.double_q_captured
+import learners.networks.double_q
+from learners.networks.cuda_graph import Captured
 from learners.networks.double_q import StackedDoubleQ
-from learners.networks.double_q_captured import Captured, CapturedDoubleQ
+from learners.networks.double_q_compiled import CompiledDoubleQ
 from learners.networks.replay_buffer import Batch
 
 SIZES = [16, 12, 12, 15]
@@ -47,8 +48,7 @@ def test_fixed_shapes_give_the_same_numbers(
     optimizer: str, many: int, large: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a table that is smaller and larger than a minibatch, and too large to be judged whole."""
-    for module in (learners.networks.double_q_captured, learners.networks.double_q):
-        monkeypatch.setattr(module, "LARGE_TABLE", large)
+    monkeypatch.setattr(learners.networks.double_q, "LARGE_TABLE", large)
     rng = np.random.default_rng(0)
     qs = [
         kind(
@@ -59,7 +59,7 @@ def test_fixed_shapes_give_the_same_numbers(
             7,
             optimizer=optimizer,
         )
-        for kind in (StackedDoubleQ, CapturedDoubleQ)
+        for kind in (CompiledDoubleQ, StackedDoubleQ)
     ]
     start = qs[0].online.parameters.clone()
     table = torch.from_numpy(rng.integers(0, 2, (150, 16)).astype(float))
@@ -81,7 +81,7 @@ def test_fixed_shapes_give_the_same_numbers(
 def test_all_shapes_and_addresses_stay_while_the_table_grows_within_its_padding(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    q = CapturedDoubleQ(SIZES, [np.random.default_rng(0)], 1e-3, 0.8, 2)
+    q = StackedDoubleQ(SIZES, [np.random.default_rng(0)], 1e-3, 0.8, 2)
     rng = np.random.default_rng(1)
     seen = set()
     trace = q.online.activations
@@ -101,8 +101,8 @@ def test_all_shapes_and_addresses_stay_while_the_table_grows_within_its_padding(
 def test_a_loaded_checkpoint_is_not_trained_by_steps_captured_before() -> None:
     """They hold the addresses of what the optimizer remembered then."""
     rng = np.random.default_rng(3)
-    reference = StackedDoubleQ(SIZES, [np.random.default_rng(1)], 1e-3, 0.8, 7)
-    fixed = CapturedDoubleQ(SIZES, [np.random.default_rng(2)], 1e-3, 0.8, 7)
+    reference = CompiledDoubleQ(SIZES, [np.random.default_rng(1)], 1e-3, 0.8, 7)
+    fixed = StackedDoubleQ(SIZES, [np.random.default_rng(2)], 1e-3, 0.8, 7)
     for q in (reference, fixed):
         q.observe(torch.from_numpy(rng.integers(0, 2, (9, 16)).astype(float)))
         for _ in range(5):
@@ -168,7 +168,7 @@ def test_on_a_gpu_the_graph_gives_the_numbers_of_the_reference() -> None:
     rng = np.random.default_rng(2)
     qs = [
         kind(SIZES, [np.random.default_rng(agent) for agent in range(3)], 1e-3, 0.8, 7, device=at)
-        for kind, at in ((StackedDoubleQ, "cpu"), (CapturedDoubleQ, "cuda"))
+        for kind, at in ((CompiledDoubleQ, "cpu"), (StackedDoubleQ, "cuda"))
     ]
     table = torch.from_numpy(rng.integers(0, 2, (20, 16)).astype(float))
     for q in qs:

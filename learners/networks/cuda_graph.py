@@ -1,30 +1,21 @@
-"""Double Q-learning for N agents on a GPU, replayed as one CUDA graph.
+"""A step on tensors, replayed as a CUDA graph.
 
 On a GPU an update of small networks is dozens of kernels of a few microseconds each, and starting
 them from Python takes longer than they do. A CUDA graph records them once and starts them all with
 one call. It can only hold what does not depend on the data: the same shapes at the same addresses
-every time, and nothing that waits for a result. So :class:`CapturedDoubleQ` pads the table of
-observations to a size that seldom grows; everything else in a
-:class:`~learners.networks.double_q.StackedDoubleQ` has such shapes already.
+every time, and nothing that waits for a result.
 
-The capture itself is not covered by the tests: they run the same steps of fixed shape on a CPU,
-where a step is called and not captured.
+The capture itself is not covered by the tests: on a CPU a step is called and not captured.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from learners.networks.double_q import LARGE_TABLE, StackedDoubleQ
-from learners.networks.replay_buffer import Batch
-
-LEAST_TABLE = 64
-"""Rows of the padded table at first; it doubles whenever it is full."""
 WARM_UP = 3
 """Calls before the capture: libraries choose their kernels, the optimizer creates its state."""
 
@@ -89,52 +80,3 @@ class Captured:
         with torch.cuda.graph(graph):
             self._returned = self._step(*self._given)
         self._replay = graph.replay
-
-
-class CapturedDoubleQ(StackedDoubleQ):
-    """A :class:`~learners.networks.double_q.StackedDoubleQ` whose steps are CUDA graphs.
-
-    Its arguments are the same, and so are its numbers but for rounding.
-    """
-
-    _padded: Tensor | None = None
-
-    def observe(self, table: Tensor) -> None:
-        """Take over the table of observations, padded with zeros."""
-        rows = LEAST_TABLE
-        while rows < len(table):
-            rows *= 2
-        if self._padded is None or len(self._padded) != rows:
-            self._padded = self.online.parameters.new_zeros(rows, self.online.sizes[0])
-            # Captured steps read the old table at its address.
-            self._captured: dict[tuple[object, ...], Captured] = {}
-            self._values: Tensor | None = None
-        self._padded.zero_()
-        self._padded[: len(table)] = table.to(self._padded)
-        self._table = self._padded
-        self._target_changed()
-
-    def _target_changed(self) -> None:
-        """Evaluate the table anew, in the place where captured steps read it."""
-        if len(self._table) > LARGE_TABLE:
-            self._target_values = None
-        elif self._values is None:
-            self._values = self._target_values = self.target(self._table)
-        else:
-            self._target_values = self._values.copy_(self.target(self._table))
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        super().load_state_dict(state)
-        self._captured = {}  # the state of the optimizer has moved
-
-    def _train(self, batch: Batch, trains: Tensor | None) -> Tensor:
-        given = (*batch, *(() if trains is None else (trains,)))
-        shapes = tuple(tensor.shape for tensor in given)
-        if shapes not in self._captured:
-            self._captured[shapes] = Captured(self._step, self.online.parameters.device)
-        return self._captured[shapes](*given)
-
-    def _step(self, *given: Tensor) -> Tensor:
-        parts = len(Batch._fields)
-        return super()._train(Batch(*given[:parts]), *(given[parts:] or (None,)))
