@@ -96,13 +96,14 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             put_back=settings.whole_trial,
         )
         self._solutions = len(settings.schema.solutions)
+        # Handed out, and replaced where something changes.
         self._left = np.zeros(num_envs, dtype=np.int16)
         self._found_count = np.zeros(num_envs, dtype=np.int16)
         self._attempts_left = np.zeros(num_envs, dtype=np.int32)
-        self._nowhere = np.zeros(num_envs, dtype=bool)
         # Rooms whose trial is over: the next step begins another.
         self._due = _NONE
-        self._room_of: dict[int, int] = {}
+        # The layouts met so far as numbers, sorted, and the rooms that have them.
+        self._codes, self._rooms = _NONE, _NONE
         self._kept_choices = KEPT_CHOICES
         self._started = False
 
@@ -131,13 +132,14 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         # Rooms in step all begin at once: then a slice spares the lookups.
         which = slice(None) if len(rooms) == self.num_envs else rooms
         self._batch.begin_trials(which, self._draw_rooms(len(rooms)))
-        # What has been given out is not written to.
-        self._left = self._left.copy()
-        self._found_count = self._found_count.copy()
-        self._attempts_left = self._attempts_left.copy()
-        self._left[which] = self._solutions
-        self._found_count[which] = 0
-        self._attempts_left[which] = self._settings.attempt_limit
+        left, found_count, attempts_left = (
+            array.copy() for array in (self._left, self._found_count, self._attempts_left)
+        )
+        left[which] = self._solutions
+        found_count[which] = 0
+        attempts_left[which] = self._settings.attempt_limit
+        self._left, self._found_count = _read_only(left), _read_only(found_count)
+        self._attempts_left = _read_only(attempts_left)
 
     def _draw_rooms(self, many: int) -> NDArray[np.int64]:
         """``[many]`` rooms for new trials; a layout met before is not stacked again."""
@@ -146,22 +148,28 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             return np.repeat(self._stacked([settings.layout]), many)
         levers, positions = len(settings.schema.levers), settings.positions
         order = self.np_random.random((many, positions)).argsort(axis=1)[:, :levers]
-        codes, first, which = np.unique(
-            order @ positions ** np.arange(levers), return_index=True, return_inverse=True
-        )
+        codes = order @ positions ** np.arange(levers)
         if self._tables.rows * self._tables.actions > self._kept_choices:
             self._forget()
-        new = [i for i, code in enumerate(codes.tolist()) if code not in self._room_of]
-        layouts = [Layout(tuple(order[first[i]].tolist()), positions) for i in new]
-        self._room_of.update(zip(codes[new].tolist(), self._stacked(layouts), strict=True))
-        return np.array([self._room_of[code] for code in codes.tolist()])[which]
+        at = np.searchsorted(self._codes, codes)
+        unknown = np.flatnonzero(np.append(self._codes, -1)[at] != codes)
+        if len(unknown):
+            new, first = np.unique(codes[unknown], return_index=True)
+            layouts = [Layout(tuple(order[unknown[i]].tolist()), positions) for i in first]
+            self._know(np.append(self._codes, new), np.append(self._rooms, self._stacked(layouts)))
+            at = np.searchsorted(self._codes, codes)
+        return self._rooms[at]
+
+    def _know(self, codes: NDArray[np.int64], rooms: NDArray[np.int64]) -> None:
+        order = codes.argsort()
+        self._codes, self._rooms = codes[order], rooms[order]
 
     def _forget(self) -> None:
         """Stack only the rooms that are in use anew: there can be very many layouts."""
         old, batch = self._tables, self._batch
         used, which = np.unique(batch.room, return_inverse=True)
         self._tables = RoomTables(self._settings.positions)
-        self._room_of = {}
+        self._codes, self._rooms = _NONE, _NONE
         moment = batch.row - old.start[batch.room]
         batch.room[:] = self._stacked([old.rooms[room].layout for room in used])[which]
         batch.row = self._tables.start[batch.room] + moment
@@ -199,29 +207,30 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             self._due = _NONE
         # Where an attempt is over, the step puts the room back: that is the reset of NEXT_STEP.
         taken = batch.step(actions, luck)
-        reward, left = taken.reward, taken.actions_left
-        terminated, truncated = self._nowhere.copy(), self._nowhere.copy()
-        if not taken.attempts:
-            return self._seen(), reward, terminated, truncated, self._info(left)
-        if taken.new:
-            self._left = self._left - taken.new_solution
-            self._found_count = self._found_count + taken.new_solution
-        attempts_left = self._attempts_left - taken.attempt_over
-        if taken.trials:
+        whole_trial = self._settings.whole_trial
+        terminated = taken.trial_over if whole_trial else taken.attempt_over
+        truncated = np.zeros(self.num_envs, dtype=bool)
+        if taken.any_new_solution:
+            self._left = _read_only(self._left - taken.new_solution)
+            self._found_count = _read_only(self._found_count + taken.new_solution)
+        shown = attempts_left = self._attempts_left
+        if taken.any_attempt_over:
+            attempts_left = _read_only(attempts_left - taken.attempt_over)
+        if taken.any_trial_over:
             self._due = np.flatnonzero(taken.trial_over)
-            attempts_left[self._due] = 0
-        if self._settings.whole_trial:
-            self._attempts_left = attempts_left
-            solved = self._left[self._due] == 0
-            terminated[self._due] = solved
-            truncated[self._due] = ~solved
-            return self._seen(), reward, terminated, truncated, self._info(left)
-        # Until the reset, the attempt that has just ended counts as one that is left.
-        if taken.trials:
-            self._attempts_left = np.where(taken.trial_over, 0, self._attempts_left)
-        info = self._info(left)
+            shown, attempts_left = (
+                _read_only(np.where(taken.trial_over, 0, left)) for left in (shown, attempts_left)
+            )
+        if whole_trial:
+            shown = attempts_left
+            if taken.any_trial_over:
+                truncated = terminated & (self._left > 0)
+                terminated = terminated & ~truncated
+        # Until the reset, an attempt that has just ended counts as one that is left.
+        self._attempts_left = shown
+        info = self._info(taken.actions_left)
         self._attempts_left = attempts_left
-        return self._seen(), reward, taken.attempt_over, truncated, info
+        return self._seen(), taken.reward, terminated, truncated, info
 
     def _checked(self, actions: Any) -> NDArray[np.int64]:
         actions = np.asarray(actions)
@@ -230,8 +239,8 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
                 f"step takes {self.num_envs} integers, one for each room, and not "
                 f"{actions.dtype} of shape {actions.shape}"
             )
-        # What is not a plain array of int64 is copied.
-        actions = actions.astype(np.int64, copy=not actions.flags.carray)
+        if actions.dtype != np.int64 or not actions.flags.carray:
+            actions = actions.astype(np.int64)  # always a plain array, for the compiled step
         # Read as unsigned, a negative number is very large: one comparison finds both.
         if np.maximum.reduce(actions.view(np.uint64)) >= self._tables.actions:
             raise InvalidAction(
@@ -243,10 +252,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         return self._tables.observation.take(self._batch.row, axis=0)
 
     def _info(self, actions_left: NDArray[np.uint8]) -> dict[str, Any]:
-        # None of these arrays is written to again: what changes is replaced.
         row = self._batch.row.view()
-        for shown in (self._left, self._found_count, self._attempts_left, row):
-            shown.flags.writeable = False
         return {
             "console": {
                 "solutions_left": self._left,
@@ -254,8 +260,13 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
                 "attempts_left": self._attempts_left,
                 "actions_left": actions_left,
             },
-            "latent": {"tables": self._tables, "row": row},
+            "latent": {"tables": self._tables, "row": _read_only(row)},
         }
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    array.flags.writeable = False
+    return array
 
 
 _NONE = np.zeros(0, dtype=np.int64)

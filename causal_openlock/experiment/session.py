@@ -240,7 +240,7 @@ class Session:
         self._moved[self._everyone, moment] = tables.state.take(taken.after) != tables.state[row]
         self._was_unlocked |= tables.unlocked.take(taken.after)
         self._earned += taken.reward
-        if taken.attempts:
+        if taken.any_attempt_over:
             self._end_attempts(taken)
         self._view = self._perceive()
         return Step(
@@ -296,7 +296,7 @@ class Session:
         )
         self._was_unlocked[ended] = False
         self._earned[ended] = 0.0
-        if not taken.trials:
+        if not taken.any_trial_over:
             return
         finished = np.flatnonzero(taken.trial_over)
         self._visit[finished] += 1

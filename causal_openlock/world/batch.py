@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.reward_events import RewardFunction
-from causal_openlock.world.reward_table import IF_FOUND, IF_REPEATED, RewardTable
+from causal_openlock.world.reward_table import ALWAYS, IF_FOUND, IF_REPEATED, PASTS, RewardTable
 from causal_openlock.world.tables import RoomTables
 
 _NO_LUCK: FloatArray = np.zeros(0)
+_NO_ROWS: IntArray = np.zeros(0, np.int64)
+KEPT_REWARDS = 1 << 20
+"""How many rewards that depend on the past are remembered at most: 8 MB."""
 
 
 class BatchStep(NamedTuple):
@@ -31,9 +34,9 @@ class BatchStep(NamedTuple):
         attempt_over: ``[B]`` whether the attempt ended.
         trial_over: ``[B]`` whether the trial ended with it.
         new_solution: ``[B]`` whether it found a solution for the first time in the trial.
-        attempts: How many attempts ended.
-        trials: How many trials ended.
-        new: How many solutions were new.
+        any_attempt_over: Whether any attempt ended.
+        any_trial_over: Whether any trial ended.
+        any_new_solution: Whether any solution was new.
     """
 
     after: IntArray
@@ -42,9 +45,9 @@ class BatchStep(NamedTuple):
     attempt_over: BoolArray
     trial_over: BoolArray
     new_solution: BoolArray
-    attempts: int
-    trials: int
-    new: int
+    any_attempt_over: bool
+    any_trial_over: bool
+    any_new_solution: bool
 
 
 class RoomBatch:
@@ -103,7 +106,7 @@ class RoomBatch:
         self.found = np.zeros((size, 0), dtype=bool)
         self._counts = np.zeros((5, size), dtype=np.int64)
         self.attempt, self.found_count, self.solutions, self.previous, self.reward = self._counts
-        self._judged = np.zeros((2, size), dtype=np.int64)
+        self._judged = np.zeros((3, size), dtype=np.int64)
 
     def use(self, tables: RoomTables) -> None:
         """Take rooms from these tables from now on."""
@@ -142,32 +145,38 @@ class RoomBatch:
             luck: ``[B]`` numbers in [0, 1), needed if ``tables.stochastic``: an action takes effect
                 if its chance is above the number.
         """
-        from causal_openlock.world.kernel import step
-
         tables, row, size = self.tables, self.row, len(self.row)
         if tables.stochastic and luck is None:
             raise ValueError("these rooms leave something to chance; pass luck")
         if self._rooms < len(tables.rooms):
             self._take_in_rooms()
-        after = np.empty(size, dtype=np.int64)
-        self.row = np.empty(size, dtype=np.int64) if self.put_back else after
-        actions_left = np.empty(size, dtype=np.uint8)
+        after = np.empty(size, np.int64)
+        next_row = np.empty(size, np.int64) if self.put_back else _NO_ROWS
+        actions_left = np.empty(size, np.uint8)
         reward = np.empty(size)
-        attempt_over, trial_over, new_solution = (np.zeros(size, dtype=bool) for _ in range(3))
-        attempts, trials, new, judged = step(
+        attempt_over, trial_over = np.zeros(size, np.bool_), np.zeros(size, np.bool_)
+        new_solution = np.zeros(size, np.bool_)
+        ended, finished, found_new, judged = self._kernel(
             row,
             action,
             _NO_LUCK if luck is None else luck,
+            self.room,
+            tables.start,
+            tables.shift,
+            tables.column,
             tables.effect,
-            tables.status,
             tables.chance,
+            tables.status,
+            tables.solution,
+            tables.begun,
             self._paid,
             self._matters,
-            tables.solution,
+            self._case,
+            self._known,
             self._counts,
             self.found,
             after,
-            self.row,
+            next_row,
             actions_left,
             reward,
             attempt_over,
@@ -176,9 +185,9 @@ class RoomBatch:
             self._judged,
             self.attempt_limit,
             self.stop_when_solved,
-            self.put_back,
             self._history,
         )
+        self.row = next_row if self.put_back else after
         if judged:
             self._judge(judged, row, action, after, new_solution, reward)
         return BatchStep(
@@ -188,19 +197,28 @@ class RoomBatch:
             attempt_over,
             trial_over,
             new_solution,
-            attempts,
-            trials,
-            new,
+            ended,
+            finished,
+            found_new,
         )
 
     def _take_in_rooms(self) -> None:
+        from causal_openlock.world.kernel import step
+
+        self._kernel = step
         self._widen()
         for table in self._rewards:
             table.fill()
-        self._paid, self._matters = (
-            arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
-            for arrays in zip(*[(each.paid, each.matters) for each in self._rewards], strict=True)
-        )
+        self._paid = np.stack([table.paid for table in self._rewards])
+        self._matters = np.stack([table.matters for table in self._rewards])
+        # A place for the reward of each action that the past matters to, for each past.
+        remembered = (self._matters > 0) & (self._matters < ALWAYS)
+        each = PASTS * (self.found.shape[1] + 1)
+        if remembered.sum() * each > KEPT_REWARDS:
+            remembered[:] = False
+        self._case = np.where(remembered, (remembered.cumsum() - 1).reshape(remembered.shape), -1)
+        self._case *= np.where(remembered, each, 1)
+        self._known = np.full(remembered.sum() * each, np.nan)
         self._rooms = len(self.tables.rooms)
 
     def _judge(
@@ -212,18 +230,20 @@ class RoomBatch:
         new: BoolArray,
         reward: FloatArray,
     ) -> None:
-        """Ask the reward functions where what went before matters."""
-        which, repeated = self._judged[:, :many]
+        """Ask the reward functions where what went before matters and the reward is not known."""
+        which, repeated, place = self._judged[:, :many]
         found = self.found[which]
         fresh = np.flatnonzero(new[which])
         found[fresh, self.tables.solution[after[which[fresh]]]] = False  # before this action
         by = self.reward[which]
         for index, table in enumerate(self._rewards):
-            own = slice(None) if len(self._rewards) == 1 else np.flatnonzero(by == index)
-            rooms: Any = which[own]
+            own = np.flatnonzero(by == index)
+            rooms = which[own]
             reward[rooms] = table.judge(
                 row[rooms], action[rooms], after[rooms], repeated[own] == 1, found[own]
             )
+        remembered = place >= 0
+        self._known[place[remembered]] = reward[which[remembered]]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Where every room is; for a checkpoint, to be copied from and into."""

@@ -4,40 +4,40 @@ Almost every reward is a function of the row and the action alone, so it is eval
 and looked up. Only where the action before or the solutions found before make a difference is the
 reward function evaluated again, for those rooms alone.
 
-No reward depends on where the levers are. So it is evaluated for the first room of each schema and
-action limit, and copied to the others for the actions that aim at the same lever.
+No reward depends on where the levers are, so it is evaluated for the listed rows alone.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.reward_events import Events, RewardFunction
-from causal_openlock.world.room import Layout
 from causal_openlock.world.tables import RoomTables
 
 IF_FOUND, IF_REPEATED, ALWAYS = 1, 2, 4
 """Bits of :attr:`RewardTable.matters`: when the reward may differ from the one in the table."""
+PASTS = 8
+"""How many pasts an action can have, given how many solutions are found: whether it repeats the
+action before it, is about a solution that is found, retraces one that is found."""
 AT_ONCE = 1 << 16
 """How many actions are evaluated at once: what happened in one takes a few dozen bytes."""
 
 
 class RewardTable:
-    """The rewards of one reward function in the rooms of some tables; R rows, W columns.
+    """The rewards of one reward function in the rooms of some tables; M listed rows, W columns.
 
     Args:
         reward: The reward function.
         tables: The rooms; :meth:`fill` takes in those added later.
 
     Attributes:
-        paid: ``[R * W]`` the reward of every action that takes effect, with nothing gone before;
+        paid: ``[M * W]`` the reward of every action that takes effect, with nothing gone before;
             waiting, and putting a room back, pays nothing.
-        matters: ``[R * W]`` what makes a difference to it: solutions found before (``IF_FOUND``),
+        matters: ``[M * W]`` what makes a difference to it: solutions found before (``IF_FOUND``),
             the same action as before (``IF_REPEATED``), or anything (``ALWAYS``).
 
     Example:
@@ -66,29 +66,23 @@ class RewardTable:
     def fill(self) -> None:
         """Take in the rooms added since the last time."""
         tables = self.tables
-        paid = _lengthened(self.paid, tables)
-        matters = _lengthened(self.matters, tables)
-        self.paid, self.matters = paid.reshape(-1), matters.reshape(-1)
+        parts = [(self.paid, self.matters)]
+        step = max(1, AT_ONCE // tables.columns)
         for room in range(self._rooms, len(tables.rooms)):
-            twin, mine = int(tables.twin[room]), tables.rows_of(room)
-            if twin == room:
-                step = max(1, AT_ONCE // tables.columns)
+            if tables.twin[room] == room:
+                mine = tables.rows_of(room)
                 for first in range(mine.start, mine.stop, step):
-                    rows = slice(first, min(first + step, mine.stop))
-                    paid[rows], matters[rows] = self._evaluated(rows)
-                continue
-            same = _same_columns(tables.rooms[twin].layout, tables.rooms[room].layout)
-            for table in (paid, matters):
-                table[mine] = table[tables.rows_of(twin)][:, same]
+                    parts.append(self._evaluated(np.arange(first, min(first + step, mine.stop))))
+        self.paid, self.matters = (np.concatenate(part) for part in zip(*parts, strict=True))
         self._rooms = len(tables.rooms)
 
-    def _evaluated(self, rows: slice) -> tuple[FloatArray, NDArray[np.uint8]]:
-        """Rewards at some rows, and what matters there; ``[rows, W]`` each."""
+    def _evaluated(self, rows: IntArray) -> tuple[FloatArray, NDArray[np.uint8]]:
+        """Rewards at some rows, and what matters there; ``[rows * W]`` each."""
         tables, function = self.tables, self.reward
-        row = np.arange(rows.start, rows.stop).repeat(tables.columns)
-        action = np.tile(np.arange(tables.columns), rows.stop - rows.start)
-        flat = slice(rows.start * tables.columns, rows.stop * tables.columns)
-        events = Events.of(tables, row, action, tables.effect[flat].astype(np.int64))
+        row = rows.repeat(tables.columns)
+        action = np.tile(np.arange(tables.columns), len(rows))
+        after = tables.effect[tables.choice(row, action)] - tables.shift[tables.room[row]]
+        events = Events.of(tables, row, action, after)
         paid = function.pay(events)
         matters = np.zeros(len(row), np.uint8)
         if function.depends_on_found:
@@ -102,7 +96,7 @@ class RewardTable:
             matters |= ALWAYS
         nothing = tables.over[row] | (action == tables.wait)
         paid[nothing], matters[nothing] = 0.0, 0
-        return paid.reshape(-1, tables.columns), matters.reshape(-1, tables.columns)
+        return paid, matters
 
     def judge(
         self,
@@ -123,18 +117,3 @@ class RewardTable:
         """
         events = Events.of(self.tables, row, action, after)
         return self.reward.pay(events.with_history(self.tables, after, repeated, found))
-
-
-def _lengthened(table: NDArray[Any], tables: RoomTables) -> NDArray[Any]:
-    longer = np.empty(tables.rows * tables.columns, table.dtype)
-    longer[: len(table)] = table
-    return longer.reshape(-1, tables.columns)
-
-
-def _same_columns(there: Layout, here: Layout) -> IntArray:
-    """``[W]`` for each action here one there that aims at the same lever, or at an inactive one."""
-    roles = there.role_actions()
-    action_of = np.zeros(roles.max() + 2, dtype=np.int64)
-    action_of[roles] = np.arange(len(roles))
-    failed = len(roles)
-    return np.append(action_of[here.role_actions()], [failed, failed + 1])

@@ -2,17 +2,18 @@
 
 :class:`RoomTables` stacks the unrolled attempts of all rooms in use
 (:func:`causal_openlock.world.fsm.unroll`), re-indexed by position, into flat arrays. A room at some
-moment of an attempt is then a single integer, its *row*. One step of B rooms is one lookup at
-``row * W + action``; what is seen, what is unlocked, and whether the attempt is over are further
-lookups by the new row (:mod:`causal_openlock.world.batch`).
+moment of an attempt is then a single integer, its *row*; what is seen, what is unlocked, and
+whether the attempt is over are lookups by row (:mod:`causal_openlock.world.batch`).
 
-Where actions lead takes ``4 * W`` bytes a row: 3 kB for the paper's rooms, 5 MB for twelve free
-levers in attempts of thirteen actions.
+Where actions lead does not depend on where the levers are. Rooms that differ by the layout alone
+share one *list* of it, which stays in the processor's nearest cache however many layouts there are:
+``4 * W`` bytes a row, 3 kB for the paper's schemas, 5 MB for twelve free levers in attempts of
+thirteen actions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -39,19 +40,23 @@ RoomKey = tuple[Schema, tuple[int, ...], int]
 class RoomTables:
     """Stacked tables of rooms with the same number of positions.
 
-    R rows (a room's moments of an attempt), P positions, A = 2P + 1 actions, W = A + 2 columns, G
-    rooms, K solutions of the room that has most. The columns are the actions, and after them
-    :attr:`failed`, an action that could have moved something and did not, and :attr:`wait`, no
-    action at all.
+    R rows (a room's moments of an attempt), M listed rows (those of the first room of each schema
+    and action limit), P positions, A = 2P + 1 actions, W = A + 2 columns, G rooms, K solutions of
+    the room that has most. The columns are the actions, and after them :attr:`failed`, an action
+    that could have moved something and did not, and :attr:`wait`, no action at all.
 
     Args:
         positions: P.
 
     Attributes:
-        effect: ``[R * W]`` the row after an action that takes effect; where the attempt is over,
-            any action puts the room back to its start.
-        chance: ``[R * W]`` the probability that an action takes effect; empty as long as no room
+        effect: ``[M * W]`` the listed row after an action that takes effect; where the attempt is
+            over, any action puts the room back to its start.
+        chance: ``[M * W]`` the probability that an action takes effect; empty as long as no room
             leaves anything to chance.
+        listed: ``[R]`` the listed row of each row.
+        column: ``[G * W]`` the column of an action of each room in its list: the action there that
+            is aimed at the same lever, or at an inactive one.
+        shift: ``[G]`` how far the listed rows of each room are behind its rows.
         observation: ``[R, 2P + 2]`` what is seen, int8.
         over: ``[R]`` whether the attempt is over.
         used: ``[R]`` actions used so far in the attempt.
@@ -62,12 +67,13 @@ class RoomTables:
         opened: ``[R]`` whether the door is open.
         solution: ``[R]`` which solution is pushed, -1 for none.
         on_path: ``[R]`` whether the actions so far are the beginning of some solution.
+        begun: ``[M, K]`` whether the actions so far are the beginning of solution *k*.
         room: ``[R]`` index of the room.
         start: ``[G]`` the row at which each room's attempts begin.
         solutions: ``[G]`` how many solutions each room has.
         action_limit: ``[G]`` how many actions an attempt has in each room.
-        twin: ``[G]`` the first room of the same schema and action limit: its rows are the same,
-            in the same order, and only its levers stand elsewhere.
+        twin: ``[G]`` the first room of the same schema and action limit, whose rows are listed:
+            they are the same, in the same order, and only its levers are elsewhere.
         rooms: The rooms themselves.
         stochastic: Whether any room leaves something to chance.
 
@@ -76,8 +82,8 @@ class RoomTables:
         >>> tables = RoomTables(positions=7)
         >>> tables.add([(find_schema("CC3"), Layout((0, 1, 2)), 3)])
         array([0])
-        >>> after = tables.effect[tables.start * tables.columns + 0]  # push the lever at position 0
-        >>> tables.observation[after, :7]
+        >>> choice = tables.choice(tables.start, np.array([0]))  # push the lever at position 0
+        >>> tables.observation[tables.effect[choice], :7]
         array([[1, 0, 0, 0, 0, 0, 0]], dtype=int8)
     """
 
@@ -89,7 +95,7 @@ class RoomTables:
         self.rooms: list[Room] = []
         self.stochastic = False
         self._index: dict[RoomKey, int] = {}
-        self._twins: dict[tuple[Schema, int], int] = {}
+        self._twins: dict[tuple[Schema, int], tuple[int, int]] = {}  # and its first listed row
         self._attempts: list[Attempt] = []  # of each room; twins share one
         self._machines: dict[Schema, FSM] = {}
         width = 2 * positions + 2
@@ -104,11 +110,10 @@ class RoomTables:
         self.opened: BoolArray = np.zeros(0, bool)
         self.solution: IntArray = np.zeros(0, np.int64)
         self.on_path: BoolArray = np.zeros(0, bool)
-        # [R] where each row's line of _begins is: there can be hundreds of solutions, so twins
-        # share theirs.
-        self._line: IntArray = np.zeros(0, np.int64)
-        self._begins: BoolArray = np.zeros((0, 0), bool)
-        self._first_line: list[int] = []  # of each room
+        self.listed: IntArray = np.zeros(0, np.int64)
+        self.column: NDArray[np.uint8] = np.zeros(0, np.uint8)
+        self.shift: IntArray = np.zeros(0, np.int64)
+        self.begun: BoolArray = np.zeros((0, 0), bool)
         self.room: IntArray = np.zeros(0, np.int64)
         self.start: IntArray = np.zeros(0, np.int64)
         self.solutions: IntArray = np.zeros(0, np.int64)
@@ -160,22 +165,22 @@ class RoomTables:
         return np.array([self._index[key] for key in keys], dtype=np.int64)
 
     def _stack(self, new: list[tuple[RoomKey, Layout]]) -> None:
-        since, first, lines = len(self.rooms), self.rows, len(self._begins)
-        starts, twins, begins = [], [], [self._begins]
+        since, first, listed = len(self.rooms), self.rows, len(self.begun)
+        starts, twins, shifts, columns = [], [], [], []
         for (schema, _, limit), layout in new:
-            twin = self._twins.setdefault((schema, limit), len(self.rooms))
-            if twin < len(self.rooms):
+            room = len(self.rooms)
+            twin, first_listed = self._twins.setdefault((schema, limit), (room, listed))
+            if twin < room:
                 attempt = self._attempts[twin]
-                self._first_line.append(self._first_line[twin])
             else:
                 if schema not in self._machines:
                     self._machines[schema] = compile_schema(schema)
                 attempt = unroll(self._machines[schema], limit)
-                self._first_line.append(lines)
-                begins.append(attempt.begins)
-                lines += len(attempt.begins)
+                listed += len(attempt.state)
             self._attempts.append(attempt)
+            shifts.append(first_listed - first)
             self.rooms.append(Room(attempt.fsm, layout))
+            columns.append(_same_columns(self.rooms[twin].layout, layout))
             starts.append(first)
             twins.append(twin)
             first += len(attempt.state)
@@ -183,36 +188,49 @@ class RoomTables:
         limits = [limit for (*_, limit), _ in new]
         self.start = np.concatenate([self.start, starts])
         self.twin = np.concatenate([self.twin, twins])
+        self.shift = np.concatenate([self.shift, shifts])
+        self.column = np.concatenate([self.column, *columns])
         self.solutions = np.concatenate([self.solutions, solutions])
         self.action_limit = np.concatenate([self.action_limit, limits])
         self.stochastic |= not all(schema.deterministic for (schema, *_), _ in new)
-        if len(begins) > 1:
-            most = int(self.solutions.max())
-            self._begins = np.concatenate([_widen(part, most) for part in begins])
+        everyone = range(since, len(self.rooms))
         for name, part in _PARTS.items():
-            self._extend(name, part, since)
-        self._extend("effect", _effect, since, self.columns)
+            self._extend(name, part, everyone, first)
+        heads = [room for room in everyone if self.twin[room] == room]
+        if heads:
+            most = int(self.solutions.max())
+            begins = [self.begun, *(self._attempts[room].begins for room in heads)]
+            self.begun = np.concatenate([_widen(part, most) for part in begins])
+            self._extend("effect", _effect, heads, listed * self.columns)
         if self.stochastic:
             # With the first room that leaves something to chance, those before get chances too.
-            self._extend("chance", _chance, since if len(self.chance) else 0, self.columns)
+            if not len(self.chance):
+                heads = [room for room in range(len(self.rooms)) if self.twin[room] == room]
+            self._extend("chance", _chance, heads, listed * self.columns)
 
-    def _extend(self, name: str, part: Part, since: int, each: int = 1) -> None:
-        """Lengthen an array by the parts of the rooms from ``since`` on, ``each`` values a row.
+    def _extend(self, name: str, part: Part, rooms: Iterable[int], length: int) -> None:
+        """Lengthen an array by the parts of some rooms.
 
         One array after the other and one room after the other: parts can be large.
         """
         kept = getattr(self, name)
-        rows = self.rows_of(len(self.rooms) - 1).stop
-        grown = np.empty((rows * each, *kept.shape[1:]), kept.dtype)
+        grown = np.empty((length, *kept.shape[1:]), kept.dtype)
         grown[: len(kept)] = kept
-        for room in range(since, len(self.rooms)):
-            mine = self.rows_of(room)
-            grown[mine.start * each : mine.stop * each] = part(self, room)
+        filled = len(kept)
+        for room in rooms:
+            added = part(self, room)
+            grown[filled : filled + len(added)] = added
+            filled += len(added)
         setattr(self, name, grown)
+
+    def choice(self, row: IntArray, action: IntArray) -> IntArray:
+        """``[B]`` where :attr:`effect` and :attr:`chance` say what B actions do at B rows."""
+        column = self.column[self.room[row] * self.columns + action]
+        return self.listed[row] * self.columns + column
 
     def begins(self, row: IntArray) -> BoolArray:
         """``[B, K]`` whether the actions so far, at B rows, begin solution *k*."""
-        return self._begins.take(self._line.take(row), axis=0)
+        return self.begun.take(self.listed.take(row), axis=0)
 
 
 # What a room contributes to each array.
@@ -234,7 +252,8 @@ def _effect(tables: RoomTables, room: int) -> NDArray[np.int32]:
     effect = np.where(attempt.over[:, None], 0, attempt.effect).astype(np.int32)
     actions = effect[:, tables.rooms[room].layout.role_actions()]
     waits = np.arange(len(effect), dtype=np.int32)
-    return (np.column_stack([actions, effect[:, -1], waits]) + np.int32(tables.start[room])).ravel()
+    first = np.int32(tables.listed[tables.start[room]])
+    return (np.column_stack([actions, effect[:, -1], waits]) + first).ravel()
 
 
 def _chance(tables: RoomTables, room: int) -> FloatArray:
@@ -257,11 +276,20 @@ _PARTS: dict[str, Part] = {
     "opened": _of_attempt(lambda attempt: attempt.fsm.opened[attempt.state]),
     "solution": _of_attempt(lambda attempt: attempt.fsm.solution[attempt.state]),
     "on_path": _of_attempt(lambda attempt: attempt.begins.any(axis=1)),
-    "_line": lambda tables, room: (
-        tables._first_line[room] + np.arange(len(tables._attempts[room].state))
+    "listed": lambda tables, room: (
+        np.arange(len(tables._attempts[room].state)) + tables.start[room] + tables.shift[room]
     ),
-    "room": lambda tables, room: room,
+    "room": lambda tables, room: np.full(len(tables._attempts[room].state), room),
 }
+
+
+def _same_columns(there: Layout, here: Layout) -> NDArray[np.uint8]:
+    """``[W]`` for each action here, one there aimed at the same lever, or at an inactive one."""
+    roles = there.role_actions()
+    action_of = np.zeros(roles.max() + 2, dtype=np.int64)
+    action_of[roles] = np.arange(len(roles))
+    failed = len(roles)
+    return np.append(action_of[here.role_actions()], [failed, failed + 1]).astype(np.uint8)
 
 
 def _widen(begins: BoolArray, width: int) -> BoolArray:

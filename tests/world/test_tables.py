@@ -86,8 +86,10 @@ def test_a_room_behaves_among_others_as_it_does_alone(rooms: list[Stacked]) -> N
         mine = slice(first, first + count)
         for name in PER_ROW:
             assert np.array_equal(getattr(tables, name)[mine], getattr(alone, name)), name
-        choices = np.arange(first * 17, (first + count) * 17)
-        assert np.array_equal(tables.effect[choices], alone.effect + first)
+        row, action = np.divmod(np.arange(count * 17), 17)
+        choices = tables.choice(first + row, action)
+        shift = tables.shift[which]
+        assert np.array_equal(tables.effect[choices] - shift, alone.effect + first)
         if alone.stochastic:
             assert np.array_equal(tables.chance[choices], alone.chance)
         elif tables.stochastic:
