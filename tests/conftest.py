@@ -111,10 +111,11 @@ def _each_kernel_is_compiled_by_one(tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _figures_are_drawn_once() -> Iterator[None]:
-    """As SVG, which is what pages show; the other kinds of file have tests that ask for them."""
+def _figures_are_drawn_where_a_test_looks_at_them() -> Iterator[None]:
+    """See :mod:`support.figures`."""
     from causal_openlock.analysis.plots import style
+    from support.figures import save_empty
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "KINDS", ())
+        patch.setattr(style, "save", save_empty)
         yield

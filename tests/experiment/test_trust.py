@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from causal_openlock.analysis.plots import style
 from causal_openlock.cli import app
 from causal_openlock.contract.registry import file_that_runs, learner_class
 from causal_openlock.errors import OpenLockError
@@ -79,7 +78,6 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "mine.yaml").write_text(EXPERIMENT)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(style, "KINDS", ())
         patch.setattr(sys, "path", [*sys.path])
         assert run("compare", "mine.yaml", "-o", "out", "--workers", "1")[0] == 0
     forget()
@@ -92,7 +90,6 @@ def folder(played: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     around = shutil.copytree(played, tmp_path / "made")
     (around / "imported").unlink()
     monkeypatch.chdir(around)
-    monkeypatch.setattr(style, "KINDS", ())
     monkeypatch.setattr(sys, "path", [*sys.path])
     yield around / "out"
     forget()

@@ -16,7 +16,6 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from causal_openlock.analysis.plots import style
 from causal_openlock.cli import app
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.errors import OpenLockError, StoreError
@@ -100,7 +99,6 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "mine.yaml").write_text(EXPERIMENT)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(style, "KINDS", ())
         patch.setattr(sys, "path", [*sys.path])
         call = CliRunner().invoke
         done = call(app, ["compare", "mine.yaml", "-o", "out", "--workers", "1"])
@@ -117,7 +115,6 @@ def made(played: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
     """A copy of it, to be in and to change."""
     folder = shutil.copytree(played, tmp_path / "made")
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(style, "KINDS", ())
     monkeypatch.setattr(sys, "path", [*sys.path])
     yield folder
     forget_the_learner()
@@ -193,7 +190,6 @@ def test_modules_that_a_learner_imports_are_bundled_and_run_again(
         "learners: ['a_bundled_learner:Mine']\n"
     )
     monkeypatch.chdir(away)
-    monkeypatch.setattr(style, "KINDS", ())
     monkeypatch.setattr(sys, "path", [*sys.path])
     call = CliRunner().invoke
     done = call(app, ["compare", str(beside / "mine.yaml"), "-o", "run-0.5", "--workers", "2"])

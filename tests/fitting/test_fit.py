@@ -15,7 +15,6 @@ import pandas as pd
 import pytest
 from pydantic import Field
 
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.results.people.human_likeness import (
     distance,
     points_of,
@@ -58,7 +57,7 @@ from causal_openlock.testing import LearnerContract
 from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams
 from learners.oracle import Oracle
-from support.command import EVERY_KIND
+from support.figures import KINDS, drawn
 
 ME = "test_fit:Careless"
 
@@ -323,11 +322,11 @@ def test_a_candidate_without_its_parameters_is_refused(tmp_path, chosen):
 # -- what comes of it -----------------------------------------------------------------------------
 
 
-def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(style, "KINDS", EVERY_KIND)
+def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path):
     fitted, trials = fit(plan(candidates=2), tmp_path)
     found = fitted_learner(fitted, trials)
-    files = write_fitted_learner(fitted, found, tmp_path)
+    with drawn(*KINDS):
+        files = write_fitted_learner(fitted, found, tmp_path)
     assert all(file.stat().st_size > 100 for file in files)
     experiment = read_experiment(tmp_path / "experiment.yaml")
     entry = experiment.learners[-1]

@@ -1,7 +1,6 @@
 """The command line in this process, without the seconds that a process of its own takes to start.
 
-Workers are not started either: cells are played here, and figures are made but not drawn, which is
-half of the time of a report. That workers and files of figures are as they should be is tested
+Workers are not started either: cells are played here. That they are as they should be is tested
 elsewhere.
 """
 
@@ -18,16 +17,10 @@ from typing import Any
 
 import pytest
 
-from causal_openlock.analysis.plots import style
 from causal_openlock.cli import main
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.experiment import runner
 from causal_openlock.experiment.workers import Given
-
-EVERY_KIND = style.KINDS
-"""The kinds of file in which the program draws figures, besides SVG."""
-
-NOT_DRAWN = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 432 216"></svg>'
 
 
 class AtOnce(Executor):
@@ -51,13 +44,6 @@ def _at_once(executor: Executor | None, workers: int) -> Iterator[Given]:
 def play_here(patches: pytest.MonkeyPatch) -> None:
     """Have cells played in this process."""
     patches.setattr(runner, "crew", _at_once)
-
-
-def draw_nothing(patches: pytest.MonkeyPatch) -> None:
-    """Have an empty picture saved in place of each figure."""
-    patches.setattr(style, "KINDS", ())
-    patches.setattr(style, "_settle", lambda figure: None)
-    patches.setattr(style, "image", lambda figure, kind: NOT_DRAWN)
 
 
 @contextlib.contextmanager
@@ -84,16 +70,13 @@ class Done:
     stderr: str
 
 
-def at_once(
-    *words: object, cwd: Path | None = None, workers: bool = False, figures: bool = False
-) -> Done:
+def at_once(*words: object, cwd: Path | None = None, workers: bool = False) -> Done:
     """Run the command line.
 
     Args:
         words: What follows ``causal-openlock``.
         cwd: Where; by default here.
         workers: Whether processes are started to play in.
-        figures: Whether figures are drawn, as files of every kind.
     """
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patches:
@@ -102,10 +85,6 @@ def at_once(
             patches.chdir(cwd)
         if not workers:
             play_here(patches)
-        if figures:
-            patches.setattr(style, "KINDS", EVERY_KIND)
-        else:
-            draw_nothing(patches)
         try:
             with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
                 main()

@@ -31,7 +31,7 @@ import pytest
 
 from causal_openlock.analysis.report import writing as report
 from causal_openlock.cli import app
-from support.command import at_once, draw_nothing, modules_of, play_here
+from support.command import at_once, modules_of, play_here
 from support.places import ROOT
 
 DOCS = ROOT / "docs"
@@ -171,7 +171,6 @@ class Reader:
         patches.syspath_prepend(folder)
         patches.setenv("COLUMNS", "100")
         play_here(patches)
-        draw_nothing(patches)
         if not reports:
             patches.setattr(report, "sections_of", lambda *_: [])
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.what_was_run import edges
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.contract.registry import create
@@ -21,20 +19,13 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.formats.schema_file import schema_from_dict
 from causal_openlock.world import reference
 from support.fabricated_records import record_of_every_figure, table, trial_rows
+from support.figures import drawn
 from support.html_page import Page
 from support.made_up_experiments import condition_called, experiment_of, spec, stored
 
 
 def written(record: pa.Table, folder: Path, **known: Any) -> Path:
     return write_report(record, folder, experiment_of(record, **known))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _only_what_is_on_the_page() -> Iterator[None]:
-    """Figures are drawn once instead of three times: the page shows nothing but SVG."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "KINDS", ())
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +35,7 @@ def record() -> pa.Table:
 
 @pytest.fixture(scope="module")
 def report(record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), drawn():  # as SVG alone, which is what the page shows
         warnings.simplefilter("error")
         found = experiment_of(record)
         b = spec("b", parameters={"learning_rate": 0.001, "hidden": [128, 64]})

@@ -13,7 +13,6 @@ import pytest
 from typer.testing import CliRunner
 
 from causal_openlock.analysis.measures import count
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.difference_page import (
     MORE,
     NOISE,
@@ -32,11 +31,6 @@ from causal_openlock.formats.schema_file import schema_from_dict
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import stored
-
-
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(style, "KINDS", ())
 
 
 def described(**changed: Any) -> StoredExperiment:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.errors import OpenLockError
-from support.command import EVERY_KIND
 from support.fabricated_records import random_cells, table, trial_rows
+from support.figures import KINDS, drawn
 from support.made_up_experiments import experiment_of
 
 
@@ -23,27 +21,9 @@ def written(record: pa.Table, folder: Path, **known: Any) -> Path:
     return write_report(record, folder, experiment_of(record, **known))
 
 
-@pytest.fixture(scope="module")
-def every_kind() -> Iterator[None]:
-    """Figures are drawn as files of every kind."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "KINDS", EVERY_KIND)
-        yield
-
-
-@pytest.fixture(scope="module")
-def record() -> pa.Table:
-    """As little as every figure needs: two learners, a baseline and a transfer."""
-    return pa.concat_tables(random_cells(2, conditions=("CC4", "CC3-CC4"), subjects=2))
-
-
-@pytest.fixture(scope="module")
-def report(every_kind: None, record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(record, tmp_path_factory.mktemp("report"), title="twice")
-
-
-def test_files_beside_the_page(report: Path) -> None:
-    """Over ten seconds with its set-up: eight figures, each in three kinds of file."""
+def test_files_beside_the_page(tmp_path: Path) -> None:
+    cells = random_cells(2, conditions=("CC4", "CC3-CC4"), subjects=2)
+    report = written(pa.concat_tables(cells), tmp_path)
     names = {path.name for path in (report.parent / "figures").iterdir()}
     stems = {
         "baseline_attempts",
@@ -61,15 +41,20 @@ def test_files_beside_the_page(report: Path) -> None:
     assert (report.parent / "summary.csv").read_text().startswith("learner,condition,protocol,")
 
 
-def test_writing_again_writes_the_same(report: Path, record: pa.Table, tmp_path: Path) -> None:
-    """Over ten seconds: eight figures, each in three kinds of file."""
+def test_writing_again_writes_the_same(tmp_path: Path) -> None:
+    """Over ten seconds: twice seven figures, a baseline's and a transfer's, in three kinds."""
+    record = pa.concat_tables(random_cells(1, conditions=("CC4", "CC3-CC4"), subjects=2))
     rows = np.random.default_rng(0).permutation(record.num_rows)
-    written(record.take(rows), tmp_path, title="twice")
-    for path in report.parent.rglob("*.*"):
-        assert (tmp_path / path.relative_to(report.parent)).read_bytes() == path.read_bytes()
+    with drawn(*KINDS):
+        report = written(record, tmp_path / "once")
+        written(record.take(rows), tmp_path / "twice", title=report.parent.name)
+    files = sorted(path for path in report.parent.rglob("*.*"))
+    assert len(files) > 20
+    for path in files:
+        again = tmp_path / "twice" / path.relative_to(report.parent)
+        assert again.read_bytes() == path.read_bytes(), path
 
 
-@pytest.mark.usefixtures("every_kind")
 def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Path) -> None:
     rows = trial_rows([1, 2, 3])
     both = [*rows, *trial_rows([1, 2, 3], protocol="rl"), *trial_rows([1, 2, 3], condition="x-y")]
@@ -93,7 +78,6 @@ def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Pat
 def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(style, "KINDS", ())
     (tmp_path / "figures").write_text("in the way")
     with pytest.raises(OpenLockError, match=r"figures.*cannot be written"):
         written(table(trial_rows([1, 2, 3])), tmp_path)
@@ -106,7 +90,6 @@ def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(
 def test_a_full_disk_leaves_the_earlier_report_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(style, "KINDS", ())
     written(table(trial_rows([1, 2, 3])), tmp_path, title="earlier")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
 

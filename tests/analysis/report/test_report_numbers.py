@@ -16,7 +16,6 @@ from scipy import stats
 
 from causal_openlock.analysis.effects import difference
 from causal_openlock.analysis.measures import count
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.experiment.file import read_experiment
@@ -43,8 +42,7 @@ protocols: {quick: {based_on: rl, attempt_limit: 40, baseline_loops: 2, train_lo
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("numbers")
     (folder / "numbers.yaml").write_text(DECLARED)
-    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
-        patch.setattr(style, "KINDS", ())
+    with ThreadPoolExecutor(1) as pool:
         store = run(read_experiment(folder / "numbers.yaml"), folder / "out", executor=pool)
         record, description = read_results(store)
         write_report(record, store.folder, description)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ import pandas as pd
 import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.section import Material, SectionTable, printed
 from causal_openlock.analysis.report.sections import ORDER, columns_of, sections_of
 from causal_openlock.analysis.report.writing import write_report
@@ -21,13 +19,6 @@ from support.html_page import Page
 from support.made_up_experiments import NOBODY, experiment_of, material_of, stored
 
 OURS = "support.section_of_ours"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _quick() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "KINDS", ("png",))
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +59,11 @@ def test_tables_and_plots_lie_beside_the_page(folder: Path) -> None:
         "1.23457e+06",
         "",
     )
-    assert {path.name for path in (folder / "figures").glob("paid.*")} == {"paid.png", "paid.svg"}
+    assert {path.name for path in (folder / "figures").glob("paid.*")} == {
+        "paid.pdf",
+        "paid.png",
+        "paid.svg",
+    }
 
 
 def test_latex_of_a_table_has_rules_and_no_sign_that_latex_trips_over(folder: Path) -> None:
