@@ -19,9 +19,10 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import Distribution, EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -40,12 +41,18 @@ from causal_openlock.wording import nearest
 ENTRY_POINTS = "causal_openlock.learners"
 
 
-def registry() -> dict[str, EntryPoint]:
+def registry() -> Mapping[str, EntryPoint]:
     """Every installed learner by name; none of them is loaded by this.
 
     Raises:
         LearnerError: If two packages register the same name.
     """
+    return _registry(tuple((place, _changed(place)) for place in sys.path))
+
+
+@lru_cache(maxsize=2)
+def _registry(places: tuple[tuple[str, int], ...]) -> dict[str, EntryPoint]:
+    """As :func:`registry`: read once for as long as nothing is installed in any of the places."""
     found: dict[str, EntryPoint] = {}
     for entry in entry_points(group=ENTRY_POINTS):
         other = found.setdefault(entry.name, entry)
@@ -55,6 +62,13 @@ def registry() -> dict[str, EntryPoint]:
                 f"{_origin(entry)}; uninstall one of these packages or rename its learner"
             )
     return dict(sorted(found.items()))
+
+
+def _changed(place: str) -> int:
+    try:
+        return Path(place).stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _origin(entry: EntryPoint) -> str:

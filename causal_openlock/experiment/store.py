@@ -28,6 +28,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -454,7 +455,8 @@ def _versions_of(record: pa.Table, path: Path) -> dict[str, Any]:
         raise StoreError(message) from None
 
 
-def versions() -> dict[str, str]:
+@cache
+def versions() -> Mapping[str, str]:
     """What a cell is made with: versions by the name of the package."""
     found = {"Python": platform.python_version()}
     for package in ("causal-openlock", "numpy", "torch", "networkx"):

@@ -20,7 +20,9 @@ from causal_openlock.cli.console import Console
 from causal_openlock.cli.terminal import write_anything
 from causal_openlock.experiment.store import Store
 from support.command import at_once, modules_of
+from support.places import ROOT
 from support.processes import start_prepared
+from support.undrawn import THEN
 from support.waiting import HANGS, until
 
 SLOW = """\
@@ -176,8 +178,11 @@ def test_output_that_is_no_terminal_is_lines_that_tell_how_far_it_is(tmp_path: P
     assert lines[0] == "oracle_in_CC3_CE3: 0 of 2 cells done, 0% of the work"
     assert lines[1].startswith("oracle_in_CC3_CE3: 2 of 2 cells done, in ")
     assert all(ord(sign) >= 32 for line in lines for sign in line), "no signs that steer a terminal"
+    page = (tmp_path / "out" / "report.html").read_bytes()
     again = here("compare", *words, "--out", "out", cwd=tmp_path)[0].splitlines()
     assert again[0] == "2 of 2 cells were there already"
+    here("report", "out", cwd=tmp_path)
+    assert (tmp_path / "out" / "report.html").read_bytes() == page
 
 
 @pytest.mark.parametrize(
@@ -187,18 +192,26 @@ def test_output_that_is_no_terminal_is_lines_that_tell_how_far_it_is(tmp_path: P
 def test_output_that_cannot_encode_a_sign_has_a_plainer_one(
     tmp_path: Path, environment: dict[str, str]
 ) -> None:
-    """Over ten seconds: the encoding is that of a process, so four of them are started."""
-    env = {**os.environ, **environment}
-    words = ("compare", "-c", "CC4", "-l", "random", "--subjects", 5, "--workers", 1)
-    said = openlock(*words, "--protocol", "human", "--out", "ä", cwd=tmp_path, env=env).stdout
-    assert said.isascii()
-    assert "report: " in said
+    compare = ("compare", "-c", "CC4", "-l", "random", "--subjects", "5", "--workers", "1")
     # Typer writes UTF-8 wherever the encoding is ASCII, which is no reason to end, either.
-    openlock("schema", "show", "CC4", cwd=tmp_path, env=env)
-    for more in (("report", "nó"), ("schema", "show", "é→ß")):
-        wrong = openlock(*more, cwd=tmp_path, env=env, expect=2).stderr
-        assert wrong.isascii()
-        sentence(wrong)
+    show = ("schema", "show", "CC4")
+    wrong = (("report", "nó"), ("schema", "show", "é→ß"))
+    words = (*compare, "--protocol", "human", "--out", "ä", THEN, *show, THEN, *wrong[0])
+    done = subprocess.run(
+        [sys.executable, "-m", "support.undrawn", *words, THEN, *wrong[1]],
+        cwd=tmp_path,
+        env={**os.environ, **environment, "PYTHONPATH": str(ROOT / "tests")},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=HANGS,
+    )
+    assert "report: " in done.stdout
+    assert done.stdout.isascii()
+    assert done.stderr.isascii()
+    compared, shown, *refused = done.stderr.splitlines()
+    assert (compared, shown) == ("[0]", "[0]")
+    assert [line[:7] for line in refused] == ["error: ", "[2]", "error: ", "[2]"]
 
 
 def test_signs_that_cannot_be_encoded_have_plainer_ones(
