@@ -27,7 +27,7 @@ from causal_openlock.belief.structure_schemas import (
     in_words,
     same_structure,
 )
-from causal_openlock.contract.learner import InformedLearner, Learner, Step
+from causal_openlock.contract.learner import Learner, Step
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
 from causal_openlock.experiment.session import Session
@@ -266,11 +266,8 @@ def trace_trial(
     trials = session.brief.trials
     check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
     session.begin(learner)
-    while session.view.trial[0] < trial:
-        step = session.step(learner.act(session.view))
-        learner.learn(step)
-        if step.trial_over[0] and isinstance(learner, InformedLearner):
-            learner.inform(session.truth)
+    if trial > 1:
+        next(step for step in session.steps(learner) if step.next.trial[0] == trial)
     room = session.truth.rooms[int(session.truth.room[0])]
     actions: list[TracedAction] = []
     over = False

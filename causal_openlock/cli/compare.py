@@ -57,7 +57,7 @@ def compare(
     Exit status: 0 if everything was played, 1 if cells failed and all others were played, 2 if what
     was asked for cannot be done, 130 or 143 if it was stopped.
     """
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.experiment.expected_cost import cost_cautions
     from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
     from causal_openlock.experiment.runner import run
@@ -65,7 +65,7 @@ def compare(
     from causal_openlock.experiment.worker import Watching
 
     changes = Changes(condition or None, learner or None, protocol, subjects, seed)
-    console = Console()
+    console = Terminal()
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     # A changed experiment is another one, and has results of its own.
     own = "" if changes == Changes() else f"-{chosen.identity[:8]}"

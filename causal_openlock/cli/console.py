@@ -19,7 +19,7 @@ MOST_COLUMNS = 1000
 """How wide a table may become that is wider than the terminal."""
 
 
-class Console(RichConsole):
+class Terminal(RichConsole):
     """A console that prints text as it is."""
 
     def __init__(self, **options: Any) -> None:

@@ -81,13 +81,13 @@ def bundle(
     ] = None,
 ) -> None:
     """Put an experiment, its record and its report into one file that anyone can run again."""
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.experiment.store import Store
     from causal_openlock.export.bundle import write_bundle
 
     whole = folder.resolve()
     path = out or whole.with_name(f"{whole.name}.zip")  # a dot in the name begins no suffix
     for caution in write_bundle(Store(folder), path):
-        Console(stderr=True).warn(caution)
+        Terminal(stderr=True).warn(caution)
     size = path.stat().st_size / 1e6
     say(f"{path} written, {size:.1f} MB; its README.md says how to run it again")

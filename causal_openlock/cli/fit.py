@@ -13,7 +13,7 @@ from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.files.atomic import PARTIAL
 
 if TYPE_CHECKING:
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.fitting.outcome import FittedLearner
     from causal_openlock.fitting.study import Fit
 
@@ -58,7 +58,7 @@ def fit(
     """Search a learner's parameters for the best likeness to people; goes on where it was."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.contract.registry import learner_class
     from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.objective import conditions_to_fit
@@ -79,7 +79,7 @@ def fit(
     chosen = changed(known, learner, search or (), fix or ())
     conditions_to_fit(hold_out)  # fails at once if there is no such way
     plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed)
-    console = Console()
+    console = Terminal()
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -142,7 +142,7 @@ def _nothing_searched(learner: str) -> str:
     )
 
 
-def print_fit(fitted: Fit, found: FittedLearner, console: Console) -> None:
+def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from causal_openlock.analysis.plots.points import CLEAR, signs
     from causal_openlock.cli.console import plain_table

@@ -14,10 +14,10 @@ def learners(
     from rich.table import Table
     from rich.text import Text
 
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.contract.registry import learner_class, parameter_table, registry
 
-    console = Console()
+    console = Terminal()
     if name is None:
         table = Table("learner", "what it is", "from", box=None, pad_edge=False)
         for known, entry in registry().items():

@@ -14,7 +14,7 @@ from causal_openlock.errors import Interrupted, Terminated
 from causal_openlock.files.escaping import printable
 
 if TYPE_CHECKING:
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.experiment.standing import Playing, Standing
 
 Show = Callable[["Standing"], None]
@@ -29,7 +29,7 @@ MOST_NAMED = 3
 
 
 @contextmanager
-def shown(name: str, console: Console) -> Iterator[Show]:
+def shown(name: str, console: Terminal) -> Iterator[Show]:
     """Show the progress of a comparison of this name."""
     if not console.is_terminal:
         yield Lines(name, console.print_line)

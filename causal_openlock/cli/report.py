@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from causal_openlock.analysis.report.missing import Missing
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.experiment.store import Store
 
 MOST_MISSING = 40
@@ -41,10 +41,10 @@ def report(
     ] = None,
 ) -> None:
     """Write the report of a comparison anew, or of what people played, or compare two of them."""
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.experiment.store import Store
 
-    console = Console()
+    console = Terminal()
     if against is None:
         if out is not None:
             raise OpenLockError(
@@ -59,7 +59,7 @@ def report(
         report_difference(folder, against, out or folder, console)
 
 
-def report_store(store: Store, console: Console, others: Sequence[Store] = ()) -> None:
+def report_store(store: Store, console: Terminal, others: Sequence[Store] = ()) -> None:
     """Write the report of a results folder, perhaps beside others, and print its headline."""
     from causal_openlock.analysis.report.missing import missing_cells
     from causal_openlock.analysis.report.sections import columns_of
@@ -76,7 +76,7 @@ def report_store(store: Store, console: Console, others: Sequence[Store] = ()) -
     console.print_line(f"report: {made.path}")
 
 
-def _print_missing(missing: Sequence[Missing], console: Console) -> None:
+def _print_missing(missing: Sequence[Missing], console: Terminal) -> None:
     """The cells that none of the numbers includes, a line for each."""
     from causal_openlock.analysis.report.prose import Prose
 
@@ -91,7 +91,7 @@ def _print_missing(missing: Sequence[Missing], console: Console) -> None:
 
 
 def print_headline(
-    table: pd.DataFrame, learners: list[str], conditions: list[str], console: Console
+    table: pd.DataFrame, learners: list[str], conditions: list[str], console: Terminal
 ) -> None:
     """For each protocol, a table with a row for each learner and a column for each condition."""
     from causal_openlock.analysis.report.prose import Prose
@@ -144,7 +144,7 @@ def _number(attempts: float) -> str:
     return f"{attempts:.2f}" if attempts < 100 else f"{attempts:.0f}"
 
 
-def report_difference(first: Path, second: Path, out: Path, console: Console) -> None:
+def report_difference(first: Path, second: Path, out: Path, console: Terminal) -> None:
     """Compare two results folders: a page in a folder, and the same on the terminal."""
     from causal_openlock.analysis.report.difference_page import (
         sentence_on_changes,
@@ -174,7 +174,7 @@ def _names(first: Path, second: Path) -> tuple[str, str]:
     return short if short[0] != short[1] else (str(first), str(second))
 
 
-def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Console) -> None:
+def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Terminal) -> None:
     from rich.table import Table
 
     shown = Table("changed", *names, box=None, padding=(0, 2, 0, 0), highlight=False)
@@ -185,7 +185,7 @@ def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Conso
         console.print(f"and {len(changed) - MOST_ROWS} more, on the page")
 
 
-def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Console) -> None:
+def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Terminal) -> None:
     from causal_openlock.analysis.report.difference_page import MORE
     from causal_openlock.analysis.report.section import printed
     from causal_openlock.cli.console import plain_table

@@ -27,7 +27,7 @@ def list_schemas() -> None:
     """List the schemas that come with the package, and those in ./schemas."""
     from rich.table import Table
 
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.formats.schema_file import bundled_schemas, read_schema
 
     table = Table("schema", "levers", "solutions", "actions", "title", box=None, pad_edge=False)
@@ -46,7 +46,7 @@ def list_schemas() -> None:
             str(schema.least_action_limit),
             schema.title,
         )
-    console = Console()
+    console = Terminal()
     console.print(table)
     for fault in faults:
         console.print_line(fault, "yellow")
@@ -84,7 +84,7 @@ def _show_layout(schema: Schema, layout: str) -> None:
 def _show_states(fsm: FSM) -> None:
     from rich.table import Table
 
-    from causal_openlock.cli.console import Console
+    from causal_openlock.cli.console import Terminal
     from causal_openlock.experiment.protocol import default_action_limit
     from causal_openlock.world.fsm import NO_SOLUTION, unroll
 
@@ -104,7 +104,7 @@ def _show_states(fsm: FSM) -> None:
         mark = f"  = solution {solution + 1}" if solution != NO_SOLUTION else ""
         table.add_row(fsm.describe(state) + mark, ", ".join(does))
     say(f"{len(reached)} of {fsm.states} states can be reached in an attempt of {limit} actions:")
-    Console(soft_wrap=True).print(table, highlight=False)
+    Terminal(soft_wrap=True).print(table, highlight=False)
     if len(reached) > len(shown):
         say(f"and {len(reached) - len(shown)} more")
 

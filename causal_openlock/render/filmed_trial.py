@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.contract.learner import InformedLearner, Learner
+from causal_openlock.contract.learner import Learner
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
@@ -121,13 +121,11 @@ def play_trial(
     trials = session.brief.trials
     check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
     session.begin(learner)
-    over = 0
-    while over < trial:
-        step = session.step(learner.act(session.view))
-        learner.learn(step)
-        over += bool(step.trial_over[0])
-        if step.trial_over[0] and isinstance(learner, InformedLearner):
-            learner.inform(session.truth)
+    next(
+        step
+        for step in session.steps(learner)
+        if step.trial_over[0] and step.view.trial[0] == trial
+    )
     return _filmed(
         _trials(session.record())[trial - 1],
         condition,

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from causal_openlock import cli
 from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.cli.console import Console
+from causal_openlock.cli.console import Terminal
 from causal_openlock.cli.report import print_headline
 from causal_openlock.cli.terminal import complain, say
 from causal_openlock.errors import LearnerError
@@ -42,7 +42,7 @@ def test_control_characters_are_spelled_out_and_the_rest_stays() -> None:
 
 def test_a_console_prints_text_as_it_is_wherever_it_stands() -> None:
     out = io.StringIO()
-    console = Console(file=out, width=400, force_terminal=True, color_system=None)
+    console = Terminal(file=out, width=400, force_terminal=True, color_system=None)
     console.print(EVIL, soft_wrap=True)
     table = Table(EVIL, title=EVIL, caption=EVIL)
     table.add_row(EVIL)
@@ -96,7 +96,7 @@ def test_the_headline_shows_labels_as_they_are() -> None:
         **dict.fromkeys(("human_attempts", "model_attempts", "ideal_attempts"), np.nan),
     }
     out = io.StringIO()
-    console = Console(file=out, width=100)
+    console = Terminal(file=out, width=100)
     print_headline(pd.DataFrame([row]), [row["learner"]], [row["condition"]], console)
     for said in ("protocol [bold]p[/]", "[/]c", r"[red]l\x1b[31m", "[x]trial 5", "2.00–4.00"):
         assert said in out.getvalue()
@@ -106,7 +106,7 @@ def test_the_headline_shows_labels_as_they_are() -> None:
 def test_no_command_prints_past_the_border() -> None:
     for path in Path(cli.__file__).parent.glob("*.py"):
         if path.name != "terminal.py":
-            assert "from rich.console import Console\n" not in path.read_text(), path
+            assert "from rich.console import Terminal\n" not in path.read_text(), path
             assert not re.search(r"^\s*print\(", path.read_text(), re.M), path
 
 
