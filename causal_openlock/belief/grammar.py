@@ -142,16 +142,18 @@ def _chooses(role: Role, roles: tuple[Role, ...]) -> bool:
 def _canonical(kind: SchemaClass) -> SchemaClass:
     """The same class with its roles in a canonical order."""
     best = None
-    for order, moved in _renamings(len(kind.roles)):
-        causes = [moved[kind.roles[old].causes] for old in order]
-        if any(mask >> index for index, mask in enumerate(causes)):
-            continue  # an effect would come before its cause
-        described = [
-            (kind.roles[old].many, mask, kind.roles[old].gate)
-            for old, mask in zip(order, causes, strict=True)
-        ]
-        described.append((False, moved[kind.door.causes], kind.door.gate))
-        best = described if best is None else min(best, described)
+    given = [(role.many, role.causes, role.gate) for role in kind.roles]
+    for order, moved in _renamings(len(given)):
+        described = []
+        for index, old in enumerate(order):
+            many, causes, gate = given[old]
+            if moved[causes] >> index:
+                break  # an effect would come before its cause
+            described.append((many, moved[causes], gate))
+        else:
+            described.append((False, moved[kind.door.causes], kind.door.gate))
+            if best is None or described < best:
+                best = described
     assert best is not None, "the order in which it was given is possible"
     *roles, door = (Role(*role) for role in best)
     return SchemaClass(tuple(roles), door)

@@ -45,17 +45,21 @@ def sigmoid(numbers: Tensor) -> Tensor:
     return torch.tanh(numbers / 2) / 2 + 0.5
 
 
-def product(bias: Tensor, inputs: Tensor, weight: Tensor) -> Tensor:
-    """``[N, M, out]``: ``bias + inputs @ weight`` of each agent.
+def padded(bias: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
+    """Both with columns of zeros behind the others, as many as fill the processor's vectors.
 
-    It is made with columns of zeros behind the others, so that each agent's part begins where a
-    vector of the processor's does: how a product is rounded may depend on that.
+    Each agent's part of a product then begins where a vector does: how a product is rounded may
+    depend on that.
     """
-    outputs = weight.shape[-1]
-    if not (rest := -outputs % ALIGNED):
-        return torch.baddbmm(bias, inputs, weight)
-    bias, weight = (nn.functional.pad(part, (0, rest)) for part in (bias, weight))
-    return torch.baddbmm(bias, inputs, weight)[..., :outputs]
+    if not (rest := -weight.shape[-1] % ALIGNED):
+        return bias, weight
+    return nn.functional.pad(bias, (0, rest)), nn.functional.pad(weight, (0, rest))
+
+
+def product(bias: Tensor, inputs: Tensor, weight: Tensor) -> Tensor:
+    """``[N, M, out]``: ``bias + inputs @ weight`` of each agent."""
+    bias_, weight_ = padded(bias, weight)
+    return torch.baddbmm(bias_, inputs, weight_)[..., : weight.shape[-1]]
 
 
 class StackedLinear(nn.Module):
@@ -117,9 +121,11 @@ class StackedCell(nn.Module, ABC):
         # Splitting time once makes autograd join the gradients of the steps once.
         steps = projected.view(*inputs.shape[:3], -1).unbind(1)
         masks = [None] * len(steps) if mask is None else mask[..., None].unbind(1)
+        bias, weight = padded(self.hidden_bias, self.hidden_weight)
+        width = self.hidden_weight.shape[-1]
         outputs = []
         for step, real in zip(steps, masks, strict=True):
-            recurrent = product(self.hidden_bias, state[..., : self.hidden], self.hidden_weight)
+            recurrent = torch.baddbmm(bias, state[..., : self.hidden], weight)[..., :width]
             after = self.step(step, recurrent, state)
             state = after if real is None else torch.where(real, after, state)
             outputs.append(state[..., : self.hidden])
