@@ -250,7 +250,8 @@ class LearnerContract:
         plain, whole = self._first_play(self.attempts), session()
         half = _steps_of(plain) // 2
         moments = [min(EARLY, half), half, half + half // 2]
-        learner, course = self._made(), []
+        learner = self._made()
+        course: list[NDArray[Any]] = []
         kept: list[tuple[int, bytes]] = []
         state: Any = None
         for answer in self._steps(whole, learner):

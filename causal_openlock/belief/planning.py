@@ -118,6 +118,7 @@ class Planner:
         that cannot move.
         """
         self._seen: dict[tuple[bytes, int, int], float] = {}
+        self._solvable: dict[tuple[int, int], BoolArray] = {}
         self._found = np.array(situation.found, dtype=np.uint16)
         self._door = self.hypotheses.causes.shape[1] - 1
         self._uncertain = len(self.strengths) > 1
@@ -212,9 +213,10 @@ class Planner:
 
     def _optimistic(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """Upper bound of the chance to solve: its value if the truth were known from here on."""
-        own = self.hypotheses[alive]
-        solvable = achievable(own, pushed, left, self._found.tolist()).any(axis=1)
-        return self.objective.beta * float(weight[solvable].sum())
+        if (pushed, left) not in self._solvable:
+            able = achievable(self.hypotheses, pushed, left, self._found.tolist())
+            self._solvable[pushed, left] = able.any(axis=1)
+        return self.objective.beta * float(weight[self._solvable[pushed, left][alive]].sum())
 
     def _open(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """The value of pushing the unlocked door."""

@@ -30,6 +30,7 @@ class TestOracle(LearnerContract):
 
 class TestIdeal(LearnerContract):
     learner = "ideal"
+    schemas = ("CC3", "CE4", "chain3", "noisy_CC3")
 
 
 class TestDDQN(LearnerContract):
@@ -42,6 +43,7 @@ class TestDDQN(LearnerContract):
         "hidden_layers": 2,
         "target_period": 5,
     }
+    schemas = ("CC3", "CE4")
     attempts = 40
 
 
@@ -51,12 +53,13 @@ class TestDDQNOfFullSize(LearnerContract):
     learner = "ddqn"
     parameters = {"target_period": 20}  # noqa: RUF012
     schemas = ("CC3", "CE4")
-    attempts = 60
+    subjects = 3
+    attempts = 40
 
 
 class TestBayes(LearnerContract):
     learner = "bayes"
-    parameters = {"particles": 60, "planned": 60}  # noqa: RUF012
+    parameters = {"particles": 20, "planned": 30}  # noqa: RUF012
     schemas = ("CC3", "CE4", "chain3")
 
 
@@ -68,7 +71,7 @@ class TestBayesOfBoundedRationality(LearnerContract):
         "forgetting": 0.2,
         "noise": 0.3,
         "hypothesis_limit": 600,
-        "particles": 20,
+        "particles": 10,
         "planned": 20,
     }
     schemas = ("CC3", "noisy_CC3")
@@ -79,7 +82,7 @@ class TestBayesOfManyLevers(LearnerContract):
     """Beyond four levers structures are sampled, which takes luck of its own."""
 
     learner = "bayes"
-    parameters = {"policy": "thompson", "particles": 20, "lapse": 0.1}  # noqa: RUF012
+    parameters = {"policy": "thompson", "particles": 6, "lapse": 0.1}  # noqa: RUF012
     schemas = ("seven",)
     subjects = 2
 
@@ -88,7 +91,8 @@ class TestBayesNetDDQN(LearnerContract):
     learner = "bayes_net_ddqn"
     parameters = TestDDQN.parameters
     schemas = ("CC3", "CE4", "noisy_CC3")
-    attempts = 20
+    subjects = 3
+    attempts = 16
 
 
 class TestRecurrent(LearnerContract):
@@ -103,7 +107,9 @@ class TestRecurrent(LearnerContract):
         "replay_size": 16,
         "target_period": 3,
     }
-    attempts = 24
+    schemas = ("CC3", "CE4")
+    subjects = 3
+    attempts = 16
 
 
 class TestRecurrentOfOddSizes(LearnerContract):
@@ -116,6 +122,7 @@ class TestRecurrentOfOddSizes(LearnerContract):
         "batch_size": 3,
     }
     schemas = ("CC3", "CE4")
+    subjects = 3
     attempts = 12
 
 
@@ -123,13 +130,15 @@ class TestRecurrentOfFullSize(LearnerContract):
     learner = "recurrent"
     parameters = {"replay_size": 200}  # noqa: RUF012
     schemas = ("CC3", "CE4")
-    attempts = 14
+    subjects = 3
+    attempts = 12
 
 
 class TestSemiMarkovDDQN(LearnerContract):
     learner = "semi_markov_ddqn"
     parameters = TestDDQN.parameters | {"prioritised": True}
-    attempts = 40
+    schemas = ("CC3", "CE4")
+    attempts = 30
 
 
 class TestRL2(LearnerContract):
@@ -139,6 +148,7 @@ class TestRL2(LearnerContract):
 class TestRL2Learning(LearnerContract):
     learner = "rl2"
     parameters = {"learns": True, "unroll": 5, "reset": "trial"}  # noqa: RUF012
+    schemas = ("CC3", "CE4")
     attempts = 10
 
 

@@ -110,7 +110,7 @@ def test_its_weights_are_frozen_unless_it_learns() -> None:
 def test_a_subject_is_exactly_as_it_would_be_alone(learns: bool) -> None:
     settings = RL2Parameters(learns=learns, unroll=7, reset="trial" if learns else "condition")
     courses = []
-    for subjects in ([0, 1, 2, 3, 4], [1], [1, 0], [2, 3, 1]):
+    for subjects in ([0, 1, 2, 3, 4], [1], [2, 3, 1]):
         session = Session(Condition.named("CC3", find_schema), PROTOCOL, subjects)
         learner = RL2(settings)
         learner.begin(session.brief)
