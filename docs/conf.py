@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import sys
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
@@ -26,6 +24,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "from_the_program",  # in _extensions: help texts, file formats, parameters
     "links_into_the_code",  # in _extensions: relative links of the Markdown pages
+    "less_work",  # in _extensions: the same site in less time
 ]
 exclude_patterns = ["_build", "_extensions", "example_play", "example_report", "figures"]
 # Two modules may each have a class of one name, such as Table.
@@ -69,10 +68,3 @@ def setup(app: Sphinx) -> None:
                 paragraph.parent.remove(paragraph)
 
     app.connect("doctree-read", drop)
-
-    def remember(app: Sphinx, env: Any) -> None:
-        # A name that is not ours (int, Any) is looked for among all of ours: once is enough.
-        domain = env.domains.python_domain
-        domain.find_obj = cache(domain.find_obj)
-
-    app.connect("env-updated", remember)

@@ -81,8 +81,7 @@ class RewardTable:
         tables, function = self.tables, self.reward
         row = rows.repeat(tables.columns)
         action = np.tile(np.arange(tables.columns), len(rows))
-        after = tables.effect[tables.choice(row, action)] - tables.shift[tables.room[row]]
-        events = Events.of(tables, row, action, after)
+        events = Events.of(tables, row, action, tables.after(row, action))
         paid = function.pay(events)
         matters = np.zeros(len(row), np.uint8)
         if function.depends_on_found:

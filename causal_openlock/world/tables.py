@@ -82,8 +82,8 @@ class RoomTables:
         >>> tables = RoomTables(positions=7)
         >>> tables.add([(find_schema("CC3"), Layout((0, 1, 2)), 3)])
         array([0])
-        >>> choice = tables.choice(tables.start, np.array([0]))  # push the lever at position 0
-        >>> tables.observation[tables.effect[choice], :7]
+        >>> after = tables.after(tables.start, np.array([0]))  # push the lever at position 0
+        >>> tables.observation[after, :7]
         array([[1, 0, 0, 0, 0, 0, 0]], dtype=int8)
     """
 
@@ -227,6 +227,10 @@ class RoomTables:
         """``[B]`` where :attr:`effect` and :attr:`chance` say what B actions do at B rows."""
         column = self.column[self.room[row] * self.columns + action]
         return self.listed[row] * self.columns + column
+
+    def after(self, row: IntArray, action: IntArray) -> IntArray:
+        """``[B]`` the row after each of B actions at B rows, if it takes effect."""
+        return self.effect[self.choice(row, action)] - self.shift[self.room[row]]
 
     def begins(self, row: IntArray) -> BoolArray:
         """``[B, K]`` whether the actions so far, at B rows, begin solution *k*."""
