@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -96,6 +95,7 @@ WITH_ITS_PROCESS = {
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "lethal.py").write_text(LETHAL, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setattr(runner, "LOOK_EVERY", 0.1)
     start_prepared(monkeypatch)
     with modules_of(tmp_path):
@@ -248,24 +248,22 @@ def test_the_only_learner_of_an_experiment_may_be_mended(folder: Path) -> None:
     broken = LETHAL.replace("return 99", "return 0 if self.brief.trials == 1 else 99")
     (folder / "lethal.py").write_text(broken, encoding="utf-8")
     declared(folder, "Stray", conditions="[CC3, CC3-CC4]")
-    program = (
-        "from concurrent.futures import ThreadPoolExecutor\n"
-        "from causal_openlock.experiment.file import read_experiment\n"
-        "from causal_openlock.experiment.runner import run\n"
-        "run(read_experiment('experiment.yaml'), 'out', executor=ThreadPoolExecutor(1))\n"
-    )
 
-    def compare(expect: int) -> set[str]:
-        words = [sys.executable, "-c", program]  # where the module is read anew
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-        assert done.returncode == expect, done.stdout + done.stderr
-        assert ("action 99 is outside" in done.stderr) == bool(expect)
+    def compare() -> set[str]:
+        sys.modules.pop("lethal", None)  # so that it is read anew
+        with modules_of(folder), ThreadPoolExecutor(1) as pool:
+            runner.run(read_experiment(folder / "experiment.yaml"), folder / "out", executor=pool)
+        return played()
+
+    def played() -> set[str]:
         return {path.name for path in (folder / "out" / "cells").glob("*.parquet")}
 
-    first = compare(expect=1)
+    with pytest.raises(CellsFailed, match="action 99 is outside"):
+        compare()
+    first = played()
     assert len(first) == 2
     (folder / "lethal.py").write_text(broken.replace("99", "1"), encoding="utf-8")
-    assert compare(expect=0) - first == {path.name for path in Store(folder / "out").files()[0]}, (
+    assert compare() - first == {path.name for path in Store(folder / "out").files()[0]}, (
         "its source is another one, so all of its cells are played, and the old ones are kept"
     )
 

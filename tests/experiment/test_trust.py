@@ -21,6 +21,7 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.files.checksums import json_bytes, read_json
 from learners.networks.network_file import BUNDLED
+from support.command import play_here
 
 LEARNER = """
 from pathlib import Path
@@ -48,7 +49,9 @@ protocols:
 
 def run(*words: str) -> tuple[int, str]:
     """Exit status and output of a command; an error that the border would print is added."""
-    done = CliRunner().invoke(app, [*words])
+    with pytest.MonkeyPatch.context() as patch:
+        play_here(patch)
+        done = CliRunner().invoke(app, [*words])
     error = done.exception
     if error is not None and not isinstance(error, SystemExit | OpenLockError):
         raise error
@@ -79,7 +82,7 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(sys, "path", [*sys.path])
-        assert run("compare", "mine.yaml", "-o", "out", "--workers", "1")[0] == 0
+        assert run("compare", "mine.yaml", "-o", "out")[0] == 0
     forget()
     return folder
 
@@ -149,7 +152,7 @@ def test_a_link_out_of_the_folder_is_not_followed(folder: Path, inside: str) -> 
         elsewhere.write_text("mine")
     place.symlink_to(elsewhere)
     before = {path: path.stat().st_size for path in [elsewhere, *elsewhere.glob("*")]}
-    for words in (*READING, ("compare", "mine.yaml", "-o", "out", "--workers", "1")):
+    for words in (*READING, ("compare", "mine.yaml", "-o", "out")):
         if "other" in words:
             continue
         status, said = run(*words)
@@ -289,7 +292,7 @@ def test_compare_says_once_which_file_runs_before_it_does(
     source.write_text(LEARNER + "\nprint('it runs')\n")
     (folder.parent / "away").mkdir()
     monkeypatch.chdir(folder.parent / "away")
-    status, said = run("compare", "../mine.yaml", "-o", "again", "--workers", "1")
+    status, said = run("compare", "../mine.yaml", "-o", "again")
     assert status == 0, said
     assert said.count(told) == 1
     assert said.index(told) < said.index("it runs")

@@ -25,7 +25,9 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import _files, write_bundle
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.world.rewards import PRESETS, find_reward
+from support.command import play_here
 from support.made_up_experiments import NOBODY, condition_called, edit_stored, spec, stored
+from support.processes import start_prepared
 
 LEARNER = """
 from dataclasses import dataclass
@@ -100,8 +102,9 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(sys, "path", [*sys.path])
+        play_here(patch)
         call = CliRunner().invoke
-        done = call(app, ["compare", "mine.yaml", "-o", "out", "--workers", "1"])
+        done = call(app, ["compare", "mine.yaml", "-o", "out"])
         assert done.exit_code == 0, done.output
         done = call(app, ["bundle", "out", "-o", "own.zip"])
         assert done.exit_code == 0, done.output
@@ -128,9 +131,10 @@ def test_the_one_command_of_a_bundle_gives_the_same_summary(
     for name in ("a_bundled_learner.py", "two_ways.yaml"):
         (made / name).unlink()  # what is not in the bundle is not there
     monkeypatch.chdir(unpacked)
+    play_here(monkeypatch)
     told = re.findall(r"^    (causal-openlock .+)$", Path("README.md").read_text("utf-8"), re.M)
     assert len(told) == 1
-    done = CliRunner().invoke(app, [*shlex.split(told[0])[1:], "--workers", "1"])
+    done = CliRunner().invoke(app, shlex.split(told[0])[1:])
     assert done.exit_code == 0, done.output
     assert Path("again/summary.csv").read_bytes() == Path("results/summary.csv").read_bytes()
     again, first = (Store(Path(name)).experiment() for name in ("again", "results"))
@@ -191,6 +195,7 @@ def test_modules_that_a_learner_imports_are_bundled_and_run_again(
     )
     monkeypatch.chdir(away)
     monkeypatch.setattr(sys, "path", [*sys.path])
+    start_prepared(monkeypatch)
     call = CliRunner().invoke
     done = call(app, ["compare", str(beside / "mine.yaml"), "-o", "run-0.5", "--workers", "2"])
     assert done.exit_code == 0, done.output

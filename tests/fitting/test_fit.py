@@ -58,6 +58,7 @@ from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams
 from learners.oracle import Oracle
 from support.figures import KINDS, drawn
+from support.processes import start_prepared
 
 ME = "test_fit:Careless"
 
@@ -268,7 +269,8 @@ def test_a_fit_that_was_killed_comes_to_the_same(whole, tmp_path, monkeypatch, s
     assert len(searched) == 2 * (6 - len(before))  # what was done is not done again
 
 
-def test_a_fit_does_not_depend_on_the_number_of_workers(whole, tmp_path):
+def test_a_fit_does_not_depend_on_the_number_of_workers(whole, tmp_path, monkeypatch):
+    start_prepared(monkeypatch)
     fit(plan(), tmp_path, workers=2)
     assert text_of(tmp_path) == text_of(whole)
 

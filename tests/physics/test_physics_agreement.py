@@ -22,7 +22,7 @@ from support.places import ROOT
 PAPER = [("CC3", "trial1"), ("CE3", "trial5"), ("CC4", "trial7"), ("CE4", "trial8")]
 # Of sequences with the same effects, how many; with EACH = 3375 these are all sequences, and
 # benchmarks/physics.py plays them all.
-EACH, OTHERS, PART = 2, 120, 60
+EACH, OTHERS, PART = 1, 60, 30
 
 
 def play(room: Room, sequences: Iterable[Iterable[int]]) -> PhysicalRoom:

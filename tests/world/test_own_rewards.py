@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +26,12 @@ from causal_openlock.export.as_minari import write_minari
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.formats.schema_file import find_schema
-from causal_openlock.world.reward_code import OwnReward, own_reward
+from causal_openlock.world.reward_code import OwnReward, _loaded, own_reward
 from causal_openlock.world.reward_events import Events
 from causal_openlock.world.rewards import PRESETS, TERMS, WEIGHTS, Reward, Weights, find_reward
-from support.command import at_once
+from support.command import at_once, modules_of
 from support.made_up_experiments import NOBODY, condition_called, spec, stored
 from support.reward_play import Play
-from support.waiting import HANGS
 
 NO_FUNCTION = "a text"
 
@@ -73,6 +71,15 @@ FORMS = st.builds(
 )
 
 
+@cache
+def _validator() -> Any:
+    """What checks experiment files by their JSON schema."""
+    schema = json_schema()
+    kind = jsonschema.validators.validator_for(schema)
+    kind.check_schema(schema)
+    return kind(schema)
+
+
 @settings(max_examples=80, deadline=None)
 @given(form=FORMS)
 def test_a_reward_says_how_it_is_written_and_comes_back_from_its_description(
@@ -84,9 +91,8 @@ def test_a_reward_says_how_it_is_written_and_comes_back_from_its_description(
         NOBODY, conditions=(condition_called("CC4"),), learners=(spec("a", reward=reward),)
     )
     assert stored(experiment).learners[0].reward == reward
-    jsonschema.validate(
-        {"name": "e", "conditions": ["CC3"], "learners": ["ddqn"], "reward": form}, json_schema()
-    )
+    whole = {"name": "e", "conditions": ["CC3"], "learners": ["ddqn"], "reward": form}
+    _validator().validate(whole)
 
 
 def test_a_reward_without_changes_is_what_it_was() -> None:
@@ -228,18 +234,6 @@ protocols: {short: {attempt_limit: 4, baseline_trials: 1}}
 """
 
 
-def openlock(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "causal_openlock", *map(str, words)],
-        cwd=cwd,
-        env={**os.environ, "COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=HANGS,
-    )
-
-
 def test_results_are_told_apart_by_the_code_and_read_without_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -247,8 +241,10 @@ def test_results_are_told_apart_by_the_code_and_read_without_it(
     folder.mkdir()
     (folder / "mine.yaml").write_text(TEXT)
     (folder / "mine_pays.py").write_text(CODE)
-    done = openlock("compare", "study/mine.yaml", "-o", "out", "--workers", 1, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with modules_of(folder):
+        done = at_once("compare", "study/mine.yaml", "-o", "out", cwd=tmp_path)
+    assert done.status == 0, done.stderr
     record, experiment = Store(tmp_path / "out").record()
     rewards = {
         name: record.filter(np.equal(record["learner"].to_pylist(), name))["reward"].to_pylist()
@@ -262,17 +258,16 @@ def test_results_are_told_apart_by_the_code_and_read_without_it(
     assert told.source.startswith("mine_pays.py ")
     assert experiment_file(experiment)["learners"][1]["reward"] == "mine_pays:pay"
     # Another code is another experiment, and other cells.
-    identity = "import sys; from causal_openlock.experiment.file import read_experiment as read; "
-    identity += "print(*[cell.identity for cell in read('study/mine.yaml').cells()])"
-    words = [sys.executable, "-c", identity]
     said = []
     for code in (CODE, CODE.replace("7.0", "8.0")):
         (folder / "mine_pays.py").write_text(code)
-        said.append(
-            subprocess.run(words, cwd=tmp_path, capture_output=True, text=True).stdout.split()
-        )
+        _loaded.cache_clear()
+        with modules_of(folder):
+            said.append([cell.identity for cell in read_experiment(folder / "mine.yaml").cells()])
     assert [one == other for one, other in zip(*said, strict=True)] == [True, False, False]
     # The report needs no code, and runs none.
+    _loaded.cache_clear()
+    sys.path.remove(str(folder))
     (folder / "mine_pays.py").unlink()
     (tmp_path / "mine_pays.py").write_text("raise SystemExit('this was run')\n")
     monkeypatch.syspath_prepend(tmp_path)
