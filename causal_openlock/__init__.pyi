@@ -13,7 +13,7 @@ from .formats.schema_file import write_schema as write_schema
 from .world.fsm import FSM as FSM
 from .world.fsm import compile_schema as compile_schema
 from .world.randomness import Streams as Streams
-from .world.reward_events import Events as Events
+from .world.reward_table import Events as Events
 from .world.reward_table import RewardTable as RewardTable
 from .world.rewards import find_reward as find_reward
 from .world.room import Layout as Layout

@@ -1,4 +1,4 @@
-"""Contract tests for learners: what every learner owes, checked by subclassing.
+"""Contract tests for learners, to be subclassed.
 
 A package that adds a learner tests it in three lines, in a file such as ``tests/test_mine.py``::
 
@@ -7,18 +7,17 @@ A package that adds a learner tests it in three lines, in a file such as ``tests
     class TestMine(LearnerContract):
         learner = "my_package:MyLearner"  # or its registered name
 
-pytest runs the inherited tests; with ``unittest.TestCase`` as a second base, unittest does. A slow
-learner gets settings and schemas with which each test takes seconds::
+pytest runs the inherited tests; with ``unittest.TestCase`` as a second base class, unittest does.
+Give a slow learner settings and schemas with which each test takes seconds::
 
     class TestMyNetwork(LearnerContract):
         learner = "my_network"
         parameters = {"batch_size": 8, "hidden_units": 16}
         schemas = ("CC3", "CE4")
-        attempts = 40  # until when it has been trained a few hundred times
+        attempts = 40  # enough for a few hundred training steps
 
-Each test checks one promise of :class:`~causal_openlock.contract.learner.Learner`, and its
-message says what was promised, what happened and where to look. What a learner is good for is not
-tested.
+Each test checks one rule of :class:`~causal_openlock.contract.learner.Learner`, and its message
+explains the rule, what happened and where to look. Whether a learner learns well is not tested.
 """
 
 from __future__ import annotations
@@ -35,7 +34,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import InformedLearner, Learner
-from causal_openlock.contract.probes import GlobalRandomness, WrittenTo, watch, without
+from causal_openlock.contract.probes import (
+    GlobalRandomness,
+    InputChangedError,
+    watch,
+    with_finished,
+)
 from causal_openlock.contract.registry import (
     create,
     learner_class,
@@ -53,13 +57,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SHORT = Protocol("contract", 5, stop_when_solved=True, baseline_trials=2, training_trials=2)
-"""What the tests play: two trials of five attempts, and a third one to test on."""
+"""The protocol of the tests: two trials of five attempts, and a third one to test on."""
 
 Change = Callable[[Any, int], Any]
 """Changes a view or a step, by the number of steps taken before."""
 
 EARLY = 12
-"""Actions after which a learner is interrupted, or a subject leaves."""
+"""Actions after which a learner is interrupted, or a subject finishes."""
 
 NINE = Schema(
     "nine",
@@ -71,21 +75,21 @@ NINE = Schema(
 
 
 class LearnerContract:
-    """Tests of one learner; see the module's text for how to use it.
+    """Tests of one learner; see the module's docstring for how to use it.
 
     Attributes:
         learner: Its registered name, or ``module:Class``.
         parameters: Hyper-parameters that differ from their defaults.
         schemas: Names of the schemas to play; by default all that are bundled.
         subjects: How many subjects play at once; at least two.
-        attempts: Attempts of a trial in the tests of batches and of checkpoints. A learner that is
-            trained gives more, so that what is rounded in another way or left out of its state has
-            the time to show.
-        independent_of_batch: Whether a subject's data do not depend, to the last bit, on who else
-            plays in its batch. A learner that puts many networks into one matrix product, where
-            rounding depends on how many there are, may say ``False``; then only equal cells must
-            give equal data, and results depend on ``cell_size``.
-        resumable: Whether a learner with the state of another one goes on exactly as that one.
+        attempts: Attempts of a trial in the tests of batches and of checkpoints. Use more for a
+            learner that is trained, so that differences in rounding, or gaps in its state, have
+            time to show.
+        independent_of_batch: Whether a subject's data are identical whatever other subjects are in
+            its batch. ``False`` for a learner that computes many networks in one matrix product,
+            where rounding depends on their number; then only equal cells must give equal data, and
+            results depend on ``cell_size``.
+        resumable: Whether a learner with the state of another one continues exactly as that one.
     """
 
     learner: ClassVar[str] = ""
@@ -168,12 +172,12 @@ class LearnerContract:
             )
 
     def test_it_ignores_subjects_that_have_finished(self) -> None:
-        """Where ``view.playing`` is false, what a view or a step says means nothing."""
+        """Where ``view.playing`` is false, it ignores the rows of views and steps."""
         gone = np.arange(self.subjects) == 1
 
         def others(garble: bool) -> list[list[int]]:
             def departed(given: Any, steps: int) -> Any:
-                return given if steps < EARLY else without(given, gone, garble)
+                return given if steps < EARLY else with_finished(given, gone, garble)
 
             answers = self._answers(self._transfer(), departed)
             return [answer[~gone].tolist() for answer in answers[EARLY:]]
@@ -187,8 +191,8 @@ class LearnerContract:
             )
 
     def test_it_keeps_no_global_randomness(self) -> None:
-        """It neither draws from the generators that all share nor seeds them."""
-        first = self._first_play()  # what it imports while it plays is imported now
+        """It neither draws from the global generators nor seeds them."""
+        first = self._first_play()  # so that later plays import nothing
         before = GlobalRandomness.now()
         try:
             for seed in (1, 2):
@@ -207,7 +211,7 @@ class LearnerContract:
             before.restore()
 
     def test_it_sees_nothing_latent(self) -> None:
-        """Rooms that look and behave alike are played alike, whatever their levers are called."""
+        """It plays the same in rooms that differ only in the names of their levers."""
         if issubclass(learner_class(self.learner), InformedLearner):
             raise unittest.SkipTest(f"{self.learner} is an InformedLearner")
         self._require(
@@ -228,19 +232,19 @@ class LearnerContract:
             "no learner sees",
         )
 
-    # -- what it does to others -----------------------------------------------------------------
+    # -- its input and its state ----------------------------------------------------------------
 
     def test_it_never_changes_what_it_is_given(self) -> None:
-        """Views and steps belong to the session; others may look at them later."""
+        """It leaves views and steps unchanged, since the session uses them later."""
         learner = self._made()
         watch(learner)
         try:
             self._session(self._transfer()).play(learner)
-        except WrittenTo as error:
+        except InputChangedError as error:
             raise AssertionError(f"{self.learner}: {error}; let it work on a copy") from error
 
     def test_it_goes_on_from_a_checkpoint(self) -> None:
-        """A new learner with an old one's state does what the old one would have done."""
+        """A new learner with the state of an old one acts as the old one would have."""
         if not self.resumable:
             raise unittest.SkipTest(f"{self.learner} is not resumable")
 
@@ -282,7 +286,7 @@ class LearnerContract:
                 "(does state_dict hold all that was learned, and its generators' state?)",
             )
 
-    # -- what it says of itself -----------------------------------------------------------------
+    # -- its parameters -------------------------------------------------------------------------
 
     def test_its_parameters_are_a_frozen_dataclass_that_explains_itself(self) -> None:
         """Each has a default that fits its own type, and a text in its ``Annotated`` type."""
@@ -326,7 +330,7 @@ class LearnerContract:
     def _made(self) -> Learner:
         if not self.learner:
             raise AssertionError(
-                f"{type(self).__name__} does not say what it tests; give it an attribute, as in "
+                f"{type(self).__name__} has no learner to test; give it an attribute, as in "
                 'learner = "my_package:MyLearner"'
             )
         return create(self.learner, self.parameters)
@@ -360,13 +364,13 @@ class LearnerContract:
         change: Change = lambda given, steps: given,
         state: Any = None,
     ) -> Iterator[NDArray[Any]]:
-        """Play on by hand; gives the learner's answers, each once it has learned from its step.
+        """Play to the end; yields the learner's answers, each after it has learned from its step.
 
         Args:
-            session: What is played.
-            learner: It has not begun.
-            change: Changes what the learner is shown, by how many steps were taken.
-            state: A state to give to the learner when it begins.
+            session: The session.
+            learner: A learner that has not begun.
+            change: Changes the views and steps that the learner gets.
+            state: A state to load when it begins.
         """
         session.begin(learner, state)
         actions, steps = session.brief.actions, 0

@@ -24,7 +24,6 @@ extensions = [
     "sphinx.ext.napoleon",
     "from_the_program",  # in _extensions: help texts, file formats, parameters
     "links_into_the_code",  # in _extensions: relative links of the Markdown pages
-    "less_work",  # in _extensions: the same site in less time
 ]
 exclude_patterns = ["_build", "_extensions", "example_play", "example_report", "figures"]
 # Two modules may each have a class of one name, such as Table.

@@ -215,7 +215,7 @@ class Planner:
         """Upper bound of the chance to solve: its value if the truth were known from here on."""
         if (pushed, left) not in self._solvable:
             able = achievable(self.hypotheses, pushed, left, self._found.tolist())
-            self._solvable[pushed, left] = able.any(axis=1)
+            self._solvable[pushed, left] = np.asarray(able.any(axis=1))
         return self.objective.beta * float(weight[self._solvable[pushed, left][alive]].sum())
 
     def _open(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:

@@ -15,9 +15,9 @@ from causal_openlock.files.escaping import printable
 
 if TYPE_CHECKING:
     from causal_openlock.cli.console import Terminal
-    from causal_openlock.experiment.standing import Playing, Standing
+    from causal_openlock.experiment.progress import Playing, RunProgress
 
-Show = Callable[["Standing"], None]
+Show = Callable[["RunProgress"], None]
 """Called repeatedly with the progress of all cells."""
 
 LINE_EVERY = 25.0
@@ -47,7 +47,7 @@ def shown(name: str, console: Terminal) -> Iterator[Show]:
     with bar:
         task = bar.add_task(printable(name), total=1.0, more="")
 
-        def show(standing: Standing) -> None:
+        def show(standing: RunProgress) -> None:
             bar.update(task, completed=standing.share, more=f"{_cells(standing)}{_left(standing)}")
             for line in hanging.news(standing):
                 console.print_line(line, "yellow")
@@ -61,7 +61,7 @@ class Hanging:
     def __init__(self) -> None:
         self._next: dict[str, float] = {}
 
-    def news(self, standing: Standing) -> list[str]:
+    def news(self, standing: RunProgress) -> list[str]:
         """A line for each cell that is due."""
         lines = []
         for one in standing.playing:
@@ -86,7 +86,7 @@ class Lines:
         self._hanging = Hanging()
         self._begun = clock()
 
-    def __call__(self, standing: Standing) -> None:
+    def __call__(self, standing: RunProgress) -> None:
         """Write a line if it is time to."""
         now = self._clock()
         over = standing.done + standing.failed == standing.cells
@@ -103,12 +103,12 @@ class Lines:
             self._say(line)
 
 
-def _cells(standing: Standing) -> str:
+def _cells(standing: RunProgress) -> str:
     failed = f", {standing.failed} failed" if standing.failed else ""
     return f"{standing.done} of {standing.cells} cells done{failed}"
 
 
-def _left(standing: Standing) -> str:
+def _left(standing: RunProgress) -> str:
     return "" if standing.left is None else f", about {duration(standing.left)} left"
 
 

@@ -1,14 +1,14 @@
-"""The contract of a learner: what it is given, what it sees, what it answers.
+"""The contract of a learner: what it gets, what it perceives, what it returns.
 
 A :class:`Learner` plays B subjects at once: every array is ``[B, ...]`` and no subject sees
-another's data. It gets a :class:`Brief`, sees a :class:`View`, answers with actions, and learns
-from a :class:`Step` what they led to. None of these types can hold a role, a schema or a solution:
-what is latent is in :class:`Truth`, and only an :class:`InformedLearner`, which the record then
-shows beside the others as a bound, is ever given one.
+another's data. It gets a :class:`Brief`, perceives a :class:`View`, returns actions, and learns
+from a :class:`Step` what they led to. None of these types can hold a role, a schema or a solution.
+Those are in :class:`Truth`, which only an :class:`InformedLearner` gets; results show it as a bound
+beside the others.
 
-Learners are found by name through :mod:`causal_openlock.contract.registry`. For a first learner,
-:class:`~causal_openlock.contract.one_subject.OneSubjectLearner` asks for a single method,
-``act(observation)``.
+Learners are found by name through :mod:`causal_openlock.contract.registry`. A first learner is
+easier to write as a :class:`~causal_openlock.contract.one_subject.OneSubjectLearner`, which needs
+a single method, ``act(observation)``.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Brief:
 
 @dataclass(frozen=True)
 class Console:
-    """What is shown beside the room; every field is ``[B]``.
+    """The console beside the room; every field is ``[B]``.
 
     Attributes:
         solutions_left: Solutions not yet found in this trial.
@@ -83,7 +83,7 @@ class View:
 
     Attributes:
         observation: ``[B, 2P + 2]`` of 0 and 1: levers pushed, levers grey, door locked, door open.
-        console: What is shown beside the room.
+        console: The console beside the room.
         trial: ``[B]`` number of the trial in the whole condition, from 1.
         attempt: ``[B]`` number of the attempt in the trial, from 1.
         playing: ``[B]`` whether the subject still plays; actions of the others are ignored.
@@ -98,13 +98,13 @@ class View:
 
 @dataclass(frozen=True)
 class Step:
-    """What one action of each subject led to; rows of subjects that had finished mean nothing.
+    """What one action of each subject led to; ignore the rows of subjects that had finished.
 
     Attributes:
         view: What was perceived before.
-        action: ``[B]`` what was done.
+        action: ``[B]`` the action.
         outcome: ``[B, 2P + 2]`` the observation right after the action, before any reset.
-        reward: ``[B]`` the experiment's reward for it.
+        reward: ``[B]`` the reward.
         attempt_over: ``[B]`` whether the attempt ended with it.
         trial_over: ``[B]`` whether the trial ended with it.
         new_solution: ``[B]`` whether it completed a solution not found before in the trial.
@@ -124,7 +124,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Truth:
-    """What is latent, for informed learners and for analysis.
+    """What subjects cannot perceive, for informed learners and for analysis.
 
     Attributes:
         rooms: The rooms of the session.
@@ -141,7 +141,7 @@ class NoParameters:
 
 
 class Learner(ABC):
-    """What plays. Subclasses state their hyper-parameters as a frozen dataclass ``Parameters``.
+    """A learner. Subclasses define hyper-parameters in a frozen dataclass ``Parameters``.
 
     Args:
         parameters: An instance of the class's ``Parameters``; by default their defaults.
@@ -161,10 +161,10 @@ class Learner(ABC):
 
     @classmethod
     def artifact_hash(cls, parameters: Any) -> str:
-        """Hash of what it plays by besides code and parameters; empty if there is nothing.
+        """Hash of the files that it uses besides code and parameters; empty if there are none.
 
         A learner that reads a file of weights returns a hash of the file's content, so that
-        results of other weights are distinguished.
+        results of different weights can be distinguished.
         """
         return ""
 
@@ -177,34 +177,34 @@ class Learner(ABC):
         """``[B]`` the action of each subject."""
 
     def learn(self, step: Step) -> None:
-        """Take in what the actions led to; called after every action."""
+        """Learn from what the actions led to; called after every action."""
 
     def state_dict(self) -> dict[str, Any]:
-        """All that was learned, for a checkpoint; a learner without memory has nothing.
+        """The state of everything learned, for a checkpoint; empty for a learner without memory.
 
-        A copy: it must not change while the learner goes on. It holds the state of the learner's
-        generators too, so that one that is interrupted goes on as if it had not been. To be kept
-        in a file, it must be plain data: numbers, texts, NumPy arrays and tensors, in dicts, lists
-        and tuples.
+        It must be a copy, which does not change when the learner continues. It includes the state
+        of the learner's generators, so that an interrupted learner continues as if it had not been
+        interrupted. To be saved in a file, it must be plain data: numbers, texts, NumPy arrays and
+        tensors, in dicts, lists and tuples.
         """
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint; called after :meth:`begin`. The checkpoint stays as it is."""
+        """Continue from a checkpoint, without changing it; called after :meth:`begin`."""
         if state:
             raise LearnerError(f"{type(self).__name__} keeps no state and cannot load any")
 
     def metrics(self) -> dict[str, float]:
-        """What is worth watching while it learns, by name; a mean over the subjects.
+        """Values to watch while it learns, by name; means over the subjects.
 
-        Asked for now and then if somebody watches (``compare --tensorboard``), and otherwise
-        never: it must not change what the learner does.
+        Called now and then with ``compare --tensorboard``, and otherwise never: it must not change
+        what the learner does.
         """
         return {}
 
 
 class InformedLearner(Learner):
-    """A learner that sees what is latent: a bound to compare others with, never a rival."""
+    """A learner that gets the :class:`Truth`: a bound to compare other learners with."""
 
     @abstractmethod
     def inform(self, truth: Truth) -> None:

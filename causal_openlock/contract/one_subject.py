@@ -1,11 +1,11 @@
 """Learners written for a single subject.
 
 A :class:`~causal_openlock.contract.learner.Learner` plays many subjects at once, which is fast and
-asks for arrays. A :class:`OneSubjectLearner` answers for one subject in plain numbers; each subject
-gets an instance of its own, and a :class:`PerSubjectAdapter` of them plays as one learner. The
-registry takes either.
+needs arrays. A :class:`OneSubjectLearner` plays one subject with plain numbers; each subject gets
+an instance of its own, and a :class:`PerSubjectAdapter` makes them one learner. The registry takes
+either kind.
 
-Such an instance can hold anything, so its state is a pickle. It carries a seal
+Such an instance can hold anything, so its state is a pickle. It has a seal
 (:mod:`causal_openlock.files.seal`), and is read only if this user has made it for the same class.
 """
 
@@ -38,9 +38,9 @@ class Moment:
 
     Attributes:
         observation: ``[2P + 2]`` what was seen before the action.
-        action: What was done.
+        action: The action.
         outcome: ``[2P + 2]`` what was seen right after it.
-        reward: The reward for it.
+        reward: The reward.
         attempt_over: Whether the attempt ended with it.
         trial_over: Whether the trial ended with it.
         new_solution: Whether it completed a solution not found before in the trial.
@@ -60,8 +60,8 @@ class Moment:
 class OneSubjectLearner(ABC):
     """A learner written for a single subject; each subject gets an instance of its own.
 
-    ``self.brief``, which tells of this subject alone, and ``self.generator``, the one source of
-    randomness in it, are set before :meth:`begin` is called.
+    ``self.brief``, for this subject alone, and ``self.generator``, its only source of randomness,
+    are set before :meth:`begin` is called.
 
     Args:
         parameters: An instance of the class's ``Parameters``; by default their defaults.
@@ -85,10 +85,10 @@ class OneSubjectLearner(ABC):
 
     @abstractmethod
     def act(self, observation: Observations) -> int:
-        """The action for what is seen: ``[2P + 2]`` of 0 and 1."""
+        """The action for an observation, ``[2P + 2]`` of 0 and 1."""
 
     def learn(self, moment: Moment) -> None:
-        """Take in what the action led to."""
+        """Learn from what the action led to."""
 
 
 class PerSubjectAdapter(Learner):
@@ -111,14 +111,14 @@ class PerSubjectAdapter(Learner):
 
     def act(self, view: View) -> IntArray:
         """Ask each player that still plays."""
-        # What a player writes into what it is shown must not change what it learns from.
+        # Players may change the observation that they get, but learn from the original one.
         self._seen = view.observation.copy()
         actions = np.zeros(len(self._players), dtype=np.int64)
         for subject in np.flatnonzero(view.playing):
             answer = self._players[subject].act(view.observation[subject])
             try:
                 actions[subject] = operator.index(answer)
-            except TypeError:  # an array would round 2.7 off without a word
+            except TypeError:  # NumPy would silently round 2.7
                 raise LearnerError(
                     f"{self.single.__name__} has to answer with the index of an action, an "
                     f"integer, and answered {answer!r}"
@@ -126,7 +126,7 @@ class PerSubjectAdapter(Learner):
         return actions
 
     def learn(self, step: Step) -> None:
-        """Tell each player what its own action led to."""
+        """Let each player learn from its own step."""
         left = step.view.console.solutions_left - step.new_solution
         for subject in np.flatnonzero(step.view.playing):
             self._players[subject].learn(
@@ -147,21 +147,21 @@ class PerSubjectAdapter(Learner):
         return f"players of {self.single.__module__}:{self.single.__qualname__}"
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that the players hold, generators included, under seal."""
+        """All attributes of the players, generators included, with a seal."""
         players = pickle.dumps([vars(player) for player in self._players])
         return {"players": players, "seal": seal(players, self._kind)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Give each player back what it held.
+        """Restore the attributes of each player.
 
         Raises:
-            LearnerError: If this user has not made the state, with the same class.
+            LearnerError: If this user has not made the state with the same class.
         """
         players = state.get("players", b"")
         if not is_sealed(players, state.get("seal"), self._kind):
             raise LearnerError(
-                f"what {self.single.__name__} held was not kept by this user on this machine, and "
-                "to read it could run any program"
+                f"the state of {self.single.__name__} was not saved by this user on this machine, "
+                "and reading it could run any program"
             )
         for player, kept in zip(self._players, pickle.loads(players), strict=True):
             vars(player).update(kept)

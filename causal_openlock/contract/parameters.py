@@ -1,4 +1,4 @@
-"""Types of hyper-parameters with the ranges that an experiment file is held to.
+"""Types of hyper-parameters with ranges, which are checked in experiment files.
 
 >>> from typing import Annotated
 >>> from dataclasses import dataclass
@@ -15,6 +15,6 @@ from pydantic import Field
 
 Share = Annotated[float, Field(ge=0, le=1)]
 OpenShare = Annotated[float, Field(gt=0, lt=1)]
-"""A share that is neither none nor all."""
+"""A share other than 0 and 1."""
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]

@@ -1,7 +1,7 @@
-"""How to see whether a learner keeps its contract.
+"""Checks of the contract of learners.
 
-:mod:`causal_openlock.testing` plays learners with views that cannot be written to, with rows that
-mean nothing, and under an eye on the generators that everything in a process shares.
+:mod:`causal_openlock.testing` plays learners with read-only views and with meaningless rows of
+finished subjects, and compares the states of global random generators.
 :mod:`causal_openlock.experiment.learner_check` does some of that before a comparison.
 """
 
@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 from causal_openlock.contract.learner import Learner
 
 
-class WrittenTo(Exception):  # noqa: N818 - it says what a learner did
-    """A learner changed what it was shown."""
+class InputChangedError(Exception):
+    """A learner changed its input."""
 
 
 def watch(learner: Learner) -> None:
-    """From now on, show a learner copies that cannot be written to.
+    """From now on, give a learner read-only copies of its input.
 
-    NumPy refuses to write to them. Other libraries ignore that, and a learner may keep an array for
-    later, so the last copies are compared with what they were after every call. ``act`` and
-    ``learn`` raise :class:`WrittenTo` if something has changed.
+    NumPy refuses to write to them. Other libraries may write all the same, and a learner may keep
+    an array for later, so the last copies are compared with the originals after every call. ``act``
+    and ``learn`` raise :class:`InputChangedError` if something has changed.
     """
     kept: deque[tuple[Any, Any]] = deque(maxlen=6)
 
@@ -48,12 +48,12 @@ def watch(learner: Learner) -> None:
             except ValueError as error:
                 # Compiled code may ask for a writable buffer only to read it.
                 if "read-only" in str(error) and "buffer source" not in str(error):
-                    raise WrittenTo(f"{fault} ({error})") from error
+                    raise InputChangedError(f"{fault} ({error})") from error
                 raise
             for now, before in kept:
                 for (name, one), (_, other) in zip(_arrays(now), _arrays(before), strict=True):
                     if not np.array_equal(one, other):
-                        raise WrittenTo(f"{fault} ({name})")
+                        raise InputChangedError(f"{fault} ({name})")
             return answer
 
         return call
@@ -72,19 +72,19 @@ def _arrays(given: Any) -> Iterator[tuple[str, NDArray[Any]]]:
             yield from _arrays(value)
 
 
-def without(given: Any, gone: NDArray[Any], garble: bool) -> Any:
+def with_finished(given: Any, gone: NDArray[Any], garble: bool) -> Any:
     """A view or a step in which some subjects have finished.
 
     Args:
-        given: The view or step as it was.
+        given: The view or step.
         gone: ``[B]`` which subjects have finished.
-        garble: Whether their rows hold nonsense, which a careless learner would learn from.
+        garble: Whether to fill their rows with nonsense, from which a learner must not learn.
     """
     changed = {}
     for field in fields(given):
         value = getattr(given, field.name)
         if not isinstance(value, np.ndarray):
-            changed[field.name] = without(value, gone, garble)
+            changed[field.name] = with_finished(value, gone, garble)
             continue
         value = value.copy()
         if field.name == "playing":
@@ -99,13 +99,13 @@ def without(given: Any, gone: NDArray[Any], garble: bool) -> Any:
 
 @dataclass(frozen=True)
 class GlobalRandomness:
-    """The state of the generators that everything in a process shares."""
+    """The state of the global random generators of Python, NumPy and torch."""
 
     states: dict[str, Any]
 
     @classmethod
     def now(cls) -> GlobalRandomness:
-        """Their states now; torch's counts once torch is imported."""
+        """Their states now; with torch, if that is imported."""
         states: dict[str, Any] = {
             "random": random.getstate(),
             "numpy.random": np.random.get_state(),  # noqa: NPY002
@@ -123,17 +123,17 @@ class GlobalRandomness:
             torch.manual_seed(seed)
 
     def restore(self) -> None:
-        """Put these states back."""
+        """Restore these states."""
         random.setstate(self.states["random"])
         np.random.set_state(self.states["numpy.random"])  # noqa: NPY002
         if torch := sys.modules.get("torch"):
-            # One that was imported since then had the state of every new generator.
+            # If torch was imported since then, its generator was in its initial state.
             held = self.states.get("torch")
             fresh = torch.Generator().get_state() if held is None else torch.from_numpy(held)
             torch.random.set_rng_state(fresh)
 
     def differs_from(self, other: GlobalRandomness) -> list[str]:
-        """Names of the generators whose state has changed."""
+        """Names of the generators with a different state."""
         return [
             name
             for name, state in self.states.items()

@@ -1,7 +1,7 @@
 """Finding learners by name, and checking their hyper-parameters.
 
-Learners are found through the entry-point group ``causal_openlock.learners``, so that a package of
-one's own adds learners by declaring them::
+Learners are found through the entry-point group ``causal_openlock.learners``, so any package can
+add learners by declaring them::
 
     [project.entry-points."causal_openlock.learners"]
     mine = "my_package:MyLearner"
@@ -10,9 +10,9 @@ The learners that come with the toolkit are registered in the same way. ``module
 learner that is not registered, such as one in a file of the working directory or beside the
 experiment file.
 
-Hyper-parameters are the fields of the learner's frozen dataclass ``Parameters``. What an experiment
-file says of them is checked against the types of these fields; a text in their ``Annotated`` types
-tells users what they mean.
+Hyper-parameters are the fields of the learner's frozen dataclass ``Parameters``. The values in an
+experiment file are checked against the types of these fields; a text in their ``Annotated`` types
+explains them to users.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ENTRY_POINTS = "causal_openlock.learners"
 
 
 def registry() -> Mapping[str, EntryPoint]:
-    """Every installed learner by name; none of them is loaded by this.
+    """Every installed learner by name; this loads none of them.
 
     Raises:
         LearnerError: If two packages register the same name.
@@ -97,12 +97,12 @@ def is_ours(name: str) -> bool:
 
 
 def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:
-    """A sentence about the file that a learner's name would run; nothing is imported yet.
+    """A sentence about the file that loading a learner would run; this imports nothing.
 
     Args:
-        name: As for :func:`learner_class`; ``None`` is returned if it is that of an installed one.
+        name: As for :func:`learner_class`; the result is ``None`` for an installed learner.
         beside: The folder of the experiment file that names it.
-        role: What it runs as.
+        role: Its role in the sentence.
     """
     module, colon, kind = name.partition(":")
     installed = {entry.module.partition(".")[0] for entry in registry().values()}
@@ -119,7 +119,7 @@ def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
     """A learner's class by its registered name, or by ``module:Class``.
 
     Raises:
-        LearnerError: If there is none, it cannot be imported, or it is no learner.
+        LearnerError: If there is none, it cannot be imported, or it is not a learner.
     """
     if ":" in name:
         if not MODULE_AND_NAME.fullmatch(name):
@@ -170,8 +170,8 @@ def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
 def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
     """Hyper-parameters from plain data, as an instance of the learner's ``Parameters``.
 
-    Values are read as from a file: a list may stand for a tuple, and otherwise nothing is
-    converted, so that ``"3"`` is no number.
+    Values are read as from a file: a list is accepted for a tuple, and otherwise nothing is
+    converted, so ``"3"`` is not a number.
 
     Raises:
         LearnerError: If a parameter is unknown or missing, or its value does not fit.
@@ -207,7 +207,7 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
 
 
 class ParameterInfo(NamedTuple):
-    """A hyper-parameter as users see it."""
+    """A hyper-parameter, for help texts."""
 
     name: str
     default: Any

@@ -6,23 +6,22 @@ the tables of :mod:`causal_openlock.world.tables`.
 
 An *episode* is either one attempt or a whole trial:
 
-* ``episode="attempt"``: it terminates when the door opens or the actions are spent; nothing
-  follows that a learner could value. ``reset`` begins the next attempt in the same room; once
-  every solution is found or no attempt is left, it begins a new trial.
+* ``episode="attempt"``: it terminates when the door opens or no action is left; the attempts that
+  follow belong to other episodes. ``reset`` begins the next attempt in the same room; once every
+  solution is found or no attempt is left, it begins a new trial.
 * ``episode="trial"``: it terminates when every solution is found and is truncated when no attempt
-  is left. After each attempt the room is put back, and what is returned is the room as it then
-  stands; how the attempt ended is in ``info["outcome"]``.
+  is left. After each attempt the room is reset, and the observation is that of the room after the
+  reset; the one before it is in ``info["outcome"]``.
 
-With ``physics=True`` the one room has bodies: an action is a whole movement of a simulated arm
-(:mod:`causal_openlock.physics`), and what is seen is where the levers and the door then are.
+With ``physics=True`` a single room is simulated: an action is a whole movement of an arm
+(:mod:`causal_openlock.physics`), and the observation follows from the simulated levers and door.
 
-:class:`MixedRoomsEnv` has rooms of several kinds, one of them in each trial: exported data sets of
-transfers are recovered with it.
+:class:`MixedRoomsEnv` has rooms of several kinds, one of them in each trial, as exported data sets
+of transfers need.
 
 ``reset(seed=...)`` and ``reset(options={"new_trial": True})`` always begin a new trial. ``info``
-carries the console, which a person sees too, and under the key ``"latent"`` what no learner may
-see: it is for analysis. On the console, the present attempt counts as one that is left, until the
-trial is over: then none is.
+holds the console, which people see too, and under the key ``"latent"``, for analysis only, what
+learners must not see. On the console, the present attempt counts as left until the trial is over.
 """
 
 from __future__ import annotations

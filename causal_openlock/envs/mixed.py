@@ -1,4 +1,4 @@
-"""Rooms of several kinds in one environment: every trial is in one of them, drawn at random."""
+"""Rooms of several kinds in one environment; each trial is in one of them, drawn at random."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from causal_openlock.errors import OpenLockError
 
 
 class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
-    """What a transfer or a whole comparison was played in, as one environment.
+    """The rooms of a transfer or of a whole comparison, as one environment.
 
     Args:
         rooms: The arguments of an :class:`~causal_openlock.envs.OpenLockEnv` for each kind, all of
@@ -24,6 +24,12 @@ class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
 
     Raises:
         OpenLockError: If there is no room, or they do not fit together.
+
+    Example:
+        >>> env = MixedRoomsEnv([{"schema": "CC3"}, {"schema": "CE3"}])
+        >>> _, info = env.reset(seed=0)
+        >>> info["latent"]["schema"]
+        'CE3'
     """
 
     metadata = OpenLockEnv.metadata
@@ -33,9 +39,9 @@ class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
         if not self._rooms:
             raise OpenLockError("rooms of several kinds need at least one")
         if len({room.observation_space.shape for room in self._rooms}) > 1:
-            raise OpenLockError("rooms in one environment have equally many positions")
+            raise OpenLockError("rooms in one environment must have the same number of positions")
         if len({room.get("episode", "attempt") for room in rooms}) > 1:
-            raise OpenLockError("rooms in one environment have episodes of the same kind")
+            raise OpenLockError("rooms in one environment must have episodes of the same kind")
         self.render_mode = render_mode
         self.observation_space = self._rooms[0].observation_space
         self.action_space = self._rooms[0].action_space
@@ -65,7 +71,7 @@ class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
 
         Raises:
             ResetNeeded: Before the first reset, and after the end of an episode.
-            InvalidAction: If the action is none of the action space.
+            InvalidAction: If the action is not in the action space.
         """
         if self._room is None:
             raise ResetNeeded("call reset() before step()")

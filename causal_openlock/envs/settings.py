@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -12,7 +11,7 @@ from gymnasium import spaces
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
 from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
-from causal_openlock.world.rewards import RewardForm, RewardFunction, find_reward
+from causal_openlock.world.rewards import RewardForm, find_reward
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
 
 if TYPE_CHECKING:
@@ -23,31 +22,24 @@ RENDER_SIZE, RENDER_SIZES = 600, (32, 4320)
 Episode = Literal["attempt", "trial"]
 
 
-@dataclass(frozen=True)
 class Settings:
-    """The arguments that both environments share, checked.
+    """The arguments that the environments share, checked.
 
     Attributes:
-        schema: What governs the room.
-        layout: Where the levers stand; ``None`` draws a layout for every trial.
+        schema: The schema of the rooms.
+        layout: The positions of the levers; ``None`` draws a layout for every trial.
         positions: Number of positions.
-        reward: What each action pays.
+        reward: The reward of each action.
         whole_trial: Whether an episode is a whole trial.
         attempt_limit: Attempts in a trial.
         action_limit: Actions in an attempt.
+
+    Raises:
+        OpenLockError: What is wrong and how to correct it.
     """
 
-    schema: Schema
-    layout: Layout | None
-    positions: int
-    reward: RewardFunction
-    whole_trial: bool
-    attempt_limit: int
-    action_limit: int
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         schema: str | os.PathLike[str] | Mapping[str, Any] | Schema,
         layout: str | Mapping[str, str] | Layout,
         reward: RewardForm,
@@ -55,12 +47,7 @@ class Settings:
         attempt_limit: int,
         action_limit: int | None,
         positions: int | None,
-    ) -> Settings:
-        """Check the arguments of an environment.
-
-        Raises:
-            OpenLockError: With what is wrong and how to mend it.
-        """
+    ) -> None:
         from causal_openlock.formats.schema_file import find_schema, schema_from_dict
 
         schema = schema_from_dict(schema) if isinstance(schema, Mapping) else find_schema(schema)
@@ -84,19 +71,15 @@ class Settings:
                 f"no attempt can have more than {MAX_ACTION_LIMIT}, so action_limit cannot be "
                 f"{action_limit}"
             )
-        if layout == RANDOM_LAYOUT:
-            fixed = None
-        else:
-            fixed = Layout.of(schema, layout, positions).in_room(positions)
-        return cls(
-            schema=schema,
-            layout=fixed,
-            positions=positions,
-            reward=find_reward(reward),
-            whole_trial=episode == "trial",
-            attempt_limit=attempt_limit,
-            action_limit=action_limit,
-        )
+        self.schema = schema
+        self.layout: Layout | None = None
+        if layout != RANDOM_LAYOUT:
+            self.layout = Layout.of(schema, layout, positions).in_room(positions)
+        self.positions = positions
+        self.reward = find_reward(reward)
+        self.whole_trial = episode == "trial"
+        self.attempt_limit = attempt_limit
+        self.action_limit = action_limit
 
     def draw_layout(self, generator: np.random.Generator) -> Layout:
         """The layout of a new trial."""
@@ -114,10 +97,10 @@ class Settings:
 
 
 def check_render_size(size: int) -> int:
-    """The height of a picture, if it is one.
+    """The height of a picture, checked.
 
     Raises:
-        OpenLockError: If it is none.
+        OpenLockError: If no picture can have this height.
     """
     least, most = RENDER_SIZES
     if isinstance(size, bool) or not isinstance(size, int) or not least <= size <= most:

@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 
 KEPT_ROWS = 500_000
-"""How many rows the rooms met so far may have before they are forgotten: about 100 bytes each."""
+"""The most rows, over all layouts met, to keep observations of: about 100 bytes each."""
 
 
 class _Listed:
-    """The tables of one room as Python lists, which a single step reads fastest.
+    """The tables of one room as Python lists, the fastest to read in a single step.
 
-    They serve the schema's rooms in all layouts: an action in another layout is looked up as the
-    one that aims at the same lever here.
+    They are used for the schema in all layouts: an action in another layout is looked up as the
+    action on the same lever in this one.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -57,34 +57,15 @@ class _Listed:
         self.paid: list[float] = self.rewards.paid.tolist()
 
 
-class _Placed:
-    """A layout, and how the listed room is read in it."""
-
-    def __init__(self, listed: _Listed, layout: Layout) -> None:
-        room, tables = listed.tables.rooms[0], listed.tables
-        self.layout = layout
-        self.observations = list(layout.observations(room.fsm, tables.state))
-        # Every position has one of the listed room, so that two inactive levers remain two.
-        there, here = ([*of.places, *_inactive(of)] for of in (room.layout, layout))
-        same = dict(zip(here, there, strict=True))
-        lever = [same[place] for place in range(layout.positions)]
-        pull = [layout.positions + place for place in lever]
-        self.actions: list[int] = [*lever, *pull, 2 * layout.positions]
-
-
-def _inactive(layout: Layout) -> list[int]:
-    return [place for place in range(layout.positions) if place not in layout.places]
-
-
 class _Bodies:
-    """The physical room of a trial, read as rows of the listed one."""
+    """The physical room of a trial; its states are rows of the listed room."""
 
     def __init__(self, listed: _Listed) -> None:
         tables = listed.tables
         self._fsm = tables.rooms[0].fsm
         self._used: list[int] = tables.used.tolist()
-        moments = zip(self._used, tables.state.tolist(), strict=True)
-        self._rows = {moment: row for row, moment in enumerate(moments)}
+        states = zip(self._used, tables.state.tolist(), strict=True)
+        self._rows = {used_and_state: row for row, used_and_state in enumerate(states)}
         self.room: PhysicalRoom | None = None
         self.watch: Callable[[Pose], None] | None = None
         self._finished, self._steps, self._unfinished = True, 0, 0
@@ -100,7 +81,7 @@ class _Bodies:
         self._finished, self._steps = True, 0
 
     def move(self, row: int, action: int, yields: bool) -> int:
-        """Carry out an action; returns the row that the bodies are in then."""
+        """Carry out an action and return the row of the state that it led to."""
         assert self.room is not None
         self.room.watch = self.watch
         movement = self.room.act(action, yields)
@@ -108,7 +89,7 @@ class _Bodies:
         self._unfinished += not movement.finished
         return self._rows[self._used[row] + 1, self.room.state]
 
-    def told(self) -> dict[str, Any]:
+    def info(self) -> dict[str, Any]:
         return {
             "finished": self._finished,
             "steps": self._steps,
@@ -117,7 +98,7 @@ class _Bodies:
 
 
 class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
-    """One room.
+    """One room as a Gymnasium environment.
 
     Args:
         schema: Name of a schema, path of a schema file, its content as plain data, or a Schema.
@@ -133,13 +114,19 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         render_size: Height of a picture in pixels.
         render_console: Whether the console is shown beside the room in a picture.
         physics: Whether an action is a whole movement of a simulated arm
-            (:mod:`causal_openlock.physics`), and what is seen is where the levers and the door
-            then are. ``info["physics"]`` says whether the last movement was ``finished`` within
+            (:mod:`causal_openlock.physics`), and the observation follows from the simulated levers
+            and door. ``info["physics"]`` holds whether the last movement was ``finished`` within
             its budget, how many ``steps`` of the simulation it took, and how many movements have
             been left ``unfinished`` so far.
 
     Raises:
         OpenLockError: If the arguments do not fit together.
+
+    Example:
+        >>> env = OpenLockEnv("CC3", layout="trial1", episode="trial")
+        >>> observation, info = env.reset(seed=0)
+        >>> info["console"]["solutions_left"], info["console"]["attempts_left"]
+        (2, 30)
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own form
@@ -161,7 +148,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         render_size: int = RENDER_SIZE,
         render_console: bool = False,
     ) -> None:
-        self._settings = Settings.of(
+        self._settings = Settings(
             schema, layout, reward, episode, attempt_limit, action_limit, positions
         )
         self.observation_space = self._settings.observation_space
@@ -173,12 +160,13 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._render_console = render_console
         self._listed = _Listed(self._settings)
         self._bodies = _Bodies(self._listed) if physics else None
-        self._layouts: dict[Layout, _Placed] = {}
+        # For each layout, its observation at each row and the listed action for each action.
+        self._layouts: dict[Layout, tuple[list[NDArray[np.int8]], list[int]]] = {}
         self._actions = self._listed.tables.actions
         self._columns, self._failed = self._listed.tables.columns, self._listed.tables.failed
         self._whole_trial = self._settings.whole_trial
         self._stochastic = not self._settings.schema.deterministic
-        # Whether the table of rewards does not hold what an action pays.
+        # Whether the reward of every action has to be evaluated anew.
         self._surprising = physics or self._settings.reward.depends_on_everything
         self._depends_on_repeats = self._settings.reward.depends_on_repeats
         self._depends_on_found = self._settings.reward.depends_on_found
@@ -211,14 +199,16 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
     def _begin_trial(self) -> None:
         layout = self._settings.draw_layout(self.np_random)
         if layout not in self._layouts:
-            if len(self._layouts) * self._listed.tables.rows >= KEPT_ROWS:
+            tables = self._listed.tables
+            if len(self._layouts) * tables.rows >= KEPT_ROWS:
                 self._layouts.clear()
-            self._layouts[layout] = _Placed(self._listed, layout)
-        self._placed = self._layouts[layout]
+            observations = layout.observations(tables.rooms[0].fsm, tables.state)
+            actions = layout.actions_in(tables.rooms[0].layout)
+            self._layouts[layout] = [*observations], actions.tolist()
+        self._layout = layout
+        self._observations, self._same_action = self._layouts[layout]
         if self._bodies is not None:
             self._bodies.enter(layout)
-        self._observations = self._placed.observations
-        self._same_action = self._placed.actions
         self._attempts_left = self._settings.attempt_limit
         self._found: set[int] = set()
         self._solutions_left = len(self._settings.schema.solutions)
@@ -230,7 +220,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
 
         Raises:
             ResetNeeded: Before the first reset, and after the end of an episode.
-            InvalidAction: If the action is none of the action space.
+            InvalidAction: If the action is not in the action space.
         """
         row = self._row
         if row < 0:
@@ -265,7 +255,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         return self._end_attempt(listed, after, reward)
 
     def _judge(self, row: int, action: int, after: int) -> float:
-        """The reward where history or luck matters."""
+        """The reward where it depends on the past or on the simulation."""
         found = np.zeros((1, len(self._settings.schema.solutions)), dtype=bool)
         found[0, list(self._found)] = True
         paid = self._listed.rewards.judge(
@@ -280,7 +270,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
     def _end_attempt(
         self, listed: _Listed, after: int, reward: float
     ) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
-        # The rule of world/batch.py, for one room.
+        # The same rule as in world/batch.py, for one room.
         solution = listed.solution[after]
         if solution >= 0 and solution not in self._found:
             self._found.add(solution)
@@ -320,22 +310,22 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             "latent": self._latent.copy(),
         }
         if self._bodies is not None:
-            info["physics"] = self._bodies.told()
+            info["physics"] = self._bodies.info()
         return info
 
     def _describe(self) -> dict[str, Any]:
-        """What no learner may see, in values that cannot be changed."""
+        """What learners must not see, in immutable values."""
         schema = self._settings.schema
         return {
             "schema": schema.name,
-            "layout": tuple(self._placed.layout.as_mapping(schema).items()),
+            "layout": tuple(self._layout.as_mapping(schema).items()),
             "solutions": schema.solutions,
             "found": tuple(sorted(self._found)),
         }
 
     @property
     def trial_over(self) -> bool:
-        """Whether the next reset begins a new trial anyway."""
+        """Whether the next reset begins a new trial in any case."""
         return self._new_trial_due
 
     @property
@@ -343,7 +333,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         """The bodies of the trial in progress, with ``physics=True``.
 
         Raises:
-            OpenLockError: Without.
+            OpenLockError: Without ``physics=True``.
             ResetNeeded: Before the first reset.
         """
         room = self._physics().room
@@ -352,10 +342,10 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         return room
 
     def watch(self, callback: Callable[[Pose], None] | None) -> None:
-        """Have a callback told the pose after every step of the simulation from now on.
+        """Call a function with the pose after every step of the simulation from now on.
 
         Args:
-            callback: What to call, 120 times in a unit of time; ``None`` ends it.
+            callback: Called 120 times in a unit of time; ``None`` ends it.
 
         Raises:
             OpenLockError: Without ``physics=True``.
@@ -364,21 +354,21 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
 
     def _physics(self) -> _Bodies:
         if self._bodies is None:
-            raise OpenLockError("this room has no bodies; make it with physics=True")
+            raise OpenLockError("this room is not simulated; make it with physics=True")
         return self._bodies
 
     def render(self) -> Any:
         """The room as text or as a ``[height, width, 3]`` picture of bytes, by ``render_mode``.
 
-        A picture of a physical room shows its bodies where they are.
+        A picture of a physical room shows the simulated positions.
         """
         if self.render_mode is None:
             gymnasium.logger.warn("pass render_mode='ansi' or 'rgb_array' to see the room")
             return None
-        if not hasattr(self, "_placed"):
+        if not hasattr(self, "_layout"):
             raise ResetNeeded("call reset() before render()")
         row = self._row if self._row >= 0 else ~self._row
-        seen = self._placed.observations[row]
+        seen = self._observations[row]
         positions = self._settings.positions
         if self.render_mode == "ansi":
             from causal_openlock.render.room import room_text

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 KEPT_CHOICES = 1 << 23
-"""How many rows times actions may be stacked before rooms that nobody is in are forgotten.
+"""The most rows times actions to stack before unused rooms are dropped.
 
 All layouts of the paper's rooms are far below it, and ten rooms of twelve levers fit: 150 MB.
 """
@@ -38,7 +38,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
 
     Args:
         num_envs: How many rooms.
-        schema: As for :class:`OpenLockEnv`, like all that follow.
+        schema: As for :class:`OpenLockEnv`, like the arguments below.
         layout: See there; ``random`` draws one for every trial of every room.
         reward: See there.
         episode: See there.
@@ -50,6 +50,12 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
 
     Raises:
         OpenLockError: If the arguments do not fit together.
+
+    Example:
+        >>> env = OpenLockVectorEnv(4, "CC3", layout="trial1")
+        >>> observation, info = env.reset(seed=0)
+        >>> env.step(np.array([0, 1, 6, 14]))[0].shape
+        (4, 16)
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own form
@@ -72,14 +78,12 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
     ) -> None:
         if physics:
             raise OpenLockError(
-                "many rooms at once have no bodies; use OpenLockEnv(physics=True), or the same "
-                "rooms without physics, which a learner sees alike"
+                "many rooms at once are not simulated; use OpenLockEnv(physics=True), or the same "
+                "rooms without physics, which look the same to a learner"
             )
         if render_mode is not None:
             raise OpenLockError("many rooms at once are not drawn; use OpenLockEnv to see one")
-        settings = Settings.of(
-            schema, layout, reward, episode, attempt_limit, action_limit, positions
-        )
+        settings = Settings(schema, layout, reward, episode, attempt_limit, action_limit, positions)
         self._settings = settings
         self.num_envs = num_envs
         self.render_mode = None
@@ -96,7 +100,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             put_back=settings.whole_trial,
         )
         self._solutions = len(settings.schema.solutions)
-        # Handed out, and replaced where something changes.
+        # Returned in info, so replaced instead of changed.
         self._left = np.zeros(num_envs, dtype=np.int16)
         self._found_count = np.zeros(num_envs, dtype=np.int16)
         self._attempts_left = np.zeros(num_envs, dtype=np.int32)
@@ -129,7 +133,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         return self._seen(), self._info(self._tables.status.take(self._batch.row) & ACTIONS_LEFT)
 
     def _begin_trials(self, rooms: NDArray[np.int64]) -> None:
-        # Rooms in step all begin at once: then a slice spares the lookups.
+        # If all rooms begin at once, a slice is faster than indices.
         which = slice(None) if len(rooms) == self.num_envs else rooms
         self._batch.begin_trials(which, self._draw_rooms(len(rooms)))
         left, found_count, attempts_left = (
@@ -142,7 +146,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self._attempts_left = _read_only(attempts_left)
 
     def _draw_rooms(self, many: int) -> NDArray[np.int64]:
-        """``[many]`` rooms for new trials; a layout met before is not stacked again."""
+        """``[many]`` rooms for new trials; each layout is stacked only once."""
         settings = self._settings
         if settings.layout is not None:
             return np.repeat(self._stacked([settings.layout]), many)
@@ -156,16 +160,14 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if len(unknown):
             new, first = np.unique(codes[unknown], return_index=True)
             layouts = [Layout(tuple(order[unknown[i]].tolist()), positions) for i in first]
-            self._know(np.append(self._codes, new), np.append(self._rooms, self._stacked(layouts)))
+            where = np.searchsorted(self._codes, new)
+            self._rooms = np.insert(self._rooms, where, self._stacked(layouts))
+            self._codes = np.insert(self._codes, where, new)
             at = np.searchsorted(self._codes, codes)
         return self._rooms[at]
 
-    def _know(self, codes: NDArray[np.int64], rooms: NDArray[np.int64]) -> None:
-        order = codes.argsort()
-        self._codes, self._rooms = codes[order], rooms[order]
-
     def _forget(self) -> None:
-        """Stack only the rooms that are in use anew: there can be very many layouts."""
+        """Make new tables with only the rooms in use: there can be very many layouts."""
         old, batch = self._tables, self._batch
         used, which = np.unique(batch.room, return_inverse=True)
         self._tables = RoomTables(self._settings.positions)
@@ -205,7 +207,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             actions = actions.copy()
             actions[due] = self._tables.wait
             self._due = _NONE
-        # Where an attempt is over, the step puts the room back: that is the reset of NEXT_STEP.
+        # Where an attempt is over, the step resets the room: that is the reset of NEXT_STEP.
         taken = batch.step(actions, luck)
         whole_trial = self._settings.whole_trial
         terminated = taken.trial_over if whole_trial else taken.attempt_over
@@ -226,7 +228,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             if taken.any_trial_over:
                 truncated = terminated & (self._left > 0)
                 terminated = terminated & ~truncated
-        # Until the reset, an attempt that has just ended counts as one that is left.
+        # Until the reset, an attempt that has just ended counts as left.
         self._attempts_left = shown
         info = self._info(taken.actions_left)
         self._attempts_left = attempts_left
@@ -236,12 +238,12 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise InvalidAction(
-                f"step takes {self.num_envs} integers, one for each room, and not "
+                f"step takes {self.num_envs} integers, one for each room, not "
                 f"{actions.dtype} of shape {actions.shape}"
             )
         if actions.dtype != np.int64 or not actions.flags.carray:
             actions = actions.astype(np.int64)  # always a plain array, for the compiled step
-        # Read as unsigned, a negative number is very large: one comparison finds both.
+        # As unsigned numbers, negative ones are very large: one comparison finds both.
         if np.maximum.reduce(actions.view(np.uint64)) >= self._tables.actions:
             raise InvalidAction(
                 f"an action is outside the space; actions are 0 to {self._tables.actions - 1}"

@@ -1,22 +1,22 @@
-"""Checkpoints: a cell that is killed goes on where it was.
+"""Checkpoints: a killed cell continues where it was.
 
-Beside the file that a cell's record will be in, a worker keeps two others while it plays::
+While a worker plays a cell, it keeps two files beside that of the cell's record::
 
-    NAME.checkpoint   where the session and the learner stand (see causal_openlock.files.state)
+    NAME.checkpoint   the state of the session and the learner (see causal_openlock.files.state)
     NAME.attempts     the attempts so far, one after the other, a fixed number of bytes each
 
-The log grows to hundreds of megabytes, and what is in it never changes. So the second file is only
-ever added to, and the first says how much of it counts and what the checksum of that is: a process
-killed between the two leaves some attempts too many, which are then written again.
+The log grows to hundreds of megabytes, and its content never changes. So the second file is only
+appended to, and the first holds how much of it is valid, with a checksum: if a process is killed
+between the two writes, the attempts after that are written again.
 
-A checkpoint counts only for the very cell, and with the very versions of the packages that compute,
-with which it was made: the record is then to the last bit the one of a cell that was never
-interrupted, apart from wall times, which count the time played. One that is damaged or foreign is
-left aside with a warning, and the cell begins again.
+A checkpoint is valid only for the cell and the versions of the packages that it was made with: the
+record is then identical to that of a cell that was never interrupted, apart from wall times, which
+count the time played. A damaged or different checkpoint is ignored with a warning, and the cell
+begins again.
 
-Reading a checkpoint from somebody else runs no code. The players of a
+Reading a checkpoint of another user runs no code. The players of a
 :class:`~causal_openlock.contract.one_subject.OneSubjectLearner` can hold anything and are pickled;
-such a state is read only if this user has written it, which its seal tells
+such a state is read only if its seal shows that this user has written it
 (:mod:`causal_openlock.files.seal`).
 """
 
@@ -39,7 +39,7 @@ from causal_openlock.files.atomic import replacing
 from causal_openlock.files.state import StateError, read_state, write_state
 
 MOST_TIME = 0.02
-"""Share of the time that checkpoints may take: where they take long, they are taken seldom."""
+"""The share of the time that checkpoints may take: slow ones are taken less often."""
 
 
 class CheckpointError(OpenLockError):
@@ -52,7 +52,7 @@ class Checkpoint:
     Args:
         record: Where the cell's record will be.
         made_with: What the record depends on: ``identity`` of the cell, versions of packages.
-        every: Seconds from one checkpoint to the next, at least. 0 takes one after every step,
+        every: The least number of seconds between checkpoints. 0 takes one after every step,
             however long that takes; infinity takes none.
 
     Attributes:
@@ -71,13 +71,13 @@ class Checkpoint:
     # -- going on -------------------------------------------------------------------------------
 
     def resume(self, session: Session, learner: Learner) -> bool:
-        """Put a new session and a new learner where the checkpoint was taken.
+        """Give a new session and a new learner the state of the checkpoint.
 
         Returns:
-            Whether there is a checkpoint; if not, both are as they were.
+            Whether there is a checkpoint; if not, both are unchanged.
 
         Raises:
-            CheckpointError: If there is one that cannot be used; neither can be used then, either.
+            CheckpointError: If there is one that cannot be used; discard both then.
         """
         try:
             kept = read_state(self.path)
@@ -89,7 +89,7 @@ class Checkpoint:
             return False
         except CheckpointError:
             raise
-        # Whoever wrote it is not known, and a learner can fail in any way.
+        # The file may be from anywhere, and a learner can fail in any way.
         except Exception as error:
             raise CheckpointError(f"{self.path} cannot be used ({in_short(error)})") from None
         self._rows, self._checksum = kept["rows"], kept["checksum"]
@@ -119,14 +119,14 @@ class Checkpoint:
     def keep(self, session: Session, learner: Learner) -> None:
         """Take a checkpoint if one is due; called after every step.
 
-        What goes wrong here is a warning, and the cell plays on.
+        Errors become warnings, and the cell continues.
         """
         begun = time.perf_counter()
         if begun < self._due or session.over:
             return
         try:
             self.save(session, learner)
-        except LearnerError:  # it keeps no state, and says so
+        except LearnerError:  # it does not support checkpoints
             self.every = float("inf")
         except StateError as error:
             self.every = float("inf")
@@ -176,7 +176,7 @@ class Checkpoint:
 
 
 def _state_of(learner: Learner) -> dict[str, Any]:
-    """A learner's state, if it says how that is kept; one left out would be lost unnoticed."""
+    """A learner's state; refuses learners that do not define how to save and load it."""
     kind = type(learner)
     own = (kind.state_dict, kind.load_state_dict)
     if Learner.state_dict in own or Learner.load_state_dict in own:

@@ -1,12 +1,12 @@
-"""What learners will cost in a room, before they play: estimates from the work they count.
+"""Estimates of what learners will cost in a room, from counts of their work.
 
-A learner whose work grows with the room says so in a class method::
+A learner whose work grows with the room estimates it in a class method::
 
     @classmethod
     def expected_cost(cls, parameters, schema, action_limit) -> Cost | None: ...
 
-The seconds are a class and no measurement: counted work times what a step of it takes on a usual
-core. Nothing that is played depends on them.
+The seconds are an order of magnitude, not a measurement: counted work times the time of a step on a
+typical core. No result depends on them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 WORTH_SAYING = 1.0
 """Seconds a trial above which a cost is mentioned."""
 MUCH_MEMORY = 500.0
-"""The same in megabytes."""
+"""Megabytes above which memory is mentioned."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,11 @@ class Cost:
     Attributes:
         seconds: On one core; infinite if it cannot be played at all.
         work: What is counted, in words.
-        megabytes: Held by the process, at most about, beyond what every learner holds.
+        megabytes: Memory beyond that of every learner, roughly at most.
+
+    Example:
+        >>> str(Cost(120.0, "40 structures"))
+        'takes about 2 minutes a trial and subject on one core (an estimate: 40 structures)'
     """
 
     seconds: float
@@ -42,7 +46,7 @@ class Cost:
     megabytes: float = 0.0
 
     def __str__(self) -> str:
-        """The cost in words, to follow the name of the learner."""
+        """The cost as a clause to follow the name of the learner."""
         if self.seconds == float("inf"):
             return f"cannot play it: {self.work}"
         time = f"{self.seconds:.0f} s" if self.seconds < 90 else f"{self.seconds / 60:.0f} minutes"
@@ -56,7 +60,7 @@ class Cost:
 def expected_cost(
     learner: str, parameters: dict[str, Any], schema: Schema, action_limit: int
 ) -> Cost | None:
-    """What a learner will cost in rooms of a schema; None if it does not say, or hardly anything.
+    """What a learner will cost in rooms of a schema; None if it is unknown or small.
 
     Raises:
         LearnerError: If there is no such learner.
@@ -68,7 +72,7 @@ def expected_cost(
 
 
 def cost_cautions(experiment: Experiment) -> Iterator[str]:
-    """A sentence for each learner and schema of an experiment that are dear together."""
+    """A sentence for each learner and schema of an experiment with a high cost."""
     schemas = dict.fromkeys(s for c in experiment.conditions for s in c.schemas)
     for entry in experiment.learners:
         for schema in schemas:

@@ -1,8 +1,8 @@
 """An experiment: learners × conditions × protocol × subjects, cut into cells.
 
 A *cell* is the unit of work: one learner in one condition with at most ``cell_size`` subjects. Its
-identity is a hash of everything that determines its record, so that a cell done is never done
-again, and one that has changed in any way is.
+identity is a hash of everything that determines its record, so a finished cell is never played
+again unless something in it has changed.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ RANDOM_CLASS = "learners.random:RandomLearner"
 
 @dataclass(frozen=True)
 class Origin:
-    """Which code a learner is, so that results of other code can be distinguished.
+    """The code of a learner, so that results of different code can be distinguished.
 
     Attributes:
         class_name: Its class, ``module:Class``.
-        package: The package that it comes with and its version, or its file and a hash of that.
+        package: Its package and version, or its file and a hash of the file.
         artifact_hash: Hash of files that its parameters name, such as trained weights; or empty.
     """
 
@@ -40,17 +40,17 @@ class Origin:
 
 @dataclass(frozen=True)
 class LearnerSpec:
-    """A learner as it takes part in an experiment.
+    """A learner of an experiment.
 
     Attributes:
         name: Its label.
         learner: Its registered name, or ``module:Class``.
         parameters: All its hyper-parameters, defaults included.
-        protocol: How it plays.
-        reward: What its actions pay.
+        protocol: The protocol it plays under.
+        reward: The reward of its actions.
         subjects: How many subjects it plays in each condition.
-        recorded: Its origin, if it is read from a results folder: then its code need not be
-            installed and is not loaded.
+        recorded: Its origin, if it is read from a results folder; its code is then not loaded and
+            need not be installed.
     """
 
     name: str
@@ -63,7 +63,7 @@ class LearnerSpec:
 
     @cached_property
     def origin(self) -> Origin:
-        """Its origin as recorded, or that of what is installed."""
+        """Its recorded origin, or that of the installed code."""
         if self.recorded is not None:
             return self.recorded
         kind = learner_class(self.learner)
@@ -129,7 +129,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """The cell in words that fit into a file name."""
+        """The cell as a part of a file name."""
         first, last = self.first_subject, self.first_subject + self.subjects - 1
         return f"{self.spec.name}_{self.condition.name}_{first}-{last}"
 
@@ -141,19 +141,19 @@ class Cell:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A declared experiment, everything in it resolved and checked.
+    """An experiment, with all names resolved and checked.
 
-    :func:`~causal_openlock.experiment.file.read_experiment` makes one from a file.
+    :func:`~causal_openlock.experiment.file.read_experiment` reads one from a file.
 
     Attributes:
         name: A short name.
         title: A line for the report.
         seed: All randomness comes from it.
         cell_size: Most subjects in a cell.
-        conditions: What is played.
-        learners: The learners that play.
-        command: What to type to run it again.
-        version: Version of this package that declared it.
+        conditions: The conditions.
+        learners: The learners.
+        command: The command that runs it again.
+        version: Version of this package.
     """
 
     name: str
@@ -187,7 +187,7 @@ class Experiment:
 
     @property
     def protocols(self) -> tuple[Protocol, ...]:
-        """The protocols played under, each once."""
+        """The protocols of the learners, each once."""
         return tuple(dict.fromkeys(spec.protocol for spec in self.learners))
 
     @property
@@ -212,7 +212,7 @@ class Experiment:
         """A sentence for each schema that cannot be solved under a protocol."""
         return [
             f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
-            f"gives {counted(protocol.attempt_limit, 'attempt')}, so nobody can solve its trials"
+            f"gives {counted(protocol.attempt_limit, 'attempt')}, so its trials cannot be solved"
             for protocol in self.protocols
             for schema in dict.fromkeys(s for c in self.conditions for s in c.schemas)
             if len(schema.solutions) > protocol.attempt_limit
@@ -220,7 +220,7 @@ class Experiment:
 
     @cached_property
     def identity(self) -> str:
-        """A hash of all of :meth:`as_dict` that determines the results."""
+        """A hash of everything in :meth:`as_dict` that determines the results."""
         decides = self.as_dict()
         del decides["title"], decides["command"]
         return _digest(decides)

@@ -1,11 +1,11 @@
-"""Experiment files: an experiment as YAML, everything in it resolved, with line numbers.
+"""Experiment files: YAML to an :class:`Experiment`, with line numbers for faults.
 
 An experiment file looks like this; only ``name``, ``conditions`` and ``learners`` are required::
 
     name: first_look
     title: Random against the oracle
     seed: 2018
-    protocol: human               # or rl, or one declared below
+    protocol: human               # or rl, or one defined below
     subjects: 40
     reward: paper                 # a preset, a list of terms, weights, or module:function
     conditions: [CC4, CC3-CC4, chain3]
@@ -16,15 +16,14 @@ An experiment file looks like this; only ``name``, ``conditions`` and ``learners
     protocols:
       short: {based_on: rl, attempt_limit: 60, train_loops: 2}
 
-A condition that is not of the form ``A`` or ``A-B`` is spelled out, any sequence of schemas and
-layouts::
+Any other condition than ``A`` or ``A-B`` is a sequence of schemas and layouts::
 
     - name: keys_then_chain
       train: [{schema: two_keys, layouts: random, trials: 4}]
       test: [{schema: chain3, layouts: [trial1, {L0: LEFT, L1: UPPER, L2: LOWER}]}]
 
-The form of the file is the pydantic model :class:`ExperimentFile`, from which the JSON Schema for
-editors is made (``experiments/schema.json``).
+The pydantic model :class:`ExperimentFile` defines the format; the JSON Schema for editors
+(``experiments/schema.json``) is generated from it.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ from causal_openlock.world.room import Layout
 from causal_openlock.world.schema import NAME, Schema
 
 LONGEST_NAMES = 28
-"""How long learners or conditions may be within the name of a comparison: two of them fit."""
+"""The longest list of learners or conditions in the name of a comparison, which has two."""
 
 Positive = Annotated[int, Field(ge=1)]
 Name = Annotated[
@@ -75,7 +74,7 @@ Name = Annotated[
 
 
 def _form(value: Any) -> str:
-    """Which arm of a union is meant, by the form of what is written."""
+    """The tag of a union's member, by the type of the value."""
     if isinstance(value, Mapping | BaseModel):
         return "<mapping>"
     return "<list>" if isinstance(value, list) else "<name>"
@@ -187,7 +186,12 @@ class ExperimentFile(StrictModel):
 
 @dataclass(frozen=True)
 class Changes:
-    """What the command line may change of an experiment; ``None`` leaves it as it is."""
+    """Changes to an experiment from the command line; ``None`` changes nothing.
+
+    Example:
+        >>> Changes(subjects=10, learners=["oracle"]).options
+        ['--learner', 'oracle', '--subjects', '10']
+    """
 
     conditions: Sequence[str] | None = None
     learners: Sequence[str] | None = None
@@ -197,7 +201,7 @@ class Changes:
 
     @property
     def options(self) -> list[str]:
-        """The options of the command line that say the same."""
+        """The equivalent options of the command line."""
         words = [word for name in self.conditions or () for word in ("--condition", name)]
         words += [word for name in self.learners or () for word in ("--learner", name)]
         for option in ("protocol", "subjects", "seed"):
@@ -213,9 +217,9 @@ def read_experiment(
 
     Args:
         path: The file.
-        changes: What to change of it.
-        tell: Called with a sentence before code runs that the file names and that no installed
-            package brings along.
+        changes: Changes to it.
+        tell: Called with a sentence before code runs that the file names and that is not part of an
+            installed package.
 
     Raises:
         FileError: With line, column and remedy of every fault of the file, or of a schema file
@@ -242,7 +246,7 @@ def find_experiment(name: str | Path) -> Path:
     """The file of an experiment, by path or by the name of a bundled one.
 
     Raises:
-        OpenLockError: If there is none; the message names the nearest.
+        OpenLockError: If there is none; the message suggests the nearest name.
     """
     if Path(name).suffix in (".yaml", ".yml"):
         return Path(name)
@@ -265,13 +269,13 @@ def json_schema() -> dict[str, Any]:
 
 
 def _in_short(names: Sequence[str], what: str) -> str:
-    """Names as a part of a name; their number where they are many or long."""
+    """Names as a part of a name, or their number if they are too long."""
     short = re.sub(r"[^A-Za-z0-9_.-]+", "_", "_".join(names)).strip("_.-")
     return short if 0 < len(short) <= LONGEST_NAMES else f"{len(names)}_{what}"
 
 
 class _Builder:
-    """Resolves every name in an experiment file, and says where one cannot be resolved."""
+    """Resolves every name in an experiment file, and reports the place of those that it cannot."""
 
     def __init__(self, document: Document, file: ExperimentFile, changes: Changes) -> None:
         self.document, self.file, self.changes = document, file, changes
@@ -280,10 +284,7 @@ class _Builder:
 
     @contextmanager
     def at(self, *where: str | int) -> Iterator[None]:
-        """Report a fault in what is resolved here at its place in the file.
-
-        What the command line gives instead of the file's value has no such place.
-        """
+        """Add the place in the file to errors; values from the command line have no such place."""
         try:
             yield
         except FileError:
@@ -294,7 +295,7 @@ class _Builder:
             raise self.document.error(where, str(error)) from None
 
     def tell_what_runs(self, tell: Callable[[str], None]) -> None:
-        """Say which files run that the file names; those on the command line its user knows."""
+        """Report the code files that the experiment file names and that will run."""
         chosen = self.changes.learners
         learners = [
             one
@@ -363,7 +364,9 @@ class _Builder:
                 f"the protocol {name} comes with the package; choose another name"
             )
         if not NAME.fullmatch(name):
-            raise ExperimentError(f"{name!r} is no name for a protocol; use letters and digits")
+            raise ExperimentError(
+                f"{name!r} is not a valid name of a protocol; use letters and digits"
+            )
         settings = declared.model_dump(exclude_unset=True)
         base = find_protocol(settings.pop("based_on", "human"), self.own_protocols)
         return replace(base, name=name, **settings)
@@ -424,9 +427,9 @@ class _Builder:
 
 
 def check_together(conditions: Iterable[Condition], learners: Iterable[LearnerSpec]) -> None:
-    """Refuse schemas of one name, and those that do not fit a protocol.
+    """Refuse different schemas with the same name, and schemas that do not fit a protocol.
 
-    So nothing fails an hour into a comparison.
+    Otherwise a comparison could fail after an hour.
     """
     known: dict[str, Schema] = {}
     for condition in conditions:

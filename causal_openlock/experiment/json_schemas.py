@@ -1,4 +1,4 @@
-"""The JSON Schemas by which editors check and complete schema and experiment files.
+"""The JSON Schemas with which editors check and complete schema and experiment files.
 
 In a checkout, ``python -m causal_openlock.experiment.json_schemas`` writes them beside the files
 that they describe.

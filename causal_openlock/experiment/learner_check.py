@@ -1,14 +1,14 @@
-"""A look at a learner before it plays: does it keep to what is its own?
+"""A check of new learners before they play: global randomness, and changes to their input.
 
-Two promises are easily broken without anybody noticing: all randomness comes from
-``brief.generators``, and what a learner is shown stays as it is. Results of a learner that breaks
-the first cannot be repeated; one that breaks the second has changed what it looks at later. So a
-worker plays a few steps with each new learner before its first cell, with subjects, rooms and
-generators of their own, and says what it finds. The learner is thrown away afterwards, the shared
-generators are put back, and the cell is played whatever was found.
+Two rules are easily broken without anybody noticing: all randomness comes from
+``brief.generators``, and a learner does not change the arrays it gets. Results of a learner that
+breaks the first cannot be reproduced; one that breaks the second changes its own later input. So a
+worker plays a few steps with each new learner before its first cell, with other subjects, rooms and
+generators, and reports what it finds. Afterwards the learner is discarded, the global generators
+are restored, and the cell is played in any case.
 
-The contract tests (:mod:`causal_openlock.testing`) look much closer. Learners that come with the
-toolkit are under these tests and are not looked at here.
+The contract tests (:mod:`causal_openlock.testing`) check much more. Learners of the toolkit pass
+those tests and are not checked here.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
 
-from causal_openlock.contract.probes import GlobalRandomness, WrittenTo, watch
+from causal_openlock.contract.probes import GlobalRandomness, InputChangedError, watch
 from causal_openlock.contract.registry import create, is_ours
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.session import Session
 
 SUBJECTS, ATTEMPTS, STEPS = 2, 2, 12
-"""How long a look is: twelve actions of two subjects, two attempts to a trial."""
+"""The length of the check: twelve actions of two subjects, two attempts in a trial."""
 
 _seen: set[str] = set()
-"""The learners that this process has looked at."""
+"""The learners that this process has checked."""
 
 
 def check_new_learner(cell: Cell) -> list[str]:
-    """What is found of a cell's learner, if this process has not looked at it before."""
+    """The faults of a cell's learner, if this process has not checked it before."""
     name = f"{cell.spec.learner} {cell.spec.parameters}"
     if name in _seen or is_ours(cell.spec.learner):
         return []
@@ -44,8 +44,8 @@ def check_learner(cell: Cell) -> list[str]:
     """Play a few steps with a cell's learner.
 
     Returns:
-        A sentence for each promise that it breaks. One that fails in other ways is not judged:
-        the cell itself will show it.
+        A sentence for each rule that it breaks. Other failures are ignored: they will show in the
+        cell itself.
     """
     found = []
     before = GlobalRandomness.now()
@@ -55,12 +55,12 @@ def check_learner(cell: Cell) -> list[str]:
             with suppress(Exception, SystemExit):
                 try:
                     _play(cell, watched=True)
-                except WrittenTo as error:
+                except InputChangedError as error:
                     found.append(f"{error}; let it work on a copy, array.copy()")
-            # Only now, since what a learner imports while it plays may draw as well, and not
-            # where other threads draw at the same time.
+            # Second, since modules imported in the first play may draw too; and only in the main
+            # thread, since other threads may draw at the same time.
             if threading.current_thread() is threading.main_thread():
-                before.restore()  # one that seeds would find its own seed
+                before.restore()  # a learner that seeds would find its own seed
                 start = GlobalRandomness.now()  # with torch, if that has been imported
                 with suppress(Exception, SystemExit):
                     _play(cell, watched=False)

@@ -1,20 +1,20 @@
-"""Conditions and protocols, as data: which rooms a subject visits, and with what budgets.
+"""Conditions and protocols: the trials of a subject, and their budgets.
 
 A *condition* is a sequence of trials: first those to train on, then perhaps those to test on.
-``CC4`` is a baseline (four-lever rooms governed by CC4), ``CC3-CC4`` a transfer (six rooms of CC3,
-then CC4). The paper's six conditions are instances of these two forms, and any other schema names
-fit them as well: ``chain3``, ``chain3-seven``.
+``CC4`` is a baseline (rooms of the schema CC4), ``CC3-CC4`` a transfer (six rooms of CC3, then
+CC4). The paper's six conditions have these two forms, which work with any other schemas too:
+``chain3``, ``chain3-seven``.
 
-A *protocol* says how a condition is carried out: how many attempts a trial has, whether it ends
-when all solutions are found, how many trials there are and how often they are gone through.
+A *protocol* defines how a condition is played: how many attempts a trial has, whether it ends when
+all solutions are found, how many trials there are and how often they are repeated.
 
 * ``human``: 30 attempts; a trial ends as soon as everything is found; baseline 5 trials, transfer
   6 + 1 (paper, "Materials and Procedure").
 * ``rl``: 300 attempts in every trial, also after everything is found; a baseline loops 10 times
   over its 5 trials; transfer loops 100 times over 6 training trials and 10 times over the 5 test
   trials (paper, "Model Results"). Figure 6 shows 150,000 attempts for each schema and Figure 7
-  18,000 for each case, where these loops give 15,000 each: the text is followed here and the
-  loops are parameters.
+  18,000 for each case, where these loops give 15,000 each. These protocols follow the text; the
+  numbers of loops are parameters.
 """
 
 from __future__ import annotations
@@ -41,28 +41,33 @@ YAML = (".yaml", ".yml")
 
 
 def default_action_limit(schema: Schema) -> int:
-    """Actions in an attempt by default: the paper's 3, or as many as the schema needs."""
+    """Actions in an attempt by default: the paper's 3, or as many as the schema needs.
+
+    Example:
+        >>> from causal_openlock import find_schema
+        >>> default_action_limit(find_schema("CC3"))
+        3
+    """
     return max(PAPER_ACTION_LIMIT, schema.least_action_limit)
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a condition is carried out.
+    """How a condition is played.
 
     Attributes:
         name: For the record.
         attempt_limit: Attempts in a trial.
         stop_when_solved: Whether a trial ends as soon as all its solutions are found.
-        baseline_trials: Trials of a condition without a test. This number and the next two hold
-            where the condition does not say, and are lowered to the number of published layouts
-            if layouts are published and fewer (of four levers there are five).
+        baseline_trials: Trials of a condition without a test. This number and the next two are
+            defaults for conditions, lowered to the number of published layouts if those are used
+            (there are five with four levers).
         training_trials: Trials to train on, in a condition with a test.
         test_trials: Trials to test on.
-        baseline_loops: How often the trials of a baseline are gone through.
+        baseline_loops: How often the trials of a baseline are repeated.
         train_loops: The same for trials to train on.
         test_loops: The same for trials to test on.
-        layouts: Where layouts come from, if the condition does not say: those the paper's authors
-            published, or drawn at random.
+        layouts: The default source of layouts: those the paper's authors published, or random.
         test_layout: A published layout to test on, so that each loop over the test is one trial
             (the authors' program always used ``trial7``); none by default.
         action_limit: Actions in an attempt; by default 3, or as many as the schema's longest
@@ -137,7 +142,7 @@ def find_protocol(name: str, own: dict[str, Protocol] | None = None) -> Protocol
     """A protocol by name.
 
     Raises:
-        ProtocolError: If there is none; the message names the nearest.
+        ProtocolError: If there is none; the message suggests the nearest name.
     """
     known = {**PROTOCOLS, **(own or {})}
     if name not in known:
@@ -150,10 +155,10 @@ class Trials:
     """Some trials in rooms of one schema.
 
     Attributes:
-        schema: What governs the rooms.
-        layouts: Layouts to draw from without repeats; ``None`` leaves the source to the protocol.
-        number: How many trials, neither more nor fewer; ``None`` leaves it to the protocol, or
-            takes all given layouts.
+        schema: The schema of the rooms.
+        layouts: Layouts to draw from without repeats, or their source; ``None`` uses the
+            protocol's.
+        number: Exactly how many trials; ``None`` uses the protocol's number, or all given layouts.
         shuffle: Whether the layouts come in random order.
     """
 
@@ -267,10 +272,10 @@ class Condition:
             try:
                 for part in parts:
                     schemas.append(find(part))
-            except FileError:  # it is there, and has faults
+            except FileError:  # the file exists and has faults
                 raise
             except OpenLockError as error:
-                # The message is about what is missing where the most is there.
+                # Report the reading of the name in which the most schemas were found.
                 if missing is None or len(schemas) > missing[0]:
                     missing = len(schemas), error
                 continue
@@ -282,14 +287,14 @@ class Condition:
         if missing is not None:
             raise missing[1]
         raise ProtocolError(
-            f"{name!r} is no condition; write one schema for a baseline (CC4) or two for a "
-            "transfer (CC3-CC4); a schema of one's own is the path of a .yaml file "
+            f"{name!r} is not a condition; write one schema for a baseline (CC4) or two for a "
+            "transfer (CC3-CC4); a schema file is given by its path "
             "(CC3-my/vault.yaml)"
         )
 
     @property
     def schemas(self) -> tuple[Schema, ...]:
-        """The schemas met, each once, in order."""
+        """Its schemas, each once, in order."""
         return tuple(dict.fromkeys(trials.schema for trials in (*self.train, *self.test)))
 
     def as_dict(self) -> dict[str, Any]:
@@ -303,7 +308,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Visit:
-    """One trial of one subject: its place in the condition, and its room."""
+    """One trial of one subject: its number in the condition, and its room."""
 
     phase: str
     loop: int
@@ -313,9 +318,9 @@ class Visit:
 
 
 def plan(condition: Condition, protocol: Protocol, generator: np.random.Generator) -> list[Visit]:
-    """The trials that one subject goes through, in order.
+    """The trials of one subject, in order.
 
-    Each loop draws its layouts anew, without repeats within the loop.
+    Each loop draws new layouts, without repeats within the loop.
 
     Raises:
         ProtocolError: If a schema does not fit the protocol or its ``test_layout``, or has fewer
@@ -352,7 +357,7 @@ def plan(condition: Condition, protocol: Protocol, generator: np.random.Generato
 
 
 def check_trial(trial: int, trials: int, where: str) -> None:
-    """Refuse a number that none of the trials of a condition has; ``where`` is for the message.
+    """Refuse a number of a trial that a condition does not have; ``where`` is for the message.
 
     Raises:
         ProtocolError: If there is no such trial.

@@ -1,4 +1,4 @@
-"""The record: one row for every attempt, and the only thing that analysis reads.
+"""The record: one row for every attempt, from which all results are computed.
 
 The columns below are the contract between a session, which writes them, and everything that
 measures, draws or reports. A record is an Arrow table, kept as one Parquet file for each cell.
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 CATEGORIES = ("else", "unlock", "open1", "open2", "open3")
-"""Ruling on Figures 6 and 7: what an attempt came to, as an event and not as a sum of rewards.
+"""The outcome of an attempt, as in Figures 6 and 7: an event, not a sum of rewards.
 
 ``openK`` is the K-th new solution of the trial (``open3`` is the third and all later
 ones); opening the door in any other way is ``open1``; ``unlock`` means that the door was unlocked
@@ -64,15 +64,14 @@ def record_schema() -> pa.Schema:
 
 
 def compact(record: pa.Table) -> pa.Table:
-    """The same values with names coded by fewer bytes, for an analysis of many cells.
+    """The same values with names coded in fewer bytes, for an analysis of many cells.
 
-    How many depends on the column and not on what a record holds, so that compact records of any
-    cells can be put together, and their names be counted as one.
+    The number of bytes depends on the column and not on the values, so that compact records of any
+    cells can be concatenated.
     """
     import pyarrow as pa
 
-    # Two phases and five categories; layouts drawn at random may be many; nobody declares 32,768
-    # learners, conditions or schemas.
+    # Two phases, five categories, perhaps many random layouts; fewer than 32,768 of all others.
     bytes_of = {"phase": pa.int8(), "category": pa.int8(), "layout": pa.int32()}
     fields = [
         pa.field(one.name, pa.dictionary(bytes_of.get(one.name, pa.int16()), one.type.value_type))
@@ -86,7 +85,7 @@ def compact(record: pa.Table) -> pa.Table:
 def categorise(
     unlocked: BoolArray, opened: BoolArray, new: BoolArray, found: IntArray
 ) -> NDArray[np.int8]:
-    """``[N]`` what attempts came to, as indices into :data:`CATEGORIES`.
+    """``[N]`` the outcomes of attempts, as indices into :data:`CATEGORIES`.
 
     The arguments are columns of a record: ``unlocked``, ``opened``, ``new_solution`` and
     ``solutions_found``.
@@ -99,16 +98,16 @@ def categorise(
 
 
 class AttemptLog:
-    """The attempts of a session, kept in columns that grow by half when they are full.
+    """The attempts of a session, in columns that grow by half when they are full.
 
-    Memory grows with the record and with nothing else: about 50 bytes an attempt.
+    It takes about 50 bytes an attempt.
 
     Args:
         action_limit: The most actions that an attempt of this session can have.
 
     Attributes:
         rows: How many attempts there are.
-        row_type: An attempt as one piece of bytes: what :meth:`since` gives, :meth:`extend` takes.
+        row_type: The type of an attempt in the arrays of :meth:`since` and :meth:`extend`.
     """
 
     def __init__(self, action_limit: int) -> None:
@@ -159,7 +158,7 @@ class AttemptLog:
         return rows
 
     def extend(self, rows: NDArray[np.void]) -> None:
-        """Add attempts that another log's :meth:`since` has given."""
+        """Add attempts returned by :meth:`since` of another log."""
         self.append(**{name: rows[name] for name in self._columns})
 
 

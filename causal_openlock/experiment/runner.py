@@ -1,10 +1,9 @@
-"""Running an experiment: its cells are played, each kept as soon as it is done.
+"""Running an experiment: workers play its cells, and each record is saved when its cell is done.
 
-A crew plays them (:mod:`causal_openlock.experiment.workers`): by default processes of this machine,
-one for each core, or any :class:`concurrent.futures.Executor` that is given. A cell's record
-depends on the cell alone, so it does not matter how many workers there are, in which order they
-finish, or how often the run was killed and started again. A cell that fails, however it does, is no
-reason not to play the others.
+The workers (:mod:`causal_openlock.experiment.workers`) are by default processes of this machine,
+one for each core, or any :class:`concurrent.futures.Executor`. A cell's record depends on the cell
+alone, not on the number of workers, the order in which they finish, or how often the run was killed
+and started again. If a cell fails, the others are played all the same.
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ from pathlib import Path
 from causal_openlock.contract.registry import is_ours
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Cell, Experiment
-from causal_openlock.experiment.standing import Course, Standing
+from causal_openlock.experiment.progress import ProgressEstimator, RunProgress
 from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.worker import Watching, blame, play_cell
+from causal_openlock.experiment.worker import Watching, play_cell, record_failure
 from causal_openlock.experiment.workers import Crew, available_cores, crew
 
 LOOK_EVERY = 1.0
-"""Seconds after which the runner looks again how far the cells are."""
+"""Seconds between two looks at the progress of the cells."""
 
 
 def run(
@@ -37,32 +36,32 @@ def run(
     done: Callable[[Cell, bool], None] | None = None,
     failed: Callable[[Cell, str], None] | None = None,
     warn: Callable[[str], None] | None = None,
-    progress: Callable[[Standing], None] | None = None,
+    progress: Callable[[RunProgress], None] | None = None,
     watching: Watching | None = None,
     time_limit: float | None = None,
 ) -> Store:
-    """Run what is not yet done of an experiment.
+    """Run the cells of an experiment that are not done yet.
 
     Args:
-        experiment: What to run.
-        folder: Where the results go; one that holds a part of them is completed.
-        executor: Where cells are played; by default processes of this machine.
-        workers: How many of these; by default one for each core.
-        done: Called with each cell that is done, and whether it was done before.
-        failed: Called with each cell that failed, and a sentence that says why.
-        warn: Called with a sentence for each damaged file, whose cell is run again, and for what
-            went wrong in a cell without stopping it.
-        progress: Called every second, and before the first cell and after the last, with how far
-            everything is.
+        experiment: The experiment.
+        folder: The results folder; if it holds some of the results, the others are added.
+        executor: Plays the cells; by default processes of this machine.
+        workers: The number of these processes; by default one for each core.
+        done: Called with each finished cell, and whether it was finished before.
+        failed: Called with each cell that failed, and a sentence with the reason.
+        warn: Called with a sentence for each damaged file, whose cell is run again, and for each
+            problem in a cell that did not stop it.
+        progress: Called with the progress every second, before the first cell and after the last.
         watching: How often checkpoints are taken inside a cell, and what is logged.
-        time_limit: Seconds after which a cell is ended, counted from when it is begun or gone on
-            with; by default there is no limit. It then counts as failed, and keeps its checkpoint.
-            It is ignored where an executor is given, which does not end what it has begun.
+        time_limit: Seconds after which a cell is ended, counted from its start or continuation; by
+            default there is no limit. The cell then counts as failed, and keeps its checkpoint.
+            It is ignored with an ``executor``, which cannot end a running cell.
 
     Raises:
-        CellsFailed: If cells failed, after all others were played. Why is in ``errors``.
-        OpenLockError: If TensorBoard's logs are asked for and it is not installed, or no process
-            can be started.
+        CellsFailed: If cells failed, after all others were played; the folder's ``errors`` has the
+            reasons.
+        OpenLockError: If TensorBoard's logs are wanted and it is not installed, or no process can
+            be started.
         StoreError: If the folder holds something else or cannot be written to.
 
     Example:
@@ -77,7 +76,7 @@ def run(
         20
     """
     watching, warn = watching or Watching(), warn or _ignore
-    if time_limit is not None:  # a cell that is ended is to have got on
+    if time_limit is not None:  # a cell that is ended has to have made progress
         often = min(watching.checkpoint_every, time_limit / 5)
         watching = replace(watching, checkpoint_every=often)
     if watching.tensorboard is not None:
@@ -87,7 +86,7 @@ def run(
         # A worker may be in another directory.
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
     if time_limit is not None and executor is not None:
-        warn("the time limit is ignored: a given executor does not end what it has begun")
+        warn("the time limit is ignored: a given executor cannot end a running cell")
     store = Store(folder)
     store.open(experiment)
     try:
@@ -96,13 +95,13 @@ def run(
             fault = store.check(cell)
             if fault is None:
                 store.clear(cell)
-                store.forgive(cell)
+                store.clear_failure(cell)
             else:
                 missing[cell.file_name] = cell
                 if fault != "missing":
                     warn(f"{fault}; its cell is run again")
         many = min(workers or available_cores(), max(1, len(missing)))
-        course = Course(experiment.cells(), many)
+        course = ProgressEstimator(experiment.cells(), many)
         for cell in experiment.cells():
             if cell.file_name not in missing:
                 course.ended(cell, 0.0)
@@ -135,31 +134,31 @@ def _ignore(*_: object) -> None:
 
 @dataclass
 class _Run:
-    """The cells that wait and that are being played, and the callbacks of :func:`run`."""
+    """The pending and running cells, and the callbacks of :func:`run`."""
 
     pending: deque[Cell]
     store: Store
-    course: Course
+    course: ProgressEstimator
     watching: Watching
     time_limit: float
     done: Callable[[Cell, bool], None]
     failed: Callable[[Cell, str], None]
     warn: Callable[[str], None]
-    progress: Callable[[Standing], None]
+    progress: Callable[[RunProgress], None]
     running: dict[Future[list[str]], Cell] = field(default_factory=dict)
     overdue: set[Future[list[str]]] = field(default_factory=set)
     reasons: dict[str, str] = field(default_factory=dict)
     warned: set[str] = field(default_factory=set)
 
     def play(self, crew: Crew) -> None:
-        """Play all of them; why some failed is in ``reasons``, by the file's name."""
+        """Play all of them; ``reasons`` then has why some failed, by the file's name."""
         folder = str(self.store.folder.resolve())
         looked = self._look(crew)
         try:
             while self.pending or self.running:
                 while self.pending and crew.free():
                     cell = self.pending.popleft()
-                    # What code that is not ours changes in its process stays with its own cell.
+                    # Other people's code may change its process, so it gets a new one.
                     alone = not is_ours(cell.spec.learner)
                     future = crew.submit(play_cell, cell, folder, self.watching, alone=alone)
                     self.running[future] = cell
@@ -179,7 +178,7 @@ class _Run:
         error = future.exception()
         kept = isinstance(error, BrokenExecutor) and self.store.check(cell) is None
         if error is None or kept:  # a process may end after its record was written
-            self.store.forgive(cell)
+            self.store.clear_failure(cell)
             for warning in () if kept else future.result():
                 if warning not in self.warned:
                     self.warn(warning)
@@ -189,23 +188,25 @@ class _Run:
             return
         if future in self.overdue:
             what = f"was ended after {self.time_limit:g} s"
-            why = self.store.blame(cell, what, "It has no traceback.\n")
+            why = self.store.record_failure(cell, what, "It has no traceback.\n")
         elif how:
             what = f"ended its process ({how})"
-            why = self.store.blame(cell, what, "A process that ends so leaves no traceback.\n")
+            why = self.store.record_failure(
+                cell, what, "A process that ends so leaves no traceback.\n"
+            )
         elif isinstance(error, LearnerError):
             why = str(error)
-        elif isinstance(error, OpenLockError):  # a disk that is full is full for all of them
+        elif isinstance(error, OpenLockError):  # such as a full disk, which stops all of them
             raise error
         else:
-            why = blame(self.store, cell, error)
+            why = record_failure(self.store, cell, error)
         why = f"{why}; see {self.store.error(cell)}"
         self.reasons[cell.file_name] = why
         self.course.ended(cell, time.monotonic(), failed=True)
         self.failed(cell, why)
 
     def _look(self, crew: Crew) -> float:
-        """See how far the cells are, end those that take too long, and tell; returns the time."""
+        """Report the progress of the cells, and end those that take too long; returns the time."""
         now = time.monotonic()
         seconds = {one.cell.file_name: one.seconds for one in self.course.playing(now)}
         for future, cell in self.running.items():

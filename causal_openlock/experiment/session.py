@@ -1,11 +1,11 @@
-"""A session: B subjects walk through a condition, and everything they do is recorded.
+"""A session: B subjects play the trials of a condition, and every attempt is recorded.
 
-The session steps all subjects at once, whatever trial each of them is in, hands a learner what a
-subject perceives and nothing else, and keeps the record. When attempts and trials end, and which
-solutions are new, is decided by :mod:`causal_openlock.world.batch`.
+The session steps all subjects at once, whatever trial each of them is in, gives a learner only what
+subjects perceive, and keeps the record. :mod:`causal_openlock.world.batch` decides when attempts
+and trials end and which solutions are new.
 
-:meth:`Session.play` runs a learner to the end, :meth:`Session.steps` step by step.
-:meth:`Session.view` and :meth:`Session.step` are the same loop by hand, for a person.
+:meth:`Session.play` runs a learner to the end, :meth:`Session.steps` step by step. With
+:meth:`Session.view` and :meth:`Session.step`, the caller takes the steps, as for a person.
 """
 
 from __future__ import annotations
@@ -41,20 +41,20 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 KEPT = ("visit", "playing", "actions", "moved", "was_unlocked", "earned")
-"""What changes while a session is played, apart from the rooms, the log and the luck."""
+"""The changing state of a session, apart from the rooms, the log and the random numbers."""
 
 
 class Session:
     """B subjects in one condition under one protocol.
 
     Args:
-        condition: Which rooms they visit.
-        protocol: With what budgets.
-        subjects: Numbers of the subjects; their rooms and their luck depend on them.
+        condition: The trials.
+        protocol: Their budgets.
+        subjects: Numbers of the subjects; their rooms and random numbers depend on them.
         seed: Seed of the experiment.
         reward: The reward of each action.
-        learner: Label of the learner, for the record; it also keys the learner's randomness, while
-            rooms and luck are the same for all learners.
+        learner: Label of the learner, for the record; the learner's randomness depends on it, while
+            rooms and their random numbers are the same for all learners.
         experiment: Name of the experiment, for the record.
 
     Raises:
@@ -140,8 +140,8 @@ class Session:
     def _stack(self, visits: list[list[Visit]]) -> tuple[IntArray, NDArray[np.object_]]:
         """``[B, T]`` index of the room of each trial, and ``[B, T]`` the name of its layout.
 
-        Layouts of different names can put the levers in the same places, and are then one room:
-        what a trial's layout is called is for the trial to say, and not for the room.
+        Layouts with different names can be the same positions, and are then one room; so the name
+        of the layout is kept with the trial.
         """
         positions, protocol = self._tables.positions, self.protocol
         limits = {schema: protocol.actions_for(schema) for schema in self.condition.schemas}
@@ -196,7 +196,7 @@ class Session:
         """Let a learner play to the end; returns :meth:`record`.
 
         Raises:
-            LearnerError: If the learner answers with anything but B action indices.
+            LearnerError: If the learner does not answer with B action indices.
         """
         self.begin(learner)
         for _ in self.steps(learner):
@@ -204,7 +204,7 @@ class Session:
         return self.record()
 
     def begin(self, learner: Learner, state: dict[str, Any] | None = None) -> None:
-        """Let a learner begin, perhaps with a state to go on from; :meth:`steps` is next."""
+        """Let a learner begin, perhaps from a saved state; :meth:`steps` comes next."""
         learner.begin(self.brief)
         if state is not None:
             learner.load_state_dict(state)
@@ -212,7 +212,7 @@ class Session:
             learner.inform(self.truth)
 
     def steps(self, learner: Learner) -> Iterator[Step]:
-        """Let a learner that has begun play on; gives each step once it has learned from it."""
+        """Let a learner that has begun play; yields each step after the learner has learned."""
         informed = learner if isinstance(learner, InformedLearner) else None
         while not self.over:
             step = self.step(learner.act(self._view))
@@ -301,7 +301,7 @@ class Session:
         finished = np.flatnonzero(taken.trial_over)
         self._visit[finished] += 1
         self._playing[finished] = self._visit[finished] < self.brief.trials
-        # Where that was the last trial, the room stays as it is at the start of another.
+        # After its last trial, a subject's room stays at the start of another one.
         last = np.minimum(self._visit[finished], self.brief.trials - 1)
         batch.begin_trials(finished, self._rooms[finished, last])
 
@@ -317,7 +317,7 @@ class Session:
 
     @property
     def progress(self) -> float:
-        """The share of all trials that is over."""
+        """The share of all trials that are over."""
         return float(self._visit.mean()) / self.brief.trials
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
@@ -325,7 +325,7 @@ class Session:
         return own | self._batch.arrays()
 
     def state_dict(self, since: int = 0) -> dict[str, Any]:
-        """Where the session is, for a checkpoint; ``log`` holds the attempts from ``since`` on."""
+        """The session's state for a checkpoint; ``log`` holds the attempts from ``since`` on."""
         return {
             **{name: array.copy() for name, array in self._arrays().items()},
             "luck": self._luck.state_dict() if self._luck else None,
@@ -335,7 +335,7 @@ class Session:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint of a session with the same arguments, whose log is whole.
+        """Continue from a checkpoint of a session with the same arguments and a complete log.
 
         Raises:
             ProtocolError: If it is the state of another session.

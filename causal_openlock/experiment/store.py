@@ -1,22 +1,22 @@
-"""A results folder: what was run, one Parquet file for each cell, and the report.
+"""A results folder: the experiment, one Parquet file for each cell, and the report.
 
 ::
 
     DIR/
-      experiment.json       everything that determines the results, and the files they are in
-      cells/                one file a cell; its name ends with the cell's identity. Beside it, as
-                            long as the cell is played: its checkpoint, and how far it is
+      experiment.json       everything that determines the results, and the names of cells' files
+      cells/                one file a cell; its name ends with the cell's identity. While the cell
+                            is played, also its checkpoint and its progress
       report.html  summary.csv  figures/
-      errors/               why cells failed: a file each, a sentence and the traceback
+      errors/               a file for each failed cell: a sentence and the traceback
 
-A cell's file is complete or not there, so a comparison killed at any moment goes on where it was.
-Cells and ``experiment.json`` carry checksums (:mod:`causal_openlock.files.checksums`): a file that
-is not what was written, for whatever reason, is named, and its cell is played again.
+A cell's file is written completely or not at all, so a comparison killed at any moment continues
+where it was. Cells and ``experiment.json`` have checksums (:mod:`causal_openlock.files.checksums`):
+a damaged file is reported, and its cell is played again.
 
-A folder keeps every cell that was ever done in it, by identity. What is shown are those of the
-experiment that was asked for last; so a learner can be mended, taken out, put back or added, and
-only cells that are not there are played. One process at a time works in a folder: it holds a lock
-on it, which the system takes back when the process ends, however it ends.
+A folder keeps every cell that was ever played in it, by identity, and shows those of the last
+experiment. So a learner can be corrected, removed, put back or added, and only missing cells are
+played. One process at a time works in a folder: it holds a lock on it, which the operating system
+releases when the process ends.
 """
 
 from __future__ import annotations
@@ -55,20 +55,20 @@ IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
 LOCK = ".lock"
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
-"""What is beside a cell's file while it is played; see
+"""Files beside a cell's file while it is played; see
 :mod:`causal_openlock.experiment.checkpoint`."""
 LOG = "log.jsonl"
-"""What people did, in a folder of theirs; see :mod:`causal_openlock.play.log`."""
+"""The actions of people, in a folder of ``play``; see :mod:`causal_openlock.play.log`."""
 _ERRORS = re.compile(r".+_[0-9a-f]{12}\.txt")
 _CELL = re.compile(r"(?!\.)[^/\\:\x00-\x1f\x7f-\x9f]{1,240}\.parquet")
-"""A file name, and nothing that any system takes for a path."""
+"""A file name that is not a path on any system."""
 
 
 class Store:
-    """A results folder, as :func:`~causal_openlock.experiment.runner.run` leaves it.
+    """A results folder, as :func:`~causal_openlock.experiment.runner.run` writes it.
 
     Args:
-        folder: Where it is.
+        folder: Its path.
 
     Example:
         >>> store = Store("results/first_look")
@@ -85,16 +85,16 @@ class Store:
     # -- the folder -----------------------------------------------------------------------------
 
     def open(self, experiment: Experiment, *, changed: bool = True) -> None:
-        """Make the folder ready for an experiment: a new one, or one that is done in part.
+        """Prepare the folder for an experiment that is new or partly done.
 
         Args:
-            experiment: What is to be played.
-            changed: Whether a changed form of the experiment that the folder is of may be played
-                there. The rule: they share a cell, or at least name, seed and version, and a
-                learner with the same parameters in the same condition.
+            experiment: The experiment.
+            changed: Whether it may be a changed form of the one in the folder: they share a cell,
+                or name, seed, version, and a learner with the same parameters in the same
+                condition.
 
         Raises:
-            StoreError: If it holds something else, is in use, or cannot be written to.
+            StoreError: If the folder holds something else, is in use, or cannot be written to.
         """
         try:
             self._prepare(experiment, changed)
@@ -111,7 +111,7 @@ class Store:
             raise StoreError(f"{self.folder} is a file; choose a folder for the results")
         check_inside(self.folder)
         there = self.folder.iterdir() if self.folder.exists() else ()
-        # A start that was cut short leaves a lock and parts of files.
+        # An interrupted start leaves a lock and temporary files.
         foreign = any(path.name != LOCK and not path.match(PARTIAL) for path in there)
         if foreign and not self._declared.exists():
             raise StoreError(
@@ -135,7 +135,7 @@ class Store:
                 path.unlink(missing_ok=True)
 
     def _is_of(self, experiment: Experiment, files: set[str], changed: bool) -> bool:
-        """Whether the folder is to be declared as of an experiment; refuses if it must not be."""
+        """Whether ``experiment.json`` has to be written; refuses a folder of another experiment."""
         done = {path.name for path in self.cells.glob("*.parquet")}
         if not self._declared.exists():
             return True
@@ -143,26 +143,26 @@ class Store:
             held = self.experiment()
         except StoreError:
             if not changed and (self.folder / LOG).exists():
-                return False  # the log tells what it is of
+                return False  # the log has the experiment
             # The names of cells end with their identities.
             if not done or done & files:
                 return True
             raise
         if held.identity == experiment.identity:
             return False
-        # Where nothing is done yet, nothing is lost by another experiment.
-        if not done or (changed and (done & files or _akin(held, experiment))):
+        # While no cell is done, another experiment overwrites no results.
+        if not done or (changed and (done & files or _is_variant(held, experiment))):
             return True
         made = f", made with version {held.version}" * (held.version != __version__)
         raise StoreError(
             f"{self.folder} holds another experiment ({held.name}, seed {held.seed}{made}), "
-            "or this one with other settings, schemas or learners, and no cell of what is asked "
-            "for; choose another folder"
+            "or this one with other settings, schemas or learners, and no cell of the new one; "
+            "choose another folder"
         )
 
     @property
     def name(self) -> str | None:
-        """The name of the experiment that the folder is of, if it is of one."""
+        """The name of the folder's experiment, if it has one."""
         try:
             return self.experiment().name
         except OpenLockError:
@@ -171,7 +171,7 @@ class Store:
     def declare(
         self, experiment: Experiment, cells: Iterable[Cell], identity: str | None = None
     ) -> None:
-        """Write ``experiment.json``, if that is not what it holds: the experiment and these cells.
+        """Write the experiment and these cells to ``experiment.json`` unless they are in it.
 
         The identity is by default the experiment's own.
 
@@ -190,7 +190,7 @@ class Store:
         write_bytes(self._declared, content)
 
     def close(self) -> None:
-        """Let others work in the folder."""
+        """Release the lock on the folder."""
         if self._lock is not None:
             self._lock.close()
             self._lock = None
@@ -213,7 +213,7 @@ class Store:
         self._lock = lock
 
     def experiment(self) -> StoredExperiment:
-        """The experiment that the folder is of, from ``experiment.json``.
+        """The folder's experiment, from ``experiment.json``.
 
         Raises:
             StoreError: If the folder holds no results, or the file is damaged or malformed.
@@ -235,23 +235,23 @@ class Store:
     # -- its cells ------------------------------------------------------------------------------
 
     def path(self, cell: Cell) -> Path:
-        """Where a cell's record belongs."""
+        """The path of a cell's record."""
         return self.cells / cell.file_name
 
     def clear(self, cell: Cell) -> None:
-        """Remove what stood beside a cell's record while it was played."""
+        """Remove the files that a cell has only while it is played."""
         for suffix in (CHECKPOINT, ATTEMPTS, PROGRESS):
             self.path(cell).with_suffix(suffix).unlink(missing_ok=True)
 
     def share(self, cell: Cell) -> tuple[int, float] | None:
-        """How far a cell is that is being played: the number of its report, and the share over."""
+        """The progress of a cell that is being played: the report's number, and the share done."""
         path = self.path(cell).with_suffix(PROGRESS)
         with suppress(OSError, ValueError):  # just written, or just removed
             return path.stat().st_mtime_ns, float(path.read_text(encoding="utf-8"))
         return None
 
-    def blame(self, cell: Cell, what: str, trace: str) -> str:
-        """Keep why a cell failed: a clause that follows its name, and the traceback.
+    def record_failure(self, cell: Cell, what: str, trace: str) -> str:
+        """Save why a cell failed: a clause that follows its name, and the traceback.
 
         Returns the sentence.
 
@@ -263,11 +263,11 @@ class Store:
         return why
 
     def error(self, cell: Cell) -> Path:
-        """Where it is kept why a cell failed."""
+        """The path of the reason why a cell failed."""
         return self.folder / "errors" / f"{Path(cell.file_name).stem}.txt"
 
-    def forgive(self, cell: Cell) -> None:
-        """Forget that a cell failed."""
+    def clear_failure(self, cell: Cell) -> None:
+        """Remove the reason why a cell failed."""
         self.error(cell).unlink(missing_ok=True)
 
     def check(self, cell: Cell) -> str | None:
@@ -288,8 +288,8 @@ class Store:
 
         Args:
             path: Its file.
-            identity: The cell that it is to be of; by default the one that the file's name gives.
-            columns: Those to read; by default all.
+            identity: The cell's identity; by default that in the file's name.
+            columns: The columns to read; by default all.
 
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
@@ -312,7 +312,7 @@ class Store:
         if columns is not None:
             schema = pa.schema([schema.field(name) for name in columns])
         try:
-            # Files of other programs may code names in other ways.
+            # Other programs may encode names differently.
             table = table.replace_schema_metadata(None).cast(schema)
             table.validate(full=True)
         except (pa.ArrowException, ValueError):
@@ -322,10 +322,10 @@ class Store:
         return table.replace_schema_metadata(metadata)
 
     def write(self, cell: Cell, record: pa.Table) -> None:
-        """Keep a cell's record.
+        """Save a cell's record.
 
         Raises:
-            StoreError: If it cannot be written; nothing is left of it then.
+            StoreError: If it cannot be written; no part of it is left then.
         """
         metadata = {IDENTITY: cell.identity.encode(), VERSIONS: json.dumps(versions()).encode()}
         path = self.path(cell)
@@ -337,14 +337,14 @@ class Store:
     def record(
         self, columns: Sequence[str] | None = None, *, small: bool = False
     ) -> tuple[pa.Table, StoredExperiment]:
-        """The records of all cells as one, in their order, and :meth:`experiment`.
+        """The records of all cells in order, as one, and :meth:`experiment`.
 
-        The latter has the versions of the packages that the cells were made with, the cells that
-        are missing, and why those of them that failed did.
+        The latter includes the versions of the packages that the cells were made with, the missing
+        cells, and why some of them failed.
 
         Args:
-            columns: Those to read, in the order of a record; by default all.
-            small: Whether it is to be :func:`~causal_openlock.experiment.record.compact`.
+            columns: The columns to read, in the order of a record; by default all.
+            small: Whether to make it :func:`~causal_openlock.experiment.record.compact`.
 
         Raises:
             StoreError: If there is no cell, or one is damaged.
@@ -387,7 +387,7 @@ class Store:
         )
 
     def files(self) -> tuple[list[Path], list[Path]]:
-        """The files of the cells that are there, in order, and of those that are not.
+        """The existing files of cells, in order, and the missing ones.
 
         Raises:
             StoreError: If the folder holds no results, or no cell.
@@ -405,24 +405,24 @@ class Store:
 
     def _damaged(self, path: Path, what: str) -> StoreError:
         if (self.folder / LOG).exists():
-            remedy = "start play with this folder and stop it: it is made anew from what is logged"
+            remedy = "start play with this folder and stop it: it is made again from the log"
         else:
-            remedy = "run compare again, with the same command, to make it anew"
+            remedy = "run compare again, with the same command, to make it again"
         return StoreError(f"{path} is damaged ({what}); {remedy}")
 
 
 def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
-    """Make sure that nothing in a results folder leads out of it.
+    """Make sure that no link or path in a results folder leads out of it.
 
-    Folders are passed on: what ``experiment.json`` says was written by whoever made it, and an
-    unpacked archive may hold links. (The folder itself may be a link; its owner has made that.)
+    Folders are shared: somebody else may have written ``experiment.json``, and an unpacked archive
+    may hold links. (The folder itself may be a link; its owner has made that.)
 
     Args:
-        folder: The folder; it need not be there.
-        cells: What its ``experiment.json`` lists as the files of its cells.
+        folder: The folder; it need not exist.
+        cells: The files of cells listed in its ``experiment.json``.
 
     Raises:
-        StoreError: If a cell's name is no name of a file, or a link leads elsewhere.
+        StoreError: If a cell's name is not a file name, or a link leads elsewhere.
     """
     for name in cells:
         if not (isinstance(name, str) and _CELL.fullmatch(name)):
@@ -444,7 +444,7 @@ def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
 
 
 def _versions_of(record: pa.Table, path: Path) -> dict[str, Any]:
-    """What a cell was made with, as its file says: of each package its version, or several."""
+    """The versions of packages in the metadata of a cell's file."""
     from pydantic import TypeAdapter, ValidationError
 
     held = (record.schema.metadata or {}).get(VERSIONS, b"{}")
@@ -457,7 +457,7 @@ def _versions_of(record: pa.Table, path: Path) -> dict[str, Any]:
 
 @cache
 def versions() -> Mapping[str, str]:
-    """What a cell is made with: versions by the name of the package."""
+    """The versions of packages that results depend on, by name."""
     found = {"Python": platform.python_version()}
     for package in ("causal-openlock", "numpy", "torch", "networkx"):
         try:
@@ -468,7 +468,7 @@ def versions() -> Mapping[str, str]:
 
 
 def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Of each package its version, or a list where there are several."""
+    """The version of each package, or a list if there are several."""
     found: dict[str, dict[str, None]] = {}
     for versions in all_of_them:
         for package, held in versions.items():
@@ -477,10 +477,10 @@ def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {name: next(iter(held)) if len(held) == 1 else [*held] for name, held in found.items()}
 
 
-def _akin(held: Experiment, experiment: Experiment) -> bool:
-    """Whether an experiment is another form of one that a folder holds.
+def _is_variant(held: Experiment, experiment: Experiment) -> bool:
+    """Whether an experiment is a changed form of a folder's experiment.
 
-    Code is left out: a learner that was mended is to take its place again.
+    Code is left out, so that a corrected learner replaces the old one.
     """
 
     def settings(parts: Iterable[LearnerSpec | Condition]) -> set[str]:

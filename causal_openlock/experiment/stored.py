@@ -1,9 +1,9 @@
-"""An experiment as a results folder keeps it: ``experiment.json``, read into typed objects.
+"""Reads ``experiment.json`` of a results folder into typed objects.
 
-The file holds what :meth:`Experiment.as_dict` gives, with the identity of the experiment and the
-names of its cells. It is checked and parsed once, here; all that reads results works with the
-:class:`StoredExperiment` that comes of it. Reading imports no code that the file names: a learner
-or a reward function need not be installed.
+The file holds the data of :meth:`Experiment.as_dict`, the identity of the experiment and the names
+of its cells. It is checked and parsed only here; the rest of the toolkit works with the resulting
+:class:`StoredExperiment`. Reading imports no code that the file names: a learner or a reward
+function need not be installed.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from causal_openlock.world.room import Layout, position_names, positions_for, pu
 from causal_openlock.world.schema import Schema
 
 Versions = Mapping[str, str | list[str]]
-"""Versions by the name of the package; a list where cells were made with several."""
+"""Versions by the name of the package; a list if cells were made with several."""
 
 
 @dataclass(frozen=True)
 class StoredExperiment(Experiment):
-    """An experiment read from a results folder, with what the folder tells of its cells.
+    """An experiment read from a results folder, with the state of its cells.
 
     Attributes:
-        identity: As it was when the experiment was declared.
+        identity: Its identity when it was run.
         files: Names of the files of its cells.
-        versions: Of the packages that the cells were made with.
-        missing: Names of the cells that are not there.
+        versions: Versions of the packages that the cells were made with.
+        missing: Names of the missing cells.
         failures: Why cells failed, a sentence each, by the name of the cell.
     """
 
@@ -51,10 +51,10 @@ class StoredExperiment(Experiment):
 
 
 def parse_experiment(data: Any) -> StoredExperiment:
-    """The experiment that the content of ``experiment.json`` describes.
+    """The experiment in the content of ``experiment.json``.
 
     Raises:
-        StoreError: If it is malformed; the message says where and how.
+        StoreError: If it is malformed; the message has the place and the fault.
     """
     try:
         return _File.model_validate_json(json.dumps(data)).built()
@@ -84,8 +84,8 @@ def recorded_layout(schema: Schema, name: str, positions: int) -> Layout:
     places = name.split()
     if len(places) != len(schema.levers) or not set(places) <= set(known):
         raise StoreError(
-            f"the layout {name!r} in the record does not say where the {len(schema.levers)} "
-            f"levers of {schema.name} stand; compare again to make a record that does"
+            f"the layout {name!r} in the record does not give the positions of the "
+            f"{len(schema.levers)} levers of {schema.name}; compare again to make another record"
         )
     return Layout(tuple(map(known.index, places)), positions)
 
@@ -139,13 +139,13 @@ class _Function(StrictModel):
 
 def _reward_form(data: Any) -> str:
     keys = data.keys() if isinstance(data, Mapping) else ()
-    return next((f"<{key}>" for key in ("terms", "function") if key in keys), "<rungs>")
+    return next((f"<{key}>" for key in ("terms", "function") if key in keys), "<cases>")
 
 
 _Reward = Annotated[
     Annotated[_Terms, Tag("<terms>")]
     | Annotated[_Function, Tag("<function>")]
-    | Annotated[AuthorsReward, Tag("<rungs>")],
+    | Annotated[AuthorsReward, Tag("<cases>")],
     Discriminator(_reward_form),
 ]
 

@@ -1,12 +1,12 @@
-"""Curves for TensorBoard: how a cell is going while it is still played.
+"""Curves for TensorBoard, drawn while a cell is played.
 
-A run of TensorBoard is a cell, and its axis counts attempts: how many each of the cell's subjects
-has made, in the mean. Every point is a mean over all attempts since the point before, of all
-subjects: ``attempts/reward`` and ``attempts/opened``; ``trials/solved_share`` and
-``trials/attempts`` (until the last solution was found; the limit where one was not) of the trials
-decided since then; and under ``learner/`` what the learner reports (:meth:`Learner.metrics`).
+A run of TensorBoard is a cell, and its axis is the mean number of attempts of the cell's subjects.
+Every point is a mean over the attempts of all subjects since the last point: ``attempts/reward``
+and ``attempts/opened``; ``trials/solved_share`` and ``trials/attempts`` (until the last solution
+was found, or else the limit) of the trials decided since then; and under ``learner/`` the metrics
+of the learner (:meth:`Learner.metrics`).
 
-The record is what results are read from; these curves are for looking on.
+Results are computed from the record, not from these curves.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ def require_tensorboard() -> None:
 
 @contextmanager
 def curves(session: Session, learner: Learner, folder: Path) -> Iterator[Callable[[], None]]:
-    """Draw the curves of one cell; gives what draws a point if one is due, after every step.
+    """Draw the curves of one cell; yields a function to call after every step.
 
-    A cell that goes on from a checkpoint adds to the logs in ``folder``.
+    A cell that continues from a checkpoint adds to the logs in ``folder``.
     """
     from torch.utils.tensorboard import SummaryWriter
 
@@ -51,7 +51,7 @@ def curves(session: Session, learner: Learner, folder: Path) -> Iterator[Callabl
     # In rows of the log: the attempts of all subjects.
     period = max(brief.trials * brief.attempt_limit // POINTS, 1) * brief.subjects
     known = log.rows
-    # What was drawn after the checkpoint is drawn again.
+    # Points after the checkpoint are drawn again.
     purge = known // brief.subjects + 1 if known else None
 
     def draw() -> None:

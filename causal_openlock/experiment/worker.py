@@ -1,7 +1,7 @@
-"""What a worker does: it plays one cell, from its checkpoint if there is one, and keeps the record.
+"""A worker plays one cell, from its checkpoint if there is one, and saves the record.
 
-While it plays it takes checkpoints, says how far it is, and draws curves if somebody wants to see
-them. None of that changes what is played.
+Meanwhile it takes checkpoints, reports its progress, and draws curves if they are wanted. None of
+that changes the results.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from causal_openlock.experiment.learner_check import check_new_learner
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import PROGRESS, Store, versions
 
-TELL_EVERY = 1.0
-"""Seconds after which a worker says again how far its cell is."""
+REPORT_EVERY = 1.0
+"""Seconds between a worker's reports of its progress."""
 
 
 @dataclass(frozen=True)
 class Watching:
-    """What is done beside playing.
+    """What a worker does besides playing.
 
     Attributes:
         checkpoint_every: Seconds between checkpoints inside a cell; 0 takes one after every step,
@@ -41,13 +41,13 @@ class Watching:
 
 
 def play_cell(cell: Cell, folder: str, watching: Watching) -> list[str]:
-    """Play one cell and keep its record.
+    """Play one cell and save its record.
 
     Returns:
-        What went wrong without stopping it, a sentence each.
+        Problems that did not stop it, a sentence each.
 
     Raises:
-        LearnerError: If the learner fails; why, and its traceback, are kept in ``errors``.
+        LearnerError: If the learner fails; the reason and traceback are saved in ``errors``.
         OpenLockError: If a file cannot be written.
     """
     store = Store(folder)
@@ -57,7 +57,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> list[str]:
         checkpoint.warnings += check_new_learner(cell)
         session, learner = _begun(cell, checkpoint)
         with ExitStack() as stack:
-            after = [_teller(session, store.path(cell).with_suffix(PROGRESS))]
+            after = [_reporter(session, store.path(cell).with_suffix(PROGRESS))]
             if watching.tensorboard is not None:
                 from causal_openlock.experiment.tensorboard import curves
 
@@ -70,17 +70,17 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> list[str]:
                     look()
         record = session.record()
     except (Exception, SystemExit) as error:
-        # A learner that failed will be mended, and is then another one: nothing to go on from.
+        # The learner has to be corrected, so its checkpoint is of no use.
         store.clear(cell)
-        raise LearnerError(blame(store, cell, error)) from None
+        raise LearnerError(record_failure(store, cell, error)) from None
     store.write(cell, record)
     store.clear(cell)
-    store.forgive(cell)
+    store.clear_failure(cell)
     return [f"{cell.spec.name}: {warning}" for warning in checkpoint.warnings]
 
 
-def blame(store: Store, cell: Cell, error: BaseException) -> str:
-    """Keep what a cell failed by; returns a sentence that says so.
+def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
+    """Save why a cell failed; returns a sentence with the reason.
 
     Raises:
         OpenLockError: If it cannot be written.
@@ -88,11 +88,11 @@ def blame(store: Store, cell: Cell, error: BaseException) -> str:
     what = in_short(error)
     if not isinstance(error, OpenLockError):
         what = f"{type(error).__name__}: {what}".removesuffix(": ")
-    return store.blame(cell, f"failed: {what}", "".join(traceback.format_exception(error)))
+    return store.record_failure(cell, f"failed: {what}", "".join(traceback.format_exception(error)))
 
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
-    """A session and its learner, ready to play: from the checkpoint, or from the beginning."""
+    """A session and its learner that have begun, from the checkpoint if there is one."""
     session, learner = _made(cell)
     try:
         if checkpoint.resume(session, learner):
@@ -117,15 +117,15 @@ def _made(cell: Cell) -> tuple[Session, Learner]:
     return session, create(cell.spec.learner, cell.spec.parameters)
 
 
-def _teller(session: Session, path: Path) -> Callable[[], None]:
-    """Writes down how far a session is, every now and then; see :meth:`Store.share`."""
-    due = time.perf_counter() + TELL_EVERY
+def _reporter(session: Session, path: Path) -> Callable[[], None]:
+    """A function that writes the progress of a session every second; see :meth:`Store.share`."""
+    due = time.perf_counter() + REPORT_EVERY
 
-    def tell() -> None:
+    def report() -> None:
         nonlocal due
         if (now := time.perf_counter()) >= due:
-            due = now + TELL_EVERY
+            due = now + REPORT_EVERY
             with suppress(OSError):  # the next one may succeed
                 path.write_text(f"{session.progress:.4f}", encoding="utf-8")
 
-    return tell
+    return report

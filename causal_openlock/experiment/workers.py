@@ -1,9 +1,8 @@
-"""Who plays the cells: processes of this machine, or an executor that somebody gives.
+"""The workers that play cells: processes of this machine, or a given executor.
 
-A pool of processes is lost as a whole when one of them dies, and does not say whose fault it was.
-So each of ours is a pool of its own with a single process: it plays one cell at a time, the cell
-that it died of is known, another process takes its place, and one that hangs can be ended without
-touching the others.
+When a process dies, its whole pool is broken, and the pool does not report which job was the cause.
+So each process here is a pool of its own and plays one cell at a time: the cell in which it died is
+known, another process replaces it, and a process that hangs can be ended without the others.
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ Result = TypeVar("Result")
 
 
 class Processes:
-    """Processes of this machine, each of which can die without the others.
+    """Processes of this machine; if one dies, the others continue.
 
     Args:
-        workers: How many.
+        workers: Number of processes.
     """
 
     def __init__(self, workers: int) -> None:
@@ -38,13 +37,13 @@ class Processes:
         self._busy: dict[Future[Any], _Process] = {}
 
     def free(self) -> bool:
-        """Whether a process has nothing to do."""
+        """Whether a process is idle."""
         return bool(self._idle)
 
     def submit(
         self, job: Callable[..., Result], *arguments: Any, alone: bool = False
     ) -> Future[Result]:
-        """Have a job done; one that is done ``alone`` shares its process with no other."""
+        """Start a job; if ``alone``, in a process that runs no other job."""
         process = self._idle.pop(0)
         if process.is_spent or (alone and process.has_worked):
             process = process.replaced()
@@ -61,18 +60,18 @@ class Processes:
         return self._busy[future].has_begun
 
     def end(self, future: Future[Any]) -> bool:
-        """Kill the process that does a job; returns whether it can be ended.
+        """Kill the process of a job; returns whether that is possible.
 
-        The future then says that the pool is broken.
+        The future then fails with a broken pool.
         """
         self._busy[future].process.kill()
         return True
 
     def done(self, future: Future[Any]) -> str:
-        """Take back the process of a job that is done; returns how it ended, if it did.
+        """Free the process of a finished job; returns how it ended, if it did.
 
         Raises:
-            OpenLockError: If it could not even begin, as the next could not, either.
+            OpenLockError: If the process could not be started.
         """
         process = self._busy.pop(future)
         if not isinstance(future.exception(), BrokenExecutor):
@@ -82,24 +81,24 @@ class Processes:
         if not process.has_begun:
             raise OpenLockError(
                 f"a process to play in cannot be started ({how}); free some memory, or ask for "
-                "fewer --workers. In a program of one's own, compare is called below: "
+                "fewer --workers. In your own program, call compare under: "
                 'if __name__ == "__main__":'
             )
         self._idle.append(_Process())
         return how
 
     def close(self) -> None:
-        """End the processes, also in the midst of what they do."""
+        """End the processes, even during jobs."""
         for process in (*self._idle, *self._busy.values()):
             process.close()
 
 
 class _Process:
-    """One process that plays.
+    """A process that plays cells.
 
     Attributes:
-        has_worked: Whether it was given a job.
-        is_spent: Whether it must not be given another one.
+        has_worked: Whether it has had a job.
+        is_spent: Whether it must not get another one.
     """
 
     has_worked = is_spent = False
@@ -111,7 +110,7 @@ class _Process:
         self._started = _new(others)  # more than one if another thread starts processes, too
 
     def submit(self, job: Callable[..., Result], *arguments: Any, alone: bool) -> Future[Result]:
-        """Have it do a job, and no other one after a job that is done alone."""
+        """Start a job; no other one may follow a job that runs alone."""
         self.has_worked, self.is_spent = True, alone
         return self.pool.submit(job, *arguments)
 
@@ -139,31 +138,31 @@ class _Process:
 
 
 class Given:
-    """An executor that somebody gives; it says nothing of its processes, and ends none."""
+    """A given executor; it cannot report on its processes or end them."""
 
     def __init__(self, executor: Executor) -> None:
         self._executor = executor
 
     def free(self) -> bool:
-        """It always takes another job."""
+        """Whether it takes another job: always."""
         return True
 
     def submit(
         self, job: Callable[..., Result], *arguments: Any, alone: bool = False
     ) -> Future[Result]:
-        """Give it a job; which others its process does is up to it."""
+        """Start a job; ``alone`` is ignored."""
         return self._executor.submit(job, *arguments)
 
     def begun(self, future: Future[Any]) -> bool:
-        """It does not say which jobs wait."""
+        """Whether a job has begun: not known, so False."""
         return False
 
     def end(self, future: Future[Any]) -> bool:
-        """It does not end what it has begun."""
+        """Whether a job was ended: not possible, so False."""
         return False
 
     def done(self, future: Future[Any]) -> str:
-        """Refuse to go on if it is broken, with everything that it still had to do."""
+        """Raise an error if the executor is broken, since its other jobs are lost too."""
         if isinstance(future.exception(), BrokenExecutor):
             raise OpenLockError(
                 "a worker of the executor ended without a word (killed, out of memory, or a "
@@ -178,7 +177,7 @@ Crew = Processes | Given
 
 @contextmanager
 def crew(executor: Executor | None, workers: int) -> Iterator[Crew]:
-    """The executor that is given, or so many processes of this machine with one thread each."""
+    """The given executor, or processes of this machine with one thread each."""
     if executor is not None:
         yield Given(executor)
         return
@@ -186,13 +185,13 @@ def crew(executor: Executor | None, workers: int) -> Iterator[Crew]:
         processes = Processes(workers)
         try:
             yield processes
-        finally:  # killed also where nothing is left to do: a learner's thread must not keep them
+        finally:  # killed even if idle, since a learner's thread could keep them alive
             processes.close()
 
 
 @contextmanager
 def worker_pool(workers: int) -> Iterator[Executor]:
-    """A pool of so many processes of this machine with one thread each."""
+    """A pool of processes of this machine with one thread each."""
     with _one_thread():
         pool = _spawning_pool(workers, start_worker)
         others = set(multiprocessing.active_children())
@@ -214,7 +213,7 @@ def _spawning_pool(workers: int, initializer: Callable[[], None]) -> ProcessPool
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Processes that are started here use one thread each."""
+    """Make processes that are started in this context use one thread each."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     try:
@@ -232,7 +231,7 @@ def _new(others: set[BaseProcess]) -> set[BaseProcess]:
 
 
 def start_worker() -> None:
-    """Leave Ctrl-C to the parent, and end when it has ended, however that happened."""
+    """Ignore Ctrl-C, which the parent handles, and end when the parent has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -245,10 +244,10 @@ def start_worker() -> None:
 
 
 def start_alone() -> None:
-    """As :func:`start_worker`, and leave SIGTERM to the parent as well.
+    """As :func:`start_worker`, and ignore SIGTERM too, which the parent handles.
 
-    A batch system sends it to all processes at once. What dies of it would look like a learner that
-    had ended its process.
+    A batch system sends it to all processes at once; a worker that it ends would look like a
+    learner that had ended its process.
     """
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     start_worker()

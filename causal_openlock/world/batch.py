@@ -1,8 +1,8 @@
-"""Many rooms in the middle of their trials: what sessions, environments and meta-training step.
+"""Many rooms during their trials: the bookkeeping of sessions, environments and meta-training.
 
-An action leads a room to another row of its table and pays a reward. An attempt is over when the
+An action moves a room to another row of its table and pays a reward. An attempt is over when the
 door is open or no action is left. A trial is over when every solution is found or no attempt is
-left; which trial follows is for the caller to say (:meth:`RoomBatch.begin_trials`).
+left; then the caller begins another one (:meth:`RoomBatch.begin_trials`).
 """
 
 from __future__ import annotations
@@ -14,14 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.reward_events import RewardFunction
-from causal_openlock.world.reward_table import ALWAYS, IF_FOUND, IF_REPEATED, PASTS, RewardTable
+from causal_openlock.world.reward_table import (
+    ALWAYS,
+    IF_FOUND,
+    IF_REPEATED,
+    PASTS,
+    RewardFunction,
+    RewardTable,
+)
 from causal_openlock.world.tables import RoomTables
 
 _NO_LUCK: FloatArray = np.zeros(0)
 _NO_ROWS: IntArray = np.zeros(0, np.int64)
 KEPT_REWARDS = 1 << 20
-"""How many rewards that depend on the past are remembered at most: 8 MB."""
+"""The most rewards that depend on the past to keep in memory: 8 MB."""
 
 
 class BatchStep(NamedTuple):
@@ -29,8 +35,8 @@ class BatchStep(NamedTuple):
 
     Attributes:
         after: ``[B]`` the row that the action led to.
-        actions_left: ``[B]`` actions left then; where rooms are put back, in the next attempt.
-        reward: ``[B]`` what was paid.
+        actions_left: ``[B]`` actions left then; in the next attempt, if the room was reset.
+        reward: ``[B]`` the reward.
         attempt_over: ``[B]`` whether the attempt ended.
         trial_over: ``[B]`` whether the trial ended with it.
         new_solution: ``[B]`` whether it found a solution for the first time in the trial.
@@ -59,18 +65,18 @@ class RoomBatch:
         size: B.
         attempt_limit: Attempts in a trial.
         stop_when_solved: Whether a trial is over once all solutions are found.
-        put_back: Whether a room is put back as soon as its attempt is over; otherwise its next
-            action does nothing else.
+        put_back: Whether a room is reset as soon as its attempt is over; otherwise its next action
+            resets it and does nothing else.
 
     Attributes:
         room: ``[B]`` index of each room in the tables.
-        row: ``[B]`` where it is; a new array after every step.
+        row: ``[B]`` its row in the tables; a new array after every step.
         found: ``[B, K]`` which solutions are found.
         attempt: ``[B]`` number of the attempt, from 1.
         found_count: ``[B]`` solutions found.
-        solutions: ``[B]`` solutions that the room has.
-        previous: ``[B]`` the action before in the attempt, -1 for none; only kept up to date if a
-            reward depends on what went before.
+        solutions: ``[B]`` solutions of the room.
+        previous: ``[B]`` the last action in the attempt, -1 for none; only kept up to date if a
+            reward depends on it.
         reward: ``[B]`` index of the reward function.
 
     Example:
@@ -109,7 +115,7 @@ class RoomBatch:
         self._judged = np.zeros((3, size), dtype=np.int64)
 
     def use(self, tables: RoomTables) -> None:
-        """Take rooms from these tables from now on."""
+        """Replace the tables of the rooms."""
         self.tables = tables
         self._rewards = [RewardTable(function, tables) for function in self._functions]
         self._rooms = 0
@@ -119,7 +125,7 @@ class RoomBatch:
 
         Args:
             which: Indices of n of the B rooms.
-            room: ``[n]`` the rooms of the tables in which their trials are.
+            room: ``[n]`` index in the tables of the room of each trial.
         """
         self._widen()
         self.room[which] = room
@@ -132,7 +138,7 @@ class RoomBatch:
         self.previous[which] = -1
 
     def _widen(self) -> None:
-        """Make place for as many solutions as the room with the most of them has."""
+        """Give :attr:`found` a column for each solution of the room with the most."""
         size, known = self.found.shape
         if (most := int(self.tables.solutions.max(initial=0))) > known:
             self.found = np.hstack([self.found, np.zeros((size, most - known), dtype=bool)])
@@ -143,20 +149,20 @@ class RoomBatch:
         Args:
             action: ``[B]`` actions; ``tables.wait`` leaves a room as it is.
             luck: ``[B]`` numbers in [0, 1), needed if ``tables.stochastic``: an action takes effect
-                if its chance is above the number.
+                if its chance is above its number.
         """
         tables, row, size = self.tables, self.row, len(self.row)
         if tables.stochastic and luck is None:
-            raise ValueError("these rooms leave something to chance; pass luck")
+            raise ValueError("these rooms are not deterministic; pass luck")
         if self._rooms < len(tables.rooms):
-            self._take_in_rooms()
+            self._add_rooms()
         after = np.empty(size, np.int64)
         next_row = np.empty(size, np.int64) if self.put_back else _NO_ROWS
         actions_left = np.empty(size, np.uint8)
         reward = np.empty(size)
         attempt_over, trial_over = np.zeros(size, np.bool_), np.zeros(size, np.bool_)
         new_solution = np.zeros(size, np.bool_)
-        ended, finished, found_new, judged = self._kernel(
+        outcome = self._kernel(
             row,
             action,
             _NO_LUCK if luck is None else luck,
@@ -188,21 +194,13 @@ class RoomBatch:
             self._history,
         )
         self.row = next_row if self.put_back else after
-        if judged:
-            self._judge(judged, row, action, after, new_solution, reward)
-        return BatchStep(
-            after,
-            actions_left,
-            reward,
-            attempt_over,
-            trial_over,
-            new_solution,
-            ended,
-            finished,
-            found_new,
-        )
+        *happened, unknown = outcome
+        if unknown:
+            self._judge(unknown, row, action, after, new_solution, reward)
+        trial = attempt_over, trial_over, new_solution
+        return BatchStep(after, actions_left, reward, *trial, *happened)
 
-    def _take_in_rooms(self) -> None:
+    def _add_rooms(self) -> None:
         from causal_openlock.world.kernel import step
 
         self._kernel = step
@@ -211,7 +209,7 @@ class RoomBatch:
             table.fill()
         self._paid = np.stack([table.paid for table in self._rewards])
         self._matters = np.stack([table.matters for table in self._rewards])
-        # A place for the reward of each action that the past matters to, for each past.
+        # For each action whose reward depends on the past, a place for each past.
         remembered = (self._matters > 0) & (self._matters < ALWAYS)
         each = PASTS * (self.found.shape[1] + 1)
         if remembered.sum() * each > KEPT_REWARDS:
@@ -230,7 +228,7 @@ class RoomBatch:
         new: BoolArray,
         reward: FloatArray,
     ) -> None:
-        """Ask the reward functions where what went before matters and the reward is not known."""
+        """Evaluate the rewards that depend on the past and are not known yet."""
         which, repeated, place = self._judged[:, :many]
         found = self.found[which]
         fresh = np.flatnonzero(new[which])
@@ -246,5 +244,5 @@ class RoomBatch:
         self._known[place[remembered]] = reward[which[remembered]]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Where every room is; for a checkpoint, to be copied from and into."""
+        """The state of every room, for a checkpoint, to be copied from and into."""
         return {"room": self.room, "row": self.row, "found": self.found, "counts": self._counts}

@@ -2,12 +2,12 @@
 
 A *state* says which levers are pushed and whether the door is open: bit *i* of the state is lever
 *i*, the bit above the levers is the door. An *action* pushes or pulls one lever or pushes the
-door; with *n* levers, actions 0..n-1 push, n..2n-1 pull, and 2n pushes the door. This machine
-knows roles, not positions: :mod:`causal_openlock.world.room` puts the levers somewhere.
+door; with *n* levers, actions 0..n-1 push, n..2n-1 pull, and 2n pushes the door. Levers have roles
+here and no positions; :mod:`causal_openlock.world.room` adds the positions.
 
-An attempt is short, so of all states it meets few. :func:`unroll` lists them: one row for each
-state at each moment of an attempt, which turns everything that depends on the moment (the first
-action, the last) into a property of the row.
+An attempt is short, so it reaches few of the states. :func:`unroll` lists those: one row for each
+state after each number of actions. So everything that depends on the number of actions used (the
+first action, the last) is a property of the row.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NO_SOLUTION = -1
 
 @dataclass(frozen=True, eq=False)
 class FSM:
-    """The machine that governs a room; S states, A actions.
+    """A finite state machine; S states, A actions.
 
     Attributes:
         schema: What it was compiled from.
@@ -40,6 +40,12 @@ class FSM:
         unlocked: ``[S]`` whether the door is unlocked.
         solution: ``[S]`` index into ``schema.solutions`` if the pushed levers, inert ones aside,
             are exactly that solution; -1 otherwise.
+
+    Example:
+        >>> from causal_openlock import find_schema
+        >>> fsm = compile_schema(find_schema("CC3"))
+        >>> fsm.describe(fsm.next_state[fsm.state(("L0",)), 1])  # action 1 pushes L1
+        'L0 L1 pushed, unlocked'
     """
 
     schema: Schema
@@ -90,9 +96,14 @@ class FSM:
 def compile_schema(schema: Schema) -> FSM:
     """Compile a schema into its finite state machine.
 
-    Chance is asked for pushes and pulls alike: a pull is enabled as a push is, and as likely to
-    take effect. With *n* levers the tables have 2^(n+1) states: 32 for the paper's four levers,
+    A pull is enabled under the same conditions as a push, and takes effect with the same
+    probability. With *n* levers the tables have 2^(n+1) states: 32 for the paper's four levers,
     8,192 for twelve.
+
+    Example:
+        >>> from causal_openlock import find_schema
+        >>> compile_schema(find_schema("CC3")).next_state.shape
+        (16, 7)
     """
     levers = len(schema.levers)
     pushed = np.arange(1 << levers)
@@ -116,8 +127,8 @@ def compile_schema(schema: Schema) -> FSM:
 
     relevant = pushed & ~schema.mask(schema.inert)
     solution = np.full(len(pushed), NO_SOLUTION)
-    for index, levers_of_it in enumerate(schema.solutions):
-        solution[relevant == schema.mask(levers_of_it)] = index
+    for index, needed in enumerate(schema.solutions):
+        solution[relevant == schema.mask(needed)] = index
     solution[~unlocked] = NO_SOLUTION
     return FSM(
         schema=schema,
@@ -129,11 +140,11 @@ def compile_schema(schema: Schema) -> FSM:
 
 
 def gate_chance(schema: Schema, node: str, pushed: IntArray) -> FloatArray:
-    """``[2^n]`` probability that ``node`` obeys a push or pull while ``pushed`` are pushed.
+    """``[2^n]`` probability that a push or pull of ``node`` takes effect, by the levers pushed.
 
-    Each pushed cause transmits with its strength, independently; the push or pull takes effect if
-    at least as many transmit as the gate asks for. The counts are added up cause by cause, and
-    counts above the threshold are kept together, since they make no difference.
+    Each pushed cause transmits independently with its strength; the push or pull takes effect if at
+    least as many transmit as the gate requires. This adds up the distribution of that number cause
+    by cause, and treats all numbers above the threshold as one.
     """
     threshold = schema.threshold(node)
     counts = np.zeros((threshold + 1, len(pushed)))
@@ -149,10 +160,10 @@ def gate_chance(schema: Schema, node: str, pushed: IntArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """One attempt unrolled: a row for each state that it can be in after each number of actions.
+    """An attempt unrolled: a row for each state that it can be in after each number of actions.
 
     Row 0 is the start: no action used, all levers pulled, door closed. N rows, A actions and one
-    more, with index A, that never moves anything: a lever that is not part of the schema.
+    more, with index A, that never moves anything: on a lever that is not part of the schema.
 
     Attributes:
         fsm: The machine.
@@ -174,14 +185,20 @@ class Attempt:
 
     @cached_property
     def chance(self) -> FloatArray:
-        """``[N, A+1]`` probability that the action takes effect; made when it is asked for."""
+        """``[N, A+1]`` probability that the action takes effect."""
         chance = np.zeros((len(self.state), self.fsm.actions + 1))
         chance[~self.over, :-1] = self.fsm.chance[self.state[~self.over]]
         return chance
 
 
 def unroll(fsm: FSM, action_limit: int) -> Attempt:
-    """List every state that an attempt of ``action_limit`` actions can be in, moment by moment."""
+    """List every state that an attempt can be in after each number of actions.
+
+    Example:
+        >>> from causal_openlock import find_schema
+        >>> unroll(compile_schema(find_schema("CC3")), action_limit=2).used
+        array([0, 1, 1, 2, 2, 2, 2])
+    """
     layers = [np.zeros(1, dtype=np.int64)]
     for _ in range(action_limit):
         playing = layers[-1][~fsm.opened[layers[-1]]]
@@ -191,7 +208,7 @@ def unroll(fsm: FSM, action_limit: int) -> Attempt:
     used = np.repeat(np.arange(action_limit + 1), list(map(len, layers)))
     over = (used == action_limit) | fsm.opened[state]
 
-    # The column past the last action leaves the state as it is and only spends the action.
+    # The last column is an action that moves nothing.
     after = np.column_stack([fsm.next_state[state], state])
     effect = np.tile(np.arange(len(state))[:, None], (1, after.shape[1]))
     for moment in range(action_limit):
@@ -199,7 +216,7 @@ def unroll(fsm: FSM, action_limit: int) -> Attempt:
         where = np.searchsorted(layers[moment + 1], after[rows])
         effect[rows] = first_row[moment + 1] + where
 
-    # As many levers pushed as actions used: every action so far was a push that moved its lever.
+    # If as many levers are pushed as actions were used, every action was a push that took effect.
     pushes_only = np.bitwise_count(state) == used
     solutions = np.array([fsm.schema.mask(levers) for levers in fsm.schema.solutions])
     begins = pushes_only[:, None] & (state[:, None] & ~solutions == 0)
@@ -208,12 +225,4 @@ def unroll(fsm: FSM, action_limit: int) -> Attempt:
     begins |= (
         opened[:, None] & complete & (fsm.solution[state][:, None] == np.arange(len(solutions)))
     )
-    return Attempt(
-        fsm=fsm,
-        action_limit=action_limit,
-        state=state,
-        used=used,
-        effect=effect,
-        over=over,
-        begins=begins,
-    )
+    return Attempt(fsm, action_limit, state, used, effect, over, begins)

@@ -1,10 +1,10 @@
-"""One step of many rooms, compiled: where actions lead, what they pay, which attempts end.
+"""One step of many rooms, compiled: the next rows, the rewards, the attempts and trials that end.
 
-Only :class:`causal_openlock.world.batch.RoomBatch` calls it, and imports this module when it is
-first needed, since numba takes a while to load. The argument types never change, so that there is
-one compiled version, kept on disk.
+Only :class:`causal_openlock.world.batch.RoomBatch` calls it, and imports this module at its first
+step, since numba takes a while to load. The argument types never change, so there is only one
+compiled version, cached on disk.
 
-Rooms are stepped in blocks that fit into the processor's nearest cache, and within a block one
+Rooms are stepped in blocks that fit into the processor's first-level cache, and within a block one
 result after the other: writing to a single array at a time is twice as fast as to all of them.
 """
 
@@ -27,7 +27,7 @@ BLOCK = 256
 
 
 def compiled(function: Compiled) -> Compiled:
-    """Compile at the first call, once for an installation."""
+    """Compile at the first call, once for each installation."""
     return cast(Compiled, numba.njit(cache=True)(function))
 
 
@@ -75,37 +75,37 @@ def step(
 
     Args:
         row: ``[B]`` where each room is.
-        action: ``[B]`` what is done, an index of a column.
-        luck: ``[B]`` numbers in [0, 1); empty if no room leaves anything to chance.
+        action: ``[B]`` its action, an index of a column.
+        luck: ``[B]`` numbers in [0, 1); empty if all rooms are deterministic.
         room_of: ``[B]`` index of each room in the tables.
         start: ``[G]`` see ``RoomTables``.
         shift: ``[G]`` see there.
         column: ``[G * W]`` see there.
         effect: ``[M * W]`` see there.
-        chance: ``[M * W]`` see there; empty if no room leaves anything to chance.
+        chance: ``[M * W]`` see there; empty if all rooms are deterministic.
         status: ``[R]`` see there.
         solution: ``[R]`` see there.
         begun: ``[M, K]`` see there.
         paid: ``[F, M * W]`` the rewards; see ``RewardTable``.
         matters: ``[F, M * W]`` see there.
         case: ``[F, M * W]`` where in ``known`` the rewards of each action are; -1 for nowhere.
-        known: The rewards of actions for each past they can have; NaN where that is not known yet.
+        known: The rewards of actions for each possible past; NaN where not known yet.
         counts: ``[5, B]`` attempt, solutions found, solutions of the room, action before, and
             which of the F rewards is paid; changed.
         found: ``[B, K]`` which solutions are found; changed.
         after: ``[B]`` out: the row that the action led to.
-        next_row: ``[B]`` out: the row of the next action, where a room whose attempt is over is
-            put back; empty if the next action does that.
+        next_row: ``[B]`` out: the row of the next action, after rooms whose attempt is over are
+            reset; empty if the next action does that.
         actions_left: ``[B]`` out: how many actions are left at the row of the next action.
-        reward: ``[B]`` out: the reward, where nothing that went before matters.
+        reward: ``[B]`` out: the reward, where it does not depend on an unknown past.
         attempt_over: ``[B]`` of False; out: whether the attempt is over.
         trial_over: ``[B]`` of False; out: whether the trial is over.
         new_solution: ``[B]`` of False; out: whether a new solution was found.
         judged: ``[3, B]`` out: rooms whose reward is not known, whether their action repeats the
-            one before it, and where in ``known`` the reward belongs.
+            one before it, and the index of the reward in ``known``.
         attempt_limit: Attempts in a trial.
         stop_when_solved: Whether a trial is over once all solutions are found.
-        history: What of the past any reward depends on: ``IF_FOUND``, which only matters once the
+        history: What any reward depends on in the past: ``IF_FOUND``, which only matters once the
             door is unlocked, ``IF_REPEATED``, or both.
 
     Returns:

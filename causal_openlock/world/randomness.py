@@ -1,9 +1,8 @@
-"""Randomness that belongs to a subject.
+"""A random generator for each subject.
 
-Every subject has generators of its own, spawned from the experiment's seed by what the subject
-is, so that its data depend neither on the other subjects in its batch nor on the number of workers.
-:class:`Streams` hands out one number to each of B subjects at once without asking B generators
-every time.
+Every subject has generators of its own, derived from the experiment's seed and the subject's
+number, so its data depend neither on the other subjects in its batch nor on the number of workers.
+:class:`Streams` draws ahead, so that giving a number to each of B subjects does not take B calls.
 """
 
 from __future__ import annotations
@@ -25,6 +24,11 @@ def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.
         seed: Seed of the experiment.
         key: What the generators are for; another key gives other numbers.
         subjects: Numbers of the subjects.
+
+    Example:
+        >>> alone, (_, among) = generators(1, "room", [7]), generators(1, "room", [3, 7])
+        >>> alone[0].random() == among.random()
+        True
     """
     digest = hashlib.sha256(key.encode()).digest()[:16]
     words = tuple(int.from_bytes(digest[i : i + 4], "big") for i in range(0, 16, 4))
@@ -37,26 +41,34 @@ def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.
 
 
 def pick(odds: FloatArray, draw: float) -> int:
-    """An index, as probable as its odds are high.
+    """An index drawn in proportion to its odds.
 
     Args:
         odds: ``[N]``, not all zero; they need not add up to 1.
-        draw: A number in [0, 1), which decides.
+        draw: A uniform number in [0, 1).
+
+    Example:
+        >>> pick(np.array([1.0, 0.0, 3.0]), 0.9)
+        2
     """
-    ladder = odds.cumsum()
-    # Rounding may take the draw to the top of the ladder.
-    return min(int(np.searchsorted(ladder, draw * ladder[-1], side="right")), len(ladder) - 1)
+    sums = odds.cumsum()
+    # Rounding may take the draw to the total.
+    return min(int(np.searchsorted(sums, draw * sums[-1], side="right")), len(sums) - 1)
 
 
 class Streams:
     """Uniform numbers for B subjects at once, each from its own generator.
 
-    The t-th call gives each subject the t-th numbers of its own stream, whoever else is there.
+    The t-th call gives each subject the t-th numbers of its own stream, whatever the others are.
 
     Args:
         generators: One for each subject.
         width: How many numbers a subject gets at a time; ``None`` gives a single one.
-        block: How many times to draw ahead.
+        block: How many calls to draw ahead for.
+
+    Example:
+        >>> Streams(generators(seed=1, key="actions", subjects=[0, 1])).integers(6).shape
+        (2,)
     """
 
     def __init__(
@@ -74,7 +86,7 @@ class Streams:
         """``[B]`` or ``[B, width]`` numbers in [0, 1)."""
         if self._next == len(self._drawn):
             drawn = np.stack([generator.random(self._shape) for generator in self._generators], 1)
-            # One contiguous piece for each call, since that is how the numbers are used.
+            # The numbers of one call are contiguous.
             self._drawn = np.ascontiguousarray(drawn)
             self._next = 0
         self._next += 1
@@ -86,7 +98,7 @@ class Streams:
         return (self.uniform() * high).astype(np.int64)
 
     def state_dict(self) -> dict[str, Any]:
-        """Where the streams stand, for a checkpoint."""
+        """The state of the streams, for a checkpoint."""
         states = [generator.bit_generator.state for generator in self._generators]
         return {"states": states, "drawn": self._drawn, "next": self._next}
 

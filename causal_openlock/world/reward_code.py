@@ -1,19 +1,19 @@
-"""Rewards of one's own, written in Python.
+"""User-defined rewards, written in Python.
 
-``module:function`` names a function of what actions led to, in a file of the working directory or
+``module:function`` names a function of the events of actions, in a file of the working directory or
 beside the experiment file, or in an installed package::
 
     def eager(events):
-        # Opening the door pays, the more the fewer solutions are found.
+        # Opening the door pays more while fewer solutions are found.
         return 50.0 * events.opens / (1 + events.found) - 0.1
 
-It is given the :class:`~causal_openlock.world.reward_events.Events` of N actions and returns N
-numbers. Each number depends on the events of its own action and on nothing else: the function is
-asked for many actions at once, in any order, in several processes, and more often than they are
-taken. It is tried before anything is played.
+It gets the :class:`~causal_openlock.world.reward_table.Events` of N actions and returns N numbers.
+Each number must depend on the events of its own action alone: the function is called for many
+actions at once, in any order, in several processes, and also for actions that are never taken. It
+is tried out before anything is played.
 
-What a reward is made of is on record as a hash of its file, so that results of other code are told
-apart, and results are read without the code.
+A hash of the function's file is recorded, so that results of different code can be distinguished;
+results can be read without the code.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ import numpy as np
 from causal_openlock.errors import RewardError
 from causal_openlock.files.module_source import MODULE_AND_NAME, look_beside
 from causal_openlock.world.fsm import FloatArray
-from causal_openlock.world.reward_events import Events, RewardFunction
+from causal_openlock.world.reward_table import Events, RewardFunction
 
 
 @dataclass(frozen=True)
 class OwnReward(RewardFunction):
-    """A reward that is a function; its code is only loaded when it is asked.
+    """A reward that is a user's function, loaded when it is first evaluated.
 
     Attributes:
-        name: Where it is, ``module:function``.
-        source: Name of its file, and a hash of what is in it.
+        name: The function, ``module:function``.
+        source: Name of its file, and a hash of the file's content.
     """
 
     name: str
@@ -55,7 +55,7 @@ class OwnReward(RewardFunction):
 
         Raises:
             RewardError: If the function fails, does not return N numbers, or is not the one that
-                is on record.
+                was recorded.
         """
         function, source = _loaded(self.name)
         if source != self.source:
@@ -66,7 +66,7 @@ class OwnReward(RewardFunction):
         number = len(events.first)
         try:
             answer = np.asarray(function(_read_only(events)))
-        except Exception as error:  # code of one's own can fail in any way
+        except Exception as error:  # a user's code can fail in any way
             raise RewardError(
                 f"the reward {self.name} fails ({type(error).__name__}: {error})"
             ) from error
@@ -83,30 +83,16 @@ class OwnReward(RewardFunction):
             )
         return paid
 
-    @property
-    def depends_on_repeats(self) -> bool:
-        """It may."""
-        return True
-
-    @property
-    def depends_on_found(self) -> bool:
-        """It may."""
-        return True
-
     def as_dict(self) -> dict[str, Any]:
         """The reward as plain data."""
         return {"name": self.name, "function": self.name, "source": self.source}
 
-    def written(self) -> str:
-        """Where it is."""
-        return self.name
-
 
 def own_reward(name: str) -> OwnReward:
-    """A reward by ``module:function``, tried on some actions.
+    """A reward by ``module:function``, tried out on some actions.
 
     Raises:
-        RewardError: If there is none, or it does not do what a reward does.
+        RewardError: If there is no such function, or it does not work as a reward.
     """
     reward = OwnReward(name, _loaded(name)[1])
     _try_out(reward)
@@ -115,7 +101,7 @@ def own_reward(name: str) -> OwnReward:
 
 @cache
 def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
-    """A function by its name, and what its file was when it was loaded."""
+    """A function by its name, and the :attr:`OwnReward.source` that it was loaded from."""
     if not MODULE_AND_NAME.fullmatch(name):
         raise RewardError(f"{name!r} names no reward; write it like my_module:my_function")
     look_beside()
@@ -127,16 +113,16 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
         ) from error
     if not callable(function) or isinstance(function, type):
         raise RewardError(f"{name!r} is no function; a reward is a function of events")
-    # The file that is named, also where what it holds was made elsewhere or is no plain function.
+    # The file of the named module, even if the function was defined elsewhere.
     source = inspect.getsourcefile(sys.modules[name.partition(":")[0]])
     if source is None:
-        raise RewardError(f"{name!r} has no source that can be put on record; write it in a file")
+        raise RewardError(f"{name!r} has no source that can be recorded; write it in a file")
     digest = hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]
     return function, f"{Path(source).name} {digest}"
 
 
 def _read_only(events: Events) -> Events:
-    """The same events, in arrays that cannot be written to."""
+    """The same events in read-only arrays."""
     shown = {field.name: getattr(events, field.name).view() for field in fields(Events)}
     for array in shown.values():
         array.flags.writeable = False
@@ -144,7 +130,7 @@ def _read_only(events: Events) -> Events:
 
 
 def _try_out(reward: OwnReward) -> None:
-    """Ask for every action in a room, with and without a past, at once and one by one."""
+    """Evaluate every action in a room, with and without a past, together and one by one."""
     from causal_openlock.world.room import Layout
     from causal_openlock.world.schema import Schema
     from causal_openlock.world.tables import RoomTables
@@ -159,12 +145,12 @@ def _try_out(reward: OwnReward) -> None:
         paid = reward.pay(events)
         if not np.array_equal(paid, reward.pay(events)):
             raise RewardError(
-                f"the reward {reward.name} pays the same actions differently when it is asked "
+                f"the reward {reward.name} pays the same actions differently when it is called "
                 "again; let it depend on the events alone"
             )
         apart = [reward.pay(events.at(np.array([index]))) for index in range(0, len(row), 7)]
         if not np.allclose(np.concatenate(apart), paid[::7], rtol=1e-9, atol=1e-12):
             raise RewardError(
                 f"the reward {reward.name} pays an action differently beside other actions; let it "
-                "judge each of them by itself"
+                "evaluate each action by itself"
             )

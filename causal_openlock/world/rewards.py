@@ -1,8 +1,8 @@
-"""Rewards: terms that add up, judged on what one action led to.
+"""Rewards: sums of terms, each a function of what one action led to.
 
-The paper words seven reward functions as changes to a basic one, so each is a *term* here and a
+The paper describes seven reward functions as changes to a basic one, so each is a *term* here and a
 reward is the sum of its terms (paper, "Reward Functions"). A term is a pure function of what
-happened in one action (:mod:`causal_openlock.world.reward_events`), for many actions at once:
+happened in one action (:mod:`causal_openlock.world.reward_table`), for many actions at once:
 
 ======================= ==========================================================================
 ``basic``               10 on the action that unlocks the door, 50 on the one that opens it.
@@ -18,12 +18,12 @@ happened in one action (:mod:`causal_openlock.world.reward_events`), for many ac
 
 Every amount is a weight that can be changed (:class:`Weights`): ``{solution_multiplier: 2.0}`` is
 the paper's reward with another multiplier, ``{preset: basic, open: 100}`` the basic one with more
-for the door. What no term says is a function of one's own
+for the door. Any other reward can be a user-defined function
 (:mod:`causal_openlock.world.reward_code`).
 
-What the authors' program of January 2018 paid differs from the text. Its rewards are a ladder,
-not a sum: the first rung that fits pays and the rest does not count. They are the presets
-``authors_2018_*``, so that one can ask which of the two a result depends on.
+The authors' program of January 2018 paid something else than the text describes. Its rewards are a
+list of cases, not a sum: the first case that applies pays and the others are ignored. They are the
+presets ``authors_2018_*``, to test whether a result depends on the difference.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ import numpy as np
 from causal_openlock.errors import RewardError
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import FloatArray
-from causal_openlock.world.reward_events import Events as Events
-from causal_openlock.world.reward_events import RewardFunction as RewardFunction
+from causal_openlock.world.reward_table import Events as Events
+from causal_openlock.world.reward_table import RewardFunction as RewardFunction
 
 UNLOCK, OPEN = 10.0, 50.0
 MULTIPLIER = 1.5
@@ -46,7 +46,7 @@ MULTIPLIER = 1.5
 
 @dataclass(frozen=True)
 class Weights:
-    """What the terms pay; the texts are what users are told."""
+    """What the terms pay; the texts explain each weight to users."""
 
     unlock: Annotated[float, "for unlocking the door (basic)"] = UNLOCK
     open: Annotated[float, "for opening the door (basic)"] = OPEN
@@ -73,12 +73,17 @@ def term_of(weight: str) -> str:
 
 @dataclass(frozen=True)
 class Reward(RewardFunction):
-    """A reward function of the paper: a sum of terms.
+    """A sum of terms.
 
     Attributes:
-        name: A preset's name, or the terms joined by ``+``; in brackets what is changed of it.
+        name: A preset's name, or the terms joined by ``+``; in parentheses the changed weights.
         terms: Names of terms, in :data:`TERMS`.
         weights: What the terms pay.
+
+    Example:
+        >>> reward = find_reward({"preset": "basic", "open": 100})
+        >>> reward.name, reward.weights.open
+        ('basic(open=100)', 100.0)
     """
 
     name: str
@@ -92,28 +97,24 @@ class Reward(RewardFunction):
             total += TERMS[term](events, self)
         return total
 
-    def paid(self, events: Events) -> FloatArray:
-        """``[N]`` what ``basic`` pays."""
-        return self.weights.unlock * events.unlocks + self.weights.open * events.opens
-
     def as_dict(self) -> dict[str, Any]:
-        """The reward as plain data; of the weights those that are changed."""
-        changed = _differences(self.weights)
-        told: dict[str, Any] = {"name": self.name, "terms": self.terms}
-        return {**told, "weights": changed} if changed else told
+        """The reward as plain data, with the weights that differ from the paper's."""
+        changed = _changed(self.weights)
+        data: dict[str, Any] = {"name": self.name, "terms": self.terms}
+        return {**data, "weights": changed} if changed else data
 
     def written(self) -> Any:
         """A preset's name, a list of terms, or either with weights."""
         base = self.name.partition("(")[0]
         preset = PRESETS.get(base)
-        given = _told(self, preset.terms if isinstance(preset, Reward) else ())
+        given = _given_weights(self, preset.terms if isinstance(preset, Reward) else ())
         for form in (base, base.split("+"), {"preset": base, **given}):
             try:
                 if find_reward(form) == self:
                     return form
             except RewardError:
                 continue
-        return {"terms": base.split("+"), **_told(self, tuple(base.split("+")))}
+        return {"terms": base.split("+"), **_given_weights(self, tuple(base.split("+")))}
 
     @property
     def depends_on_repeats(self) -> bool:
@@ -122,22 +123,20 @@ class Reward(RewardFunction):
 
     @property
     def depends_on_found(self) -> bool:
-        """Whether it depends on which solutions are found already."""
+        """Whether it depends on which solutions are already found."""
         return not {"unique_solutions", "solution_multiplier"}.isdisjoint(self.terms)
 
 
-def _differences(weights: Weights) -> dict[str, float]:
-    """The weights that are not the paper's."""
-    return {name: value for name, value in asdict(weights).items() if value != _PAPERS[name]}
+def _changed(weights: Weights) -> dict[str, float]:
+    """The weights that differ from the paper's."""
+    papers = asdict(Weights())
+    return {name: value for name, value in asdict(weights).items() if value != papers[name]}
 
 
-_PAPERS = asdict(Weights())
-
-
-def _told(reward: Reward, base: tuple[str, ...]) -> dict[str, float]:
-    """The weights that make a reward of what has the terms ``base``."""
+def _given_weights(reward: Reward, base: tuple[str, ...]) -> dict[str, float]:
+    """The weights that turn the terms ``base`` into a reward: changed ones and those it adds."""
     added = {*reward.terms} - {*base}
-    changed = _differences(reward.weights)
+    changed = _changed(reward.weights)
     return {
         name: value
         for name, value in asdict(reward.weights).items()
@@ -146,11 +145,11 @@ def _told(reward: Reward, base: tuple[str, ...]) -> dict[str, float]:
 
 
 def _basic(events: Events, reward: Reward) -> FloatArray:
-    return reward.paid(events)
+    return reward.weights.unlock * events.unlocks + reward.weights.open * events.opens
 
 
 def _unique_solutions(events: Events, reward: Reward) -> FloatArray:
-    return np.where(events.new, 0.0, -reward.paid(events))
+    return np.where(events.new, 0.0, -_basic(events, reward))
 
 
 def _state_change(events: Events, reward: Reward) -> FloatArray:
@@ -172,7 +171,7 @@ def _partial_sequence(events: Events, reward: Reward) -> FloatArray:
 
 def _solution_multiplier(events: Events, reward: Reward) -> FloatArray:
     factor = reward.weights.solution_multiplier**events.found
-    return (factor - 1.0) * reward.paid(events) * events.new
+    return (factor - 1.0) * _basic(events, reward) * events.new
 
 
 TERMS: dict[str, Callable[[Events, Reward], FloatArray]] = {
@@ -188,7 +187,7 @@ TERMS: dict[str, Callable[[Events, Reward], FloatArray]] = {
 
 @dataclass(frozen=True)
 class AuthorsReward(RewardFunction):
-    """A reward of the authors' program of January 2018: the first rung that fits pays.
+    """A reward of the authors' program of January 2018: the first case that applies pays.
 
     Attributes:
         name: The preset's name.
@@ -210,8 +209,8 @@ class AuthorsReward(RewardFunction):
 
     def pay(self, events: Events) -> FloatArray:
         """``[N]`` the reward of each action."""
-        # With all actions used, unique is what completes a new solution; before that, whatever
-        # does not retrace a found one.
+        # In the last action, completing a new solution is unique; before that, any sequence that
+        # does not retrace one already found.
         unique = np.where(events.last, events.opens & events.new, ~events.retraced)
         factor = np.maximum(1.0, MULTIPLIER * events.found) if self.multiplier else 1.0
         bonus = np.where(unique, factor, 1.0)
@@ -237,16 +236,12 @@ class AuthorsReward(RewardFunction):
 
     @property
     def depends_on_found(self) -> bool:
-        """Whether it depends on which solutions are found already."""
+        """Whether it depends on which solutions are already found."""
         return self.unique or self.multiplier
 
     def as_dict(self) -> dict[str, Any]:
         """The reward as plain data."""
         return asdict(self)
-
-    def written(self) -> str:
-        """Its name."""
-        return self.name
 
 
 BASIC_REWARD = "basic"
@@ -257,7 +252,7 @@ PAPER_REWARD = "paper"
 
 def _presets() -> dict[str, RewardFunction]:
     presets: dict[str, RewardFunction] = {
-        # Each builds on the basic reward, as the paper words it.
+        # Each is added to the basic reward, as in the paper.
         name: Reward(name, ("basic",) if name == "basic" else ("basic", name))
         for name in TERMS
     }
@@ -267,7 +262,7 @@ def _presets() -> dict[str, RewardFunction]:
     presets[PAPER_REWARD] = Reward(
         PAPER_REWARD, ("basic", "negative_immovable", "partial_sequence", "solution_multiplier")
     )
-    for short, rungs in {
+    for short, cases in {
         "basic": "",
         "change_state": "change",
         "unique_solutions": "unique",
@@ -282,7 +277,7 @@ def _presets() -> dict[str, RewardFunction]:
         ),
     }.items():
         name = f"authors_2018_{short}"
-        presets[name] = AuthorsReward(name, **dict.fromkeys(rungs.split(), True))
+        presets[name] = AuthorsReward(name, **dict.fromkeys(cases.split(), True))
     presets["authors_2018"] = AuthorsReward(
         "authors_2018", immovable=True, partial=True, multiplier=True
     )
@@ -297,16 +292,22 @@ RewardForm = str | Iterable[str] | Mapping[str, Any] | RewardFunction
 
 
 def find_reward(reward: RewardForm) -> RewardFunction:
-    """A reward as it is written.
+    """A reward by its description.
 
     Args:
         reward: The name of a preset; a list of terms that add up; weights by name, with the
-            ``preset`` or the ``terms`` that they change (the paper's reward if neither is said);
-            or ``module:function``, code of one's own.
+            ``preset`` or the ``terms`` that they change (by default the paper's reward); or
+            ``module:function``, a user-defined function.
 
     Raises:
-        RewardError: If there is none of that name, a term or a weight is unknown or does not fit,
-            or the code does not do what a reward does.
+        RewardError: If there is no such preset, a term or a weight is unknown or does not fit, or
+            the function does not work as a reward.
+
+    Example:
+        >>> find_reward("paper").terms
+        ('basic', 'negative_immovable', 'partial_sequence', 'solution_multiplier')
+        >>> find_reward(["basic", "state_change"]).name
+        'basic+state_change'
     """
     if isinstance(reward, RewardFunction):
         return reward
@@ -319,8 +320,8 @@ def find_reward(reward: RewardForm) -> RewardFunction:
     if isinstance(reward, str):
         if reward not in PRESETS:
             raise RewardError(
-                f"there is no reward {reward!r}; {nearest(reward, PRESETS)}; code of one's own is "
-                "written module:function"
+                f"there is no reward {reward!r}; {nearest(reward, PRESETS)}; a function of your "
+                "own is written module:function"
             )
         return PRESETS[reward]
     terms = tuple(reward)
@@ -334,9 +335,9 @@ def find_reward(reward: RewardForm) -> RewardFunction:
     return Reward("+".join(terms), terms)
 
 
-def _weighted(said: Mapping[str, Any]) -> Reward:
-    """A reward with other weights; a weight of a term that it does not have adds the term."""
-    given = dict(said)
+def _weighted(description: Mapping[str, Any]) -> Reward:
+    """A reward with changed weights; a weight of a term that it does not have adds the term."""
+    given = dict(description)
     preset, terms = given.pop("preset", None), given.pop("terms", None)
     if preset is not None and terms is not None:
         raise RewardError("a reward is based on a preset or on terms; leave one of them out")
@@ -353,10 +354,11 @@ def _weighted(said: Mapping[str, Any]) -> Reward:
             raise RewardError(f"there is no weight {name!r}; {nearest(str(name), WEIGHTS)}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
             raise RewardError(f"the weight {name} is a number, not {value!r}")
-    added = [term_of(name) for name in WEIGHTS if name in given]  # in an order of their own
+    added = [term_of(name) for name in WEIGHTS if name in given]  # in a fixed order
     terms = [*base.terms, *added]
     found = Reward(
         base.name, tuple(dict.fromkeys(terms)), Weights(**{n: float(v) for n, v in given.items()})
     )
-    told = ", ".join(f"{name}={value:g}" for name, value in _told(found, base.terms).items())
-    return replace(found, name=f"{base.name}({told})") if told else base
+    weights = _given_weights(found, base.terms)
+    listed = ", ".join(f"{name}={value:g}" for name, value in weights.items())
+    return replace(found, name=f"{base.name}({listed})") if listed else base

@@ -1,8 +1,8 @@
-"""A room: the machine of a schema with its levers put in their places.
+"""A room: the machine of a schema with its levers at positions.
 
-A room has seven positions (in larger rooms up to twelve), a lever at each. A *layout* says which
-position each active lever of a schema has; an inactive lever stands at every other one and never
-moves. A learner sees positions and colours, never roles: what it sees and does is indexed by
+A room has seven positions (larger rooms up to twelve), each with a lever. A *layout* assigns a
+position to each active lever of a schema; every other position has an inactive lever, which never
+moves. A learner sees positions and colours, never roles: observations and actions are indexed by
 position, in the paper's order.
 
 * Observation, ``2P + 2`` bits: for each position whether its lever is pushed, for each position
@@ -44,7 +44,11 @@ def position_names(positions: int) -> tuple[str, ...]:
     """Names of the positions of a room: the paper's for seven, ``P0``... in larger rooms.
 
     Raises:
-        LayoutError: For a size that no room has.
+        LayoutError: If no room can have so many positions.
+
+    Example:
+        >>> position_names(7)[:3]
+        ('UPPERRIGHT', 'UPPER', 'UPPERLEFT')
     """
     if positions == len(PAPER_POSITIONS):
         return PAPER_POSITIONS
@@ -61,7 +65,12 @@ def positions_for(schema: Schema) -> int:
 
 
 def action_names(positions: int) -> tuple[str, ...]:
-    """Names of the actions by index: ``push_UPPERRIGHT``, ..., ``push_door``."""
+    """Names of the actions by index: pushes, pulls, and the push of the door.
+
+    Example:
+        >>> action_names(7)[0], action_names(7)[-1]
+        ('push_UPPERRIGHT', 'push_door')
+    """
     names = position_names(positions)
     moves = [f"{verb}_{name}" for verb in ("push", "pull") for name in names]
     return (*moves, "push_door")
@@ -70,8 +79,12 @@ def action_names(positions: int) -> tuple[str, ...]:
 def position_coordinates(positions: int) -> NDArray[np.float64]:
     """``[P, 2]`` centre of each lever in units of one arm link, the arm's base at (0, 0), y up.
 
-    Seven positions stand as in the paper's Figure 2a, with the door on the right. In larger rooms
-    they stand on a circle with the same gap for the door.
+    Seven positions are placed as in the paper's Figure 2a, with the door on the right, more on a
+    circle with the same gap for the door.
+
+    Example:
+        >>> position_coordinates(8)[0].round(2)
+        array([2.42, 2.42])
     """
     if positions == len(PAPER_POSITIONS):
         return np.array([room_facts()["positions"][name] for name in PAPER_POSITIONS], dtype=float)
@@ -83,12 +96,16 @@ def position_coordinates(positions: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the active levers stand.
+    """The positions of the active levers.
 
     Attributes:
         places: Position index of each lever, in the order of ``schema.levers``.
         positions: Number of positions of the room.
         name: A published name such as ``trial7``; otherwise the positions by name.
+
+    Example:
+        >>> Layout((0, 1, 2)).name
+        'UPPERRIGHT UPPER UPPERLEFT'
     """
 
     places: tuple[int, ...]
@@ -102,14 +119,14 @@ class Layout:
                 raise LayoutError(f"there is no position {place} in a room of {self.positions}")
             if place in self.places[:index]:
                 raise LayoutError(
-                    f"two levers stand at {names[place]}; give each lever a position of its own"
+                    f"two levers are at {names[place]}; give each lever a position of its own"
                 )
         if not self.name:
             object.__setattr__(self, "name", self._by_position)
 
     @property
     def _by_position(self) -> str:
-        """The name of a layout that has no other."""
+        """The name of an unpublished layout."""
         return " ".join(position_names(self.positions)[place] for place in self.places)
 
     @classmethod
@@ -122,13 +139,18 @@ class Layout:
         """A layout for a schema, from a published name or a mapping ``{lever: position name}``.
 
         Args:
-            schema: Whose levers are to be placed.
+            schema: The schema of the levers.
             layout: ``trial1`` .. ``trial11``, or a mapping that names every lever once. A published
                 layout fits any schema with as many levers, in their order.
             positions: Size of the room; by default the smallest that holds the levers.
 
         Raises:
             LayoutError: If it does not fit the schema or puts two levers at one position.
+
+        Example:
+            >>> from causal_openlock import find_schema
+            >>> Layout.of(find_schema("CC3"), "trial1").as_mapping(find_schema("CC3"))
+            {'L0': 'UPPERRIGHT', 'L1': 'LOWERLEFT', 'L2': 'UPPERLEFT'}
         """
         resized = positions is not None
         positions = positions or positions_for(schema)
@@ -166,9 +188,7 @@ class Layout:
                 raise LayoutError(f"the layout gives no position to {lever}; add one")
             place = layout[lever]
             if place not in names:
-                raise LayoutError(
-                    f"{lever} cannot stand at {place!r}; {nearest(str(place), names)}"
-                )
+                raise LayoutError(f"{lever} cannot be at {place!r}; {nearest(str(place), names)}")
             places.append(names.index(place))
         return cls(tuple(places), positions, label)
 
@@ -176,7 +196,7 @@ class Layout:
     def random(
         cls, schema: Schema, generator: np.random.Generator, positions: int | None = None
     ) -> Layout:
-        """A layout drawn uniformly from all that the room allows."""
+        """A layout drawn uniformly from all of a room."""
         positions = positions or positions_for(schema)
         places = generator.permutation(positions)[: len(schema.levers)]
         return cls(tuple(places.tolist()), positions)
@@ -189,7 +209,7 @@ class Layout:
         }
 
     def in_room(self, positions: int) -> Layout:
-        """The same places in a room of another size."""
+        """The same positions in a room of another size."""
         if positions == self.positions:
             return self
         return Layout(self.places, positions, "" if self.name == self._by_position else self.name)
@@ -197,8 +217,8 @@ class Layout:
     def role_actions(self) -> IntArray:
         """``[2P + 1]`` the machine's action for each of the room's actions.
 
-        An inactive lever maps to the machine's action count, the column in which
-        :class:`~causal_openlock.world.fsm.Attempt` keeps "nothing moves".
+        An action on an inactive lever maps to the machine's number of actions, the index of the
+        action that never moves anything in :class:`~causal_openlock.world.fsm.Attempt`.
         """
         levers = len(self.places)
         roles = np.full(2 * self.positions + 1, 2 * levers + 1)
@@ -208,8 +228,21 @@ class Layout:
         roles[-1] = 2 * levers
         return roles
 
+    def actions_in(self, other: Layout) -> IntArray:
+        """``[2P + 1]`` for each action here, the one on the same lever in another layout.
+
+        Different inactive levers here are different inactive levers there.
+        """
+        here, there = (
+            [*layout.places, *(p for p in range(self.positions) if p not in layout.places)]
+            for layout in (self, other)
+        )
+        lever = np.empty(self.positions, dtype=np.int64)
+        lever[here] = there
+        return np.concatenate([lever, self.positions + lever, [2 * self.positions]])
+
     def observations(self, fsm: FSM, states: IntArray) -> NDArray[np.int8]:
-        """``[len(states), 2P + 2]`` what is seen in each of these states of the machine."""
+        """``[len(states), 2P + 2]`` the observation in each of these states of the machine."""
         seen = np.zeros((len(states), 2 * self.positions + 2), dtype=np.int8)
         for role, place in enumerate(self.places):
             seen[:, place] = states >> role & 1
@@ -220,7 +253,7 @@ class Layout:
 
 
 def published_layouts(schema: Schema) -> list[str]:
-    """Names of the layouts that the paper's authors published for so many levers."""
+    """Names of the layouts that the paper's authors published for as many levers."""
     facts = room_facts()["layouts"]
     if positions_for(schema) != len(PAPER_POSITIONS):
         return []
@@ -233,7 +266,13 @@ class Room:
 
     Attributes:
         fsm: The machine.
-        layout: Where its levers stand.
+        layout: The positions of its levers.
+
+    Example:
+        >>> from causal_openlock import find_schema
+        >>> room = Room.of(find_schema("CC3"), "trial1")
+        >>> room.action_of(["L0", "L1"])  # push both levers, then the door
+        [0, 4, 14]
     """
 
     fsm: FSM
@@ -246,12 +285,12 @@ class Room:
         layout: str | Mapping[str, str] | Layout,
         positions: int | None = None,
     ) -> Room:
-        """Compile a schema and put it into a layout."""
+        """Compile a schema and place its levers."""
         return cls(compile_schema(schema), Layout.of(schema, layout, positions))
 
     @property
     def schema(self) -> Schema:
-        """The schema that governs the room."""
+        """The schema of the room."""
         return self.fsm.schema
 
     @property
@@ -273,7 +312,7 @@ class Room:
 
     @cached_property
     def observation(self) -> NDArray[np.int8]:
-        """``[S, 2P + 2]`` what is seen in each state."""
+        """``[S, 2P + 2]`` the observation in each state."""
         return self.layout.observations(self.fsm, np.arange(self.fsm.states))
 
     @property

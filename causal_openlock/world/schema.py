@@ -1,21 +1,20 @@
 """A causal schema: which lever enables which, and what unlocks the door.
 
-A :class:`Schema` is a directed acyclic graph whose nodes are levers and one door. An edge
-``cause -> effect`` says that the cause, while it is pushed, *enables* the effect. How a node
-combines its causes is its :class:`Gate`: ``any`` one of them, ``all`` of them, or at least *k*.
+A :class:`Schema` is a directed acyclic graph. Its nodes are levers and one door. An edge
+``cause -> effect`` means that the cause, while it is pushed, *enables* the effect. The
+:class:`Gate` of a node combines its causes: ``any`` one of them, ``all`` of them, or at least *k*.
 A lever without causes moves freely; a lever with causes moves, either way, only while its gate
-holds. The door is unlocked exactly while its gate holds: its lock is a function of where the
-levers stand now.
+holds. The door is unlocked exactly while its gate holds: the lock depends only on which levers are
+pushed now.
 
 The *strength* of an edge is the probability that an enabled push or pull takes effect through it.
-Each pushed cause transmits on its own with its strength, and the push or pull takes effect if as
-many transmit as the gate asks for: a noisy-OR under ``any``, a noisy-AND under ``all``. Strengths
-on edges into the door are about pushing the door open; whether it is unlocked never depends on
-chance.
+Each pushed cause transmits independently with the strength of its edge, and the push or pull takes
+effect if as many transmit as the gate requires: a noisy-OR under ``any``, a noisy-AND under
+``all``. Strengths on edges into the door apply to pushing the door open; whether it is unlocked
+never depends on chance.
 
-What a learner has to find out is derived from the graph, never typed by hand: the *solutions*,
-minimal sets of levers whose pushes unlock the door, and how long an attempt must be for each of
-them to fit.
+The *solutions* are computed from the graph: the minimal sets of levers that unlock the door when
+they are pushed. So is the number of actions that an attempt needs for each of them to fit.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ MAX_LEVERS = 12
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 GATES = ("any", "all", "at_least")
 NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
-"""What no title may hold: control characters and halves of characters, which files refuse."""
+"""Not allowed in titles: control characters and lone surrogates, which files cannot hold."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +48,10 @@ class Gate:
     Attributes:
         kind: ``any``, ``all`` or ``at_least``.
         k: For ``at_least``: how many causes must be pushed.
+
+    Example:
+        >>> str(Gate("at_least", 2)), Gate("all").threshold(causes=3)
+        ('at least 2', 3)
     """
 
     kind: str = "any"
@@ -69,8 +72,8 @@ class Schema:
         name: A short name: letters, digits and underscores, beginning with a letter.
         levers: The active levers, in the order in which layouts place them.
         edges: ``{cause: {effect: strength}}``, or ``{cause: [effects]}`` where all are certain.
-        gates: ``{node: Gate}`` for nodes whose gate is not ``any``.
-        inert: Levers that are meant to lie on no path to the door.
+        gates: ``{node: Gate}``; the gate of other nodes is ``any``.
+        inert: Levers that are intentionally on no path to the door.
         title: A line for tables and figures.
 
     Raises:
@@ -128,9 +131,9 @@ class Schema:
         for index, lever in enumerate(self.levers):
             at = ("levers", index)
             if not NAME.fullmatch(lever):
-                raise SchemaError(f"{lever!r} is no name for a lever; write it like L0", at)
+                raise SchemaError(f"{lever!r} is not a valid name of a lever; write it like L0", at)
             if lever == DOOR:
-                raise SchemaError("the door is no lever; take it out of the list of levers", at)
+                raise SchemaError("the door is not a lever; take it out of the list of levers", at)
             if lever in self.levers[:index]:
                 raise SchemaError(f"lever {lever} is listed twice; remove one of them", at)
         for index, lever in enumerate(self.inert):
@@ -182,8 +185,8 @@ class Schema:
                 )
             if causes and not 1 <= gate.threshold(causes) <= causes:
                 raise SchemaError(
-                    f"the gate of {node} asks for at least {gate.k} of {causes} causes and can "
-                    f"never hold, so the schema makes no sense; ask for 1 to {causes}",
+                    f"the gate of {node} requires at least {gate.k} of {causes} causes and can "
+                    f"never hold; require 1 to {causes}",
                     ("gates", node),
                 )
         nx.set_node_attributes(
@@ -194,7 +197,7 @@ class Schema:
     def _check_causes(self) -> None:
         if not nx.is_directed_acyclic_graph(self.graph):
             cycle = [cause for cause, _ in nx.find_cycle(self.graph)]
-            # Told from the lever that comes first, so that the same fault reads the same.
+            # Begin with the first lever of the list, so that the message is always the same.
             first = min(range(len(cycle)), key=lambda i: self.levers.index(cycle[i]))
             cycle = cycle[first:] + cycle[:first]
             raise SchemaError(
@@ -219,7 +222,7 @@ class Schema:
                     ("inert", self.inert.index(lever)),
                 )
 
-    # -- the graph in words ---------------------------------------------------------------------
+    # -- the graph ------------------------------------------------------------------------------
 
     def causes(self, node: str) -> tuple[str, ...]:
         """The levers that enable ``node``, in the order of :attr:`levers`."""
@@ -230,7 +233,7 @@ class Schema:
         return tuple(self.graph.edges[cause, node]["strength"] for cause in self.causes(node))
 
     def gate(self, node: str) -> Gate:
-        """How ``node`` combines its causes."""
+        """The gate of ``node``."""
         gate: Gate = self.graph.nodes[node]["gate"]
         return gate
 
@@ -252,8 +255,8 @@ class Schema:
 
         A set works if its levers can be pushed one after another, each enabled by those before
         it, so that the door's gate holds in the end; it is minimal if none of its proper subsets
-        works. Levers can only be pushed causes first, so a set works exactly if every gate in it
-        is met by the set itself.
+        works. Causes must be pushed before their effects, so a set works exactly if it satisfies
+        the gates of its own levers and of the door.
         """
         subsets = np.arange(1 << len(self.levers))
         works = np.ones(len(subsets), dtype=bool)
@@ -265,15 +268,9 @@ class Schema:
         for subset in sorted(subsets[works].tolist(), key=int.bit_count):
             if not any(smaller & subset == smaller for smaller in minimal):
                 minimal.append(subset)
-        order = {lever: rank for rank, lever in enumerate(self._topological_levers)}
+        ordered = self._topological_levers
         found = [
-            tuple(
-                sorted(
-                    (lever for bit, lever in enumerate(self.levers) if subset >> bit & 1),
-                    key=order.__getitem__,
-                )
-            )
-            for subset in minimal
+            tuple(lever for lever in ordered if subset & self.mask([lever])) for subset in minimal
         ]
         return tuple(sorted(found, key=lambda levers: [self.levers.index(x) for x in levers]))
 

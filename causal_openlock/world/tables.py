@@ -1,19 +1,20 @@
-"""Many rooms as one table, which environments and sessions step by lookups.
+"""Many rooms as one table, so that environments and sessions step them by lookups.
 
 :class:`RoomTables` stacks the unrolled attempts of all rooms in use
-(:func:`causal_openlock.world.fsm.unroll`), re-indexed by position, into flat arrays. A room at some
-moment of an attempt is then a single integer, its *row*; what is seen, what is unlocked, and
-whether the attempt is over are lookups by row (:mod:`causal_openlock.world.batch`).
+(:func:`causal_openlock.world.fsm.unroll`), re-indexed by position, into flat arrays. So the
+situation of a room in an attempt is a single integer, its *row*. The observation, whether the door
+is unlocked, and whether the attempt is over are looked up by row
+(:mod:`causal_openlock.world.batch`).
 
-Where actions lead does not depend on where the levers are. Rooms that differ by the layout alone
-share one *list* of it, which stays in the processor's nearest cache however many layouts there are:
-``4 * W`` bytes a row, 3 kB for the paper's schemas, 5 MB for twelve free levers in attempts of
-thirteen actions.
+The effects of actions do not depend on the positions of the levers. So rooms with the same schema
+and action limit share one *list* of effects, which stays in the processor's first-level cache
+however many layouts there are: ``4 * W`` bytes a row, 3 kB for the paper's schemas, 5 MB for twelve
+free levers in attempts of thirteen actions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -32,50 +33,49 @@ from causal_openlock.world.room import Layout, Room
 from causal_openlock.world.schema import Schema
 
 UNLOCKED, OPENED, ACTIONS_LEFT = np.uint8(64), np.uint8(128), np.uint8(63)
-"""Bits of :attr:`RoomTables.status`: at least UNLOCKED is unlocked, at least OPENED is open."""
+"""Bits of :attr:`RoomTables.status`: from UNLOCKED up it is unlocked, from OPENED up open."""
 RoomKey = tuple[Schema, tuple[int, ...], int]
-"""What distinguishes stacked rooms: the schema, the places of its levers, the action limit."""
+"""Identifies a stacked room: the schema, the places of its levers, the action limit."""
 
 
 class RoomTables:
     """Stacked tables of rooms with the same number of positions.
 
-    R rows (a room's moments of an attempt), M listed rows (those of the first room of each schema
-    and action limit), P positions, A = 2P + 1 actions, W = A + 2 columns, G rooms, K solutions of
-    the room that has most. The columns are the actions, and after them :attr:`failed`, an action
-    that could have moved something and did not, and :attr:`wait`, no action at all.
+    R rows, M listed rows (those of the first room of each schema and action limit), P positions,
+    A = 2P + 1 actions, W = A + 2 columns, G rooms, K solutions of the room with the most. The
+    columns are the actions, then :attr:`failed`, an action that had a chance and moved nothing, and
+    :attr:`wait`, no action at all.
 
     Args:
         positions: P.
 
     Attributes:
         effect: ``[M * W]`` the listed row after an action that takes effect; where the attempt is
-            over, any action puts the room back to its start.
-        chance: ``[M * W]`` the probability that an action takes effect; empty as long as no room
-            leaves anything to chance.
+            over, any action resets the room.
+        chance: ``[M * W]`` the probability that an action takes effect; empty as long as all rooms
+            are deterministic.
         listed: ``[R]`` the listed row of each row.
-        column: ``[G * W]`` the column of an action of each room in its list: the action there that
-            is aimed at the same lever, or at an inactive one.
-        shift: ``[G]`` how far the listed rows of each room are behind its rows.
-        observation: ``[R, 2P + 2]`` what is seen, int8.
+        column: ``[G * W]`` for each column of each room, the one of the same lever in its list.
+        shift: ``[G]`` what to add to a row of each room to get its listed row.
+        observation: ``[R, 2P + 2]`` the observation, int8.
         over: ``[R]`` whether the attempt is over.
         used: ``[R]`` actions used so far in the attempt.
-        status: ``[R]`` the actions left (0 if the attempt is over) plus :data:`UNLOCKED`, plus
-            :data:`OPENED` where it is that too, in one byte.
+        status: ``[R]`` the actions left (0 if the attempt is over), plus :data:`UNLOCKED` if the
+            door is unlocked, plus :data:`OPENED` if it is open, in one byte.
         state: ``[R]`` state of the room's machine.
         unlocked: ``[R]`` whether the door is unlocked.
         opened: ``[R]`` whether the door is open.
-        solution: ``[R]`` which solution is pushed, -1 for none.
+        solution: ``[R]`` the solution whose levers are pushed, -1 for none.
         on_path: ``[R]`` whether the actions so far are the beginning of some solution.
         begun: ``[M, K]`` whether the actions so far are the beginning of solution *k*.
         room: ``[R]`` index of the room.
-        start: ``[G]`` the row at which each room's attempts begin.
+        start: ``[G]`` the first row of each room, where its attempts begin.
         solutions: ``[G]`` how many solutions each room has.
         action_limit: ``[G]`` how many actions an attempt has in each room.
-        twin: ``[G]`` the first room of the same schema and action limit, whose rows are listed:
-            they are the same, in the same order, and only its levers are elsewhere.
+        twin: ``[G]`` the first room of the same schema and action limit: its rows are listed, and
+            are the same in the same order except for the positions of the levers.
         rooms: The rooms themselves.
-        stochastic: Whether any room leaves something to chance.
+        stochastic: Whether any room has actions that can fail by chance.
 
     Example:
         >>> from causal_openlock import Layout, find_schema
@@ -127,7 +127,7 @@ class RoomTables:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the arrays take."""
+        """Size of the arrays in bytes."""
         return sum(held.nbytes for held in vars(self).values() if isinstance(held, np.ndarray))
 
     def rows_of(self, room: int) -> slice:
@@ -136,7 +136,7 @@ class RoomTables:
         return slice(first, first + len(self._attempts[room].state))
 
     def add(self, rooms: list[tuple[Schema, Layout, int]]) -> IntArray:
-        """Stack rooms that are not there yet.
+        """Stack those of some rooms that are not stacked yet.
 
         Args:
             rooms: Schema, layout and action limit of each.
@@ -145,7 +145,7 @@ class RoomTables:
             ``[len(rooms)]`` index of each room in :attr:`rooms`.
 
         Raises:
-            ValueError: If a layout is of another room or schema, or an attempt longer than 63.
+            ValueError: If a layout does not fit, or an attempt has more than 63 actions.
         """
         for schema, layout, limit in rooms:
             if layout.positions != self.positions:
@@ -180,7 +180,8 @@ class RoomTables:
             self._attempts.append(attempt)
             shifts.append(first_listed - first)
             self.rooms.append(Room(attempt.fsm, layout))
-            columns.append(_same_columns(self.rooms[twin].layout, layout))
+            same = layout.actions_in(self.rooms[twin].layout)
+            columns.append(np.append(same, [self.failed, self.wait]).astype(np.uint8))
             starts.append(first)
             twins.append(twin)
             first += len(attempt.state)
@@ -193,38 +194,67 @@ class RoomTables:
         self.solutions = np.concatenate([self.solutions, solutions])
         self.action_limit = np.concatenate([self.action_limit, limits])
         self.stochastic |= not all(schema.deterministic for (schema, *_), _ in new)
-        everyone = range(since, len(self.rooms))
-        for name, part in _PARTS.items():
-            self._extend(name, part, everyone, first)
-        heads = [room for room in everyone if self.twin[room] == room]
+        added = range(since, len(self.rooms))
+        attempts = self._attempts[since:]
+        for name, parts in {
+            "observation": (
+                self.rooms[room].layout.observations(attempt.fsm, attempt.state)
+                for room, attempt in zip(added, attempts, strict=True)
+            ),
+            "over": (attempt.over for attempt in attempts),
+            "used": (attempt.used for attempt in attempts),
+            "status": (_status(attempt) for attempt in attempts),
+            "state": (attempt.state for attempt in attempts),
+            "unlocked": (attempt.fsm.unlocked[attempt.state] for attempt in attempts),
+            "opened": (attempt.fsm.opened[attempt.state] for attempt in attempts),
+            "solution": (attempt.fsm.solution[attempt.state] for attempt in attempts),
+            "on_path": (attempt.begins.any(axis=1) for attempt in attempts),
+            "listed": (self._rows(room) + self.shift[room] for room in added),
+            "room": (np.full(len(self._rows(room)), room) for room in added),
+        }.items():
+            self._extend(name, parts, first)
+        heads = [room for room in added if self.twin[room] == room]
         if heads:
             most = int(self.solutions.max())
             begins = [self.begun, *(self._attempts[room].begins for room in heads)]
-            self.begun = np.concatenate([_widen(part, most) for part in begins])
-            self._extend("effect", _effect, heads, listed * self.columns)
+            wide = [np.pad(part, ((0, 0), (0, most - part.shape[1]))) for part in begins]
+            self.begun = np.concatenate(wide)
+            self._extend("effect", map(self._effect, heads), listed * self.columns)
         if self.stochastic:
-            # With the first room that leaves something to chance, those before get chances too.
+            # With the first room that is not deterministic, those before get chances too.
             if not len(self.chance):
                 heads = [room for room in range(len(self.rooms)) if self.twin[room] == room]
-            self._extend("chance", _chance, heads, listed * self.columns)
+            self._extend("chance", map(self._chance, heads), listed * self.columns)
 
-    def _extend(self, name: str, part: Part, rooms: Iterable[int], length: int) -> None:
-        """Lengthen an array by the parts of some rooms.
-
-        One array after the other and one room after the other: parts can be large.
-        """
+    def _extend(self, name: str, parts: Iterable[Any], length: int) -> None:
+        """Extend an array by the part of each room; only one part at a time is in memory."""
         kept = getattr(self, name)
         grown = np.empty((length, *kept.shape[1:]), kept.dtype)
         grown[: len(kept)] = kept
         filled = len(kept)
-        for room in rooms:
-            added = part(self, room)
-            grown[filled : filled + len(added)] = added
-            filled += len(added)
+        for part in parts:
+            grown[filled : filled + len(part)] = part
+            filled += len(part)
         setattr(self, name, grown)
 
+    def _rows(self, room: int) -> IntArray:
+        rows = self.rows_of(room)
+        return np.arange(rows.start, rows.stop)
+
+    def _effect(self, room: int) -> NDArray[np.int32]:
+        attempt = self._attempts[room]
+        effect = np.where(attempt.over[:, None], 0, attempt.effect).astype(np.int32)
+        actions = effect[:, self.rooms[room].layout.role_actions()]
+        waits = np.arange(len(effect), dtype=np.int32)
+        first = np.int32(self.start[room] + self.shift[room])
+        return (np.column_stack([actions, effect[:, -1], waits]) + first).ravel()
+
+    def _chance(self, room: int) -> FloatArray:
+        chance = self._attempts[room].chance[:, self.rooms[room].layout.role_actions()]
+        return np.pad(chance, ((0, 0), (0, 2))).ravel()
+
     def choice(self, row: IntArray, action: IntArray) -> IntArray:
-        """``[B]`` where :attr:`effect` and :attr:`chance` say what B actions do at B rows."""
+        """``[B]`` index into :attr:`effect` and :attr:`chance` of B actions at B rows."""
         column = self.column[self.room[row] * self.columns + action]
         return self.listed[row] * self.columns + column
 
@@ -233,70 +263,11 @@ class RoomTables:
         return self.effect[self.choice(row, action)] - self.shift[self.room[row]]
 
     def begins(self, row: IntArray) -> BoolArray:
-        """``[B, K]`` whether the actions so far, at B rows, begin solution *k*."""
+        """``[B, K]`` whether the actions so far, at B rows, are the beginning of solution *k*."""
         return self.begun.take(self.listed.take(row), axis=0)
-
-
-# What a room contributes to each array.
-Part = Callable[[RoomTables, int], Any]
 
 
 def _status(attempt: Attempt) -> NDArray[np.uint8]:
     fsm, state = attempt.fsm, attempt.state
     left = np.where(attempt.over, 0, attempt.action_limit - attempt.used).astype(np.uint8)
     return left | UNLOCKED * fsm.unlocked[state] | OPENED * fsm.opened[state]
-
-
-def _of_attempt(tell: Callable[[Attempt], Any]) -> Part:
-    return lambda tables, room: tell(tables._attempts[room])
-
-
-def _effect(tables: RoomTables, room: int) -> NDArray[np.int32]:
-    attempt = tables._attempts[room]
-    effect = np.where(attempt.over[:, None], 0, attempt.effect).astype(np.int32)
-    actions = effect[:, tables.rooms[room].layout.role_actions()]
-    waits = np.arange(len(effect), dtype=np.int32)
-    first = np.int32(tables.listed[tables.start[room]])
-    return (np.column_stack([actions, effect[:, -1], waits]) + first).ravel()
-
-
-def _chance(tables: RoomTables, room: int) -> FloatArray:
-    chance = tables._attempts[room].chance[:, tables.rooms[room].layout.role_actions()]
-    return np.pad(chance, ((0, 0), (0, 2))).ravel()
-
-
-def _observation(tables: RoomTables, room: int) -> NDArray[np.int8]:
-    attempt = tables._attempts[room]
-    return tables.rooms[room].layout.observations(attempt.fsm, attempt.state)
-
-
-_PARTS: dict[str, Part] = {
-    "observation": _observation,
-    "over": _of_attempt(lambda attempt: attempt.over),
-    "used": _of_attempt(lambda attempt: attempt.used),
-    "status": _of_attempt(_status),
-    "state": _of_attempt(lambda attempt: attempt.state),
-    "unlocked": _of_attempt(lambda attempt: attempt.fsm.unlocked[attempt.state]),
-    "opened": _of_attempt(lambda attempt: attempt.fsm.opened[attempt.state]),
-    "solution": _of_attempt(lambda attempt: attempt.fsm.solution[attempt.state]),
-    "on_path": _of_attempt(lambda attempt: attempt.begins.any(axis=1)),
-    "listed": lambda tables, room: (
-        np.arange(len(tables._attempts[room].state)) + tables.start[room] + tables.shift[room]
-    ),
-    "room": lambda tables, room: np.full(len(tables._attempts[room].state), room),
-}
-
-
-def _same_columns(there: Layout, here: Layout) -> NDArray[np.uint8]:
-    """``[W]`` for each action here, one there aimed at the same lever, or at an inactive one."""
-    roles = there.role_actions()
-    action_of = np.zeros(roles.max() + 2, dtype=np.int64)
-    action_of[roles] = np.arange(len(roles))
-    failed = len(roles)
-    return np.append(action_of[here.role_actions()], [failed, failed + 1]).astype(np.uint8)
-
-
-def _widen(begins: BoolArray, width: int) -> BoolArray:
-    padded = np.zeros((len(begins), width), dtype=bool)
-    padded[:, : begins.shape[1]] = begins
-    return padded

@@ -99,5 +99,5 @@ def test_a_cell_of_a_few_bytes_is_one_whole_sentence_however_it_is_read(
             read()
         said = str(told.value)
         assert said.startswith(f"{cell} is damaged (")
-        assert said.endswith("); run compare again, with the same command, to make it anew")
+        assert said.endswith("); run compare again, with the same command, to make it again")
         assert "it has no checksum" in said

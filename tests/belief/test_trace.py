@@ -460,7 +460,7 @@ def test_seed_and_subject_change_the_trial(tmp_path: Path) -> None:
         (["CC4", "--learner", "bayse"], "did you mean bayes?"),
         (["CC4", "--learner", "random"], "random has no beliefs to trace"),
         (["CC44"], "did you mean CC4?"),
-        (["CC3-CC4-CC3"], "is no condition"),
+        (["CC3-CC4-CC3"], "is not a condition"),
         (["nowhere.yaml"], "cannot be read"),
         (["CC4", "--trial", "6"], "no trial 6; choose one from 1 to 5"),
         (["CC4", "--protocol", "robot"], "no protocol 'robot'"),

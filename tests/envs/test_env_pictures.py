@@ -133,10 +133,10 @@ def test_gymnasium_makes_a_room_that_is_drawn_physically() -> None:
     assert after[int(y), int(x)].tolist() != [255, 255, 255]
 
 
-def test_many_rooms_at_once_have_no_bodies_and_say_so() -> None:
-    with pytest.raises(OpenLockError, match=r"no bodies; use OpenLockEnv\(physics=True\)"):
+def test_many_rooms_at_once_are_not_simulated_and_say_so() -> None:
+    with pytest.raises(OpenLockError, match=r"not simulated; use OpenLockEnv\(physics=True\)"):
         OpenLockVectorEnv(2, physics=True)
-    with pytest.raises(OpenLockError, match="no bodies"):
+    with pytest.raises(OpenLockError, match="not simulated"):
         gymnasium.make_vec(
             causal_openlock.ENV_ID,
             num_envs=2,

@@ -496,7 +496,7 @@ def test_players_are_unpickled_only_if_this_user_has_kept_them(
     else:
         assert steps[0] == whole
         (warning,) = played
-        assert "what Noting held was not kept by this user on this machine" in warning
+        assert "the state of Noting was not saved by this user on this machine" in warning
         assert warning.endswith("begins again")
     assert not (tmp_path / "mark").exists()
     assert contents(noting, tmp_path / "out").equals(contents(noting, tmp_path / "undisturbed"))
@@ -511,7 +511,7 @@ def test_the_key_of_another_user_opens_nothing(
     assert len(key.read_bytes()) == 32
     monkeypatch.setenv(STATE, str(tmp_path / "other"))
     (warning,) = play_cell(noting, str(tmp_path / "out"), Watching())
-    assert "was not kept by this user" in warning
+    assert "was not saved by this user" in warning
     assert (tmp_path / "other" / "seal.key").read_bytes() != key.read_bytes()
 
 

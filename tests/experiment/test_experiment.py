@@ -180,7 +180,7 @@ FAULTS = [
         "      - {schema: CC3, layouts: [{L0: LEFT, L1: LEFT, L2: UPPER}]}\nlearners: [random]",
         5,
         33,
-        "two levers stand at LEFT",
+        "two levers are at LEFT",
     ),
     (
         "conditions:\n  - name: own\n    train: [{schema: CC3, layouts: [trial7]}]\n"

@@ -17,7 +17,7 @@ from causal_openlock.errors import CellsFailed, OpenLockError, StoreError
 from causal_openlock.experiment import runner
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.standing import Standing
+from causal_openlock.experiment.progress import RunProgress
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.workers import how_ended
 from support.command import at_once, modules_of
@@ -155,7 +155,7 @@ def test_cells_that_fail_are_named_and_the_others_are_played(folder: Path, kind:
 
 def test_a_learner_that_kills_its_process_takes_no_other_cell_with_it(folder: Path) -> None:
     experiment = declared(folder, *WITH_ITS_PROCESS, "Fine", "Raises")
-    seen: list[Standing] = []
+    seen: list[RunProgress] = []
     error = fails(experiment, folder / "out", workers=2, progress=seen.append)
     for name, why in WITH_ITS_PROCESS.items():
         mine = [reason for reason in error.reasons if f"learner {name} in" in reason]
@@ -180,7 +180,7 @@ def test_a_given_executor_that_breaks_is_one_sentence(folder: Path) -> None:
 
 def test_a_cell_that_hangs_is_named_and_ended_at_its_time_limit(folder: Path) -> None:
     experiment = declared(folder, "Hangs", "Fine")
-    seen: list[Standing] = []
+    seen: list[RunProgress] = []
     error = fails(experiment, folder / "out", workers=2, time_limit=1, progress=seen.append)
     # On a machine that has much else to do, the others may take too long as well.
     assert [one.partition("; see")[0] for one in error.reasons if " Hangs " in one] == [

@@ -299,7 +299,7 @@ def test_a_transfer_may_name_files_by_their_paths(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["CC3-CC4-CE4", "", "CC3-", "C C", "-CC4"])
 def test_what_is_no_condition_is_told_what_one_looks_like(name: str) -> None:
     with pytest.raises(
-        ProtocolError, match=r"is no condition; write one schema .* or two .*my/vault.yaml"
+        ProtocolError, match=r"is not a condition; write one schema .* or two .*my/vault.yaml"
     ):
         named(name)
 

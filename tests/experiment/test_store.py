@@ -217,7 +217,7 @@ def test_a_malformed_experiment_is_a_sentence_that_names_the_place(
         kept.experiment()
     assert str(refused.value) == (
         f"{path} is damaged (learners.0.protocol.attempt_limit must be a valid integer, and this "
-        "is the text '3'); run compare again, with the same command, to make it anew"
+        "is the text '3'); run compare again, with the same command, to make it again"
     )
 
 

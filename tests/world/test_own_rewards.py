@@ -27,7 +27,7 @@ from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.world.reward_code import OwnReward, _loaded, own_reward
-from causal_openlock.world.reward_events import Events
+from causal_openlock.world.reward_table import Events
 from causal_openlock.world.rewards import PRESETS, TERMS, WEIGHTS, Reward, Weights, find_reward
 from support.command import at_once, modules_of
 from support.made_up_experiments import NOBODY, condition_called, spec, stored
@@ -193,7 +193,7 @@ def test_a_function_pays_the_same_wherever_it_is_asked() -> None:
         ("events.opens[:] = True; return events.opens", "read-only"),
         (
             "import random; return events.opens * random.random()",
-            "differently when it is asked again",
+            "differently when it is called again",
         ),
         ("return events.opens - events.opens.mean()", "differently beside other actions"),
     ],

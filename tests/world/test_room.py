@@ -263,9 +263,9 @@ def test_levers_stand_apart_in_rooms_of_every_size() -> None:
 
 FULL = {"L0": "LEFT", "L1": "UPPER", "L2": "LOWER"}
 BAD_LAYOUTS: list[tuple[str, Any, str]] = [
-    ("two levers at one position", {**FULL, "L2": "UPPER"}, "two levers stand at UPPER; give each"),
-    ("unknown position", {**FULL, "L1": "UPER"}, "L1 cannot stand at 'UPER'; did you mean UPPER?"),
-    ("position by number", {**FULL, "L1": 3}, "L1 cannot stand at 3"),
+    ("two levers at one position", {**FULL, "L2": "UPPER"}, "two levers are at UPPER; give each"),
+    ("unknown position", {**FULL, "L1": "UPER"}, "L1 cannot be at 'UPER'; did you mean UPPER?"),
+    ("position by number", {**FULL, "L1": 3}, "L1 cannot be at 3"),
     ("unknown lever", {**FULL, "L3": "LOWERLEFT"}, "places 'L3', which CC3 does not have; did you"),
     ("missing lever", {"L0": "LEFT", "L2": "LOWER"}, "gives no position to L1; add one"),
     ("nothing", {}, "gives no position to L0; add one"),
@@ -309,7 +309,7 @@ def test_a_layout_fits_any_schema_with_as_many_levers_and_any_larger_room() -> N
     assert (large.places, large.positions, large.name) == (layout.places, 9, "trial7")
     assert Layout.of(BUNDLED["CE4"], layout, 9) == large
     assert Layout.of(BUNDLED["CE4"], large) == large
-    with pytest.raises(LayoutError, match="cannot stand at 'UPPER'"):
+    with pytest.raises(LayoutError, match="cannot be at 'UPPER'"):
         Layout.of(BUNDLED["CE4"], {"L0": "UPPER", "L1": "P1", "L2": "P2", "L3": "P3"}, 9)
     assert Layout((3, 1)).name == "LEFT UPPER"
     assert PAPER_POSITIONS[3] == "LEFT"

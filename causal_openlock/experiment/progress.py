@@ -1,9 +1,9 @@
-"""How far a comparison is, and how long it will take.
+"""The progress of a comparison, and the time left.
 
-Cells are no measure: one of ``random`` takes a second and one of ``ddqn`` an hour. So work is
-counted in attempts, as many as a cell may have at most, and what an attempt costs is learned for
-each learner from the cells that it has played. For one that has not begun it is taken to be the
-mean. None of this touches what is played.
+A cell of ``random`` takes a second and one of ``ddqn`` an hour, so work is counted in attempts: the
+most that a cell can have. The time of an attempt is estimated for each learner from the cells that
+it has played; for a learner that has not begun, it is the mean of the others. No result depends on
+it.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ class Playing:
 
     Attributes:
         cell: The cell.
-        share: The share of it that is over.
-        seconds: How long it has been played here.
-        still: Seconds since a step of it was last heard of.
+        share: The share of it that is done.
+        seconds: How long it has been played in this run.
+        still: Seconds since its last report.
     """
 
     cell: Cell
@@ -37,16 +37,16 @@ class Playing:
 
 
 @dataclass(frozen=True)
-class Standing:
-    """How far a comparison is.
+class RunProgress:
+    """The progress of a comparison.
 
     Attributes:
-        cells: How many it has.
-        done: How many of them are done.
-        failed: How many failed.
-        playing: Those that are being played.
-        share: The share of the work that is over.
-        left: Seconds that are left, if anything tells.
+        cells: Number of cells.
+        done: Number of finished cells.
+        failed: Number of failed cells.
+        playing: The cells that are being played.
+        share: The share of the work that is done.
+        left: Seconds left, if they can be estimated.
     """
 
     cells: int
@@ -59,7 +59,7 @@ class Standing:
 
 @dataclass
 class _Begun:
-    """When a cell began here, and what was first and last heard of it."""
+    """When a cell began in this run, and its first and last report."""
 
     cell: Cell
     began: float
@@ -70,15 +70,15 @@ class _Begun:
     share: float = 0.0
 
     def spent(self, now: float, share: float) -> FloatArray:
-        """Seconds, and the attempts that were played in them, once this share of it is over."""
+        """Seconds, and the attempts played in them, when this share of the cell is done."""
         return np.array([now - self.since, (share - self.first) * work(self.cell)])
 
 
-class Course:
-    """Follows the cells of an experiment. It has no clock: every call passes the time in seconds.
+class ProgressEstimator:
+    """Estimates progress from reports of cells. Every call passes the time in seconds.
 
     Args:
-        cells: All of them.
+        cells: All cells.
         workers: How many are played at a time.
     """
 
@@ -91,20 +91,20 @@ class Course:
         self._spent: dict[str, FloatArray] = {}  # of each learner: seconds, attempts
 
     def began(self, cell: Cell, now: float) -> None:
-        """A cell is played from now on."""
+        """Register that a cell has begun."""
         self._begun[cell.file_name] = _Begun(cell, now, now, since=now)
 
     def heard(self, cell: Cell, report: int, share: float, now: float) -> None:
-        """A cell has reported how far it is; each report has another number."""
+        """Register a cell's report of the share that is done; each report has another number."""
         begun = self._begun[cell.file_name]
         if report == begun.report:
             return
-        if not begun.report:  # what it had done before it began here has cost nothing here
+        if not begun.report:  # what was done before this run took no time in it
             begun.since, begun.first = now, share
         begun.report, begun.heard, begun.share = report, now, share
 
     def ended(self, cell: Cell, now: float, failed: bool = False) -> None:
-        """A cell is done, or has failed; it may have been done before."""
+        """Register that a cell is done, perhaps in an earlier run, or has failed."""
         begun = self._begun.pop(cell.file_name, None)
         if begun and not failed:
             self._spent[cell.spec.name] = begun.spent(now, 1.0) + self._spent.get(cell.spec.name, 0)
@@ -118,8 +118,8 @@ class Course:
             for one in self._begun.values()
         )
 
-    def standing(self, now: float, pending: Iterable[Cell] = ()) -> Standing:
-        """How far all of it is.
+    def standing(self, now: float, pending: Iterable[Cell] = ()) -> RunProgress:
+        """The progress of all cells.
 
         Args:
             now: The time.
@@ -142,7 +142,7 @@ class Course:
             left = max(sum(costs) / self._workers, max(costs, default=0.0))
         begun = sum(one.share * work(one.cell) for one in self._begun.values())
         to_do = sum(self._left.values()) - begun
-        return Standing(
+        return RunProgress(
             cells=self._cells,
             done=self._cells - len(self._left) - self._failed,
             failed=self._failed,
@@ -153,7 +153,7 @@ class Course:
 
 
 def work(cell: Cell) -> int:
-    """How much there is to do in a cell: the attempts that it may have at most."""
+    """The work in a cell: the most attempts that it can have."""
     protocol = cell.spec.protocol
     return cell.subjects * _trials(cell.condition, protocol) * protocol.attempt_limit
 

@@ -10,7 +10,7 @@ import pytest
 from causal_openlock.cli.progress import LINE_EVERY, Lines, duration
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.standing import Course, Playing, Standing, work
+from causal_openlock.experiment.progress import Playing, ProgressEstimator, RunProgress, work
 
 TEXT = """\
 name: e
@@ -34,7 +34,7 @@ def test_work_is_counted_in_attempts(cells: list[Cell]) -> None:
 
 
 def test_time_left_is_told_by_work_and_by_what_each_learner_takes(cells: list[Cell]) -> None:
-    course = Course(cells, workers=1)
+    course = ProgressEstimator(cells, workers=1)
     before = course.standing(0.0, cells)
     assert (before.share, before.left, before.done) == (0, None, 0)
     course.began(cells[0], 0.0)
@@ -49,7 +49,7 @@ def test_time_left_is_told_by_work_and_by_what_each_learner_takes(cells: list[Ce
     inside = course.standing(35.0, [cells[1], cells[3]])
     assert inside.share == pytest.approx((300 + 1500) / 6600)
     assert inside.left == pytest.approx(3 + 150 + 300)
-    two = Course(cells, workers=2)
+    two = ProgressEstimator(cells, workers=2)
     two.began(cells[0], 0.0)
     two.ended(cells[0], 3.0)
     assert two.standing(3.0, cells[1:]).left == pytest.approx(63 / 2)
@@ -60,7 +60,7 @@ def test_time_left_is_told_by_work_and_by_what_each_learner_takes(cells: list[Ce
 
 
 def test_a_cell_that_is_silent_is_known(cells: list[Cell]) -> None:
-    course = Course(cells, 1)
+    course = ProgressEstimator(cells, 1)
     course.began(cells[0], 10.0)
     course.heard(cells[0], 1, 0.1, 20.0)
     course.heard(cells[0], 1, 0.1, 90.0)  # the same as before: nothing was heard
@@ -76,7 +76,7 @@ def test_lines_are_regular_and_name_what_hangs(cells: list[Cell]) -> None:
     silent = {"since": 0.0}
     while now[0] < 400:
         playing = (Playing(cells[2], 0.25, now[0], now[0] - silent["since"]),)
-        lines(Standing(4, 1, 0, playing, 0.3, 90.0))
+        lines(RunProgress(4, 1, 0, playing, 0.3, 90.0))
         now[0] += 1.0
     times = [at for at, line in said if line.startswith("e:")]
     assert times[0] == 0
@@ -91,7 +91,7 @@ def test_lines_are_regular_and_name_what_hangs(cells: list[Cell]) -> None:
         for time in ("60 s", "2 min", "4 min")
     ]
     for _ in range(3):
-        lines(Standing(4, 3, 1, (), 1.0, 0.0))
+        lines(RunProgress(4, 3, 1, (), 1.0, 0.0))
     assert [line for _, line in said][-1] == "e: 3 of 4 cells done, 1 failed, in 7 min"
     assert sum("in 7 min" in line for _, line in said) == 1
     assert LINE_EVERY < 29
