@@ -196,7 +196,9 @@ class _Solver:
             return known
         every = np.arange(len(weight))
         joint = weight * likelihood(self._hypotheses, every, self._strengths, event)
-        posterior: FloatArray = joint / float(joint.sum())
+        total = float(joint.sum())
+        assert total > 0, "the room's schema allows what happens in it"
+        posterior: FloatArray = joint / total
         if len(self._strengths) == 1:  # otherwise hardly any posterior occurs twice
             self._posteriors[key] = posterior
         return posterior

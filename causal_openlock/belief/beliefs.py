@@ -22,6 +22,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +44,9 @@ FEW_DRAWS = 40
 """So few draws are every structure that there is to draw; sampling again would find the same."""
 SAVED = ("slots", "which", "weight", "start", "found", "possible")
 """Fields of a belief that a checkpoint holds as they are; none of them is changed in place."""
-CACHED_EVENTS = 2000
-"""Events whose likelihood is kept, with a byte for every hypothesis."""
+CACHED_EVENTS = 1000
+"""Events whose likelihood is kept for a space, each with a byte for every hypothesis."""
+_ALLOWED: WeakKeyDictionary[Space, dict[Event, BoolArray]] = WeakKeyDictionary()
 
 
 @dataclass(eq=False, repr=False)
@@ -139,13 +141,18 @@ def _likelihood_of_all(space: Space, event: Event) -> NDArray[Any]:
     return _allows(space, event if event.slot == DOOR else event._replace(found=()))
 
 
-@lru_cache(CACHED_EVENTS)
 def _allows(space: Space, event: Event) -> BoolArray:
     """``[H]`` which hypotheses of a space without noise allow an event.
 
     Subjects that forget rule nothing out, and meet the same events again and again.
     """
-    return likelihood(space.hypotheses, np.arange(len(space)), space.strengths, event) > 0
+    known = _ALLOWED.setdefault(space, {})
+    if event not in known:
+        if len(known) >= CACHED_EVENTS:
+            known.clear()
+        every = np.arange(len(space))
+        known[event] = likelihood(space.hypotheses, every, space.strengths, event) > 0
+    return known[event]
 
 
 class Beliefs:

@@ -97,6 +97,6 @@ def compare(
             error.status = failed.status
             raise error from None
         if any(before):
-            there, all_cells = sum(before), len(list(chosen.cells()))
+            there, all_cells = sum(before), len(chosen.cells())
             console.print(f"{there} of {all_cells} cells were there already")
         report_store(Store(folder), console)

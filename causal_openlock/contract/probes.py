@@ -59,7 +59,8 @@ def watch(learner: Learner) -> None:
         return call
 
     for name in ("act", "learn"):
-        setattr(learner, name, watched(getattr(learner, name)))
+        # A frozen dataclass allows it in this way alone.
+        object.__setattr__(learner, name, watched(getattr(learner, name)))
 
 
 def _arrays(given: Any) -> Iterator[tuple[str, NDArray[Any]]]:

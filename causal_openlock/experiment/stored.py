@@ -90,6 +90,13 @@ def recorded_layout(schema: Schema, name: str, positions: int) -> Layout:
     return Layout(tuple(map(known.index, places)), positions)
 
 
+def _built(form: Any, place: str) -> Any:
+    try:
+        return form.built()
+    except OpenLockError as error:
+        raise StoreError(f"{place}: {error}") from None
+
+
 class _Trials(StrictModel):
     schema_: Annotated[SchemaFile, Field(alias="schema")]
     layouts: LayoutSource | list[list[int]] | None
@@ -113,7 +120,10 @@ class _Condition(StrictModel):
     test: list[_Trials]
 
     def built(self) -> Condition:
-        train, test = (tuple(one.built() for one in part) for part in (self.train, self.test))
+        train, test = (
+            tuple(_built(one, f"{name}.{i}") for i, one in enumerate(part))
+            for name, part in (("train", self.train), ("test", self.test))
+        )
         return Condition(self.name, train, test)
 
 
@@ -189,5 +199,5 @@ class _File(StrictModel):
     def built(self) -> StoredExperiment:
         parts: dict[str, Any] = dict(self)
         for name in ("conditions", "learners"):
-            parts[name] = tuple(one.built() for one in parts[name])
+            parts[name] = tuple(_built(one, f"{name}.{i}") for i, one in enumerate(parts[name]))
         return StoredExperiment(files=tuple(parts.pop("cells")), **parts)

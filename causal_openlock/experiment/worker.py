@@ -88,7 +88,11 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
     what = in_short(error)
     if not isinstance(error, OpenLockError):
         what = f"{type(error).__name__}: {what}".removesuffix(": ")
-    return store.record_failure(cell, f"failed: {what}", "".join(traceback.format_exception(error)))
+    try:
+        trace = "".join(traceback.format_exception(error))
+    except Exception:  # a foreign exception's own attributes may raise
+        trace = f"{type(error).__name__}\n"
+    return store.record_failure(cell, f"failed: {what}", trace)
 
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:

@@ -249,9 +249,11 @@ def _opened(plan: Plan, path: Path) -> Fit:
             TypeAdapter(list[Candidate]).validate_python(kept["done"]),
             TypeAdapter(dict[int, float]).validate_python(kept["again"]),
         )
+        if [one.number for one in state.done] != [*range(len(state.done))]:
+            raise ValueError("the candidates are not numbered in order")
         if same and any(set(one.chosen) != set(plan.space.ranges) for one in state.done):
             raise ValueError("a candidate has other parameters")
-    except (ValueError, OSError, TypeError, LookupError):
+    except (ValueError, OSError, TypeError, LookupError, RecursionError):
         raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
     if not same:
         raise StoreError(

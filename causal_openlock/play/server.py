@@ -207,7 +207,7 @@ class PlayServer:
                     _session(request), sent.turn, sent.action, sent.reaction)),
             ],
             exception_handlers=dict.fromkeys(
-                (OpenLockError, ValidationError, ClientDisconnect, HTTPException), _refused
+                (OpenLockError, ClientDisconnect, HTTPException), _refused
             ),
         )  # fmt: skip
         app.router.redirect_slashes = False
@@ -311,7 +311,10 @@ def _get(path: str, work: Callable[[Request], Any]) -> Route:
 
 def _post(path: str, kind: type[Sent], work: Callable[[Request, Sent], Any]) -> Route:
     async def answer(request: Request) -> Response:
-        sent = kind.model_validate_json(await request.body())
+        try:
+            sent = kind.model_validate_json(await request.body())
+        except ValidationError:
+            return _invalid()
         return JSONResponse(await run_in_threadpool(work, request, sent))
 
     return Route(path, answer, methods=["POST"])

@@ -312,7 +312,7 @@ def test_the_lock_of_a_noisy_schema_knows_no_chance() -> None:
 JOINT_DO, WITH_EVIDENCE = "levers that cause one another", "evidence below the outcome"
 MENDED = (
     "CausalInference.query of this pgmpy is right where that of 1.1.2 erred (its issue 3543). "
-    "Good: take this mark away, and the remarks on it in belief/marginals.py and schema_formats.py"
+    "Good: take this mark away, and the remarks on it in belief/marginals.py and formats/graphs.py"
 )
 
 

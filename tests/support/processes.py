@@ -19,7 +19,7 @@ IMPORTED = [
     "causal_openlock.experiment.worker",
     "learners.bayes",
     "learners.ideal",
-    "learners.networks.compiled",
+    "learners.networks.double_q_compiled",
     "learners.recurrent",
 ]
 _get_context: Any = multiprocessing.get_context

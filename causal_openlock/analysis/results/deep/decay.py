@@ -74,6 +74,8 @@ def offset_fit(values: Sequence[float] | FloatArray) -> DecayFit:
     line, which no such curve describes.
     """
     found = _least_squares("with offset", values, with_offset=True)
+    if np.ptp(values) == 0:  # whatever the decay is
+        return DecayFit(found.form, math.nan, math.nan, math.nan, 0.0)
     if _SEARCHED[0] * 2 < found.decay < _BELOW_ONE - 1e-3:
         return found
     return DecayFit(found.form, math.nan, math.nan, math.nan, found.error)
