@@ -391,7 +391,7 @@ def test_mistakes_are_answered_with_one_sentence(tmp_path: Path) -> None:
     assert "did you mean default?" in fails("compare", "defualt", **at)
     assert "did you mean random?" in fails("compare", "-l", "rndom", **at)
     assert "no protocol 'robot'" in fails("compare", "--protocol", "robot", **at)
-    assert "no condition" in fails("compare", "-c", "CC3-CC4-CC3", **at)
+    assert "not a condition" in fails("compare", "-c", "CC3-CC4-CC3", **at)
     assert "holds no results" in fails("report", "nowhere", **at)
     assert "no learner 'nobody'" in fails("learners", "nobody", **at)
     for words in (["compare", "--subjects", "0"], ["compare", "--nonsense"], ["nonsense"]):

@@ -774,7 +774,7 @@ def with_checksums(content: bytes) -> bytes:
 def test_progress_inside_cells_is_told(
     experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(worker, "TELL_EVERY", 0.0)
+    monkeypatch.setattr(worker, "REPORT_EVERY", 0.0)
     seen: list[Any] = []
     steps = Session.steps
 

@@ -118,7 +118,7 @@ protocol: long
 
 FAULTS = [
     ("conditions: [CC5]\nlearners: [random]", 2, 14, "did you mean CC"),
-    ("conditions: [CC3-CC4-CE4]\nlearners: [random]", 2, 14, "no condition"),
+    ("conditions: [CC3-CC4-CE4]\nlearners: [random]", 2, 14, "is not a condition"),
     ("conditions: [CC3]\nlearners: [randm]", 3, 12, "did you mean random?"),
     ("conditions: [CC3]\nlearners:\n  - {learner: ddqn, parameters: {gama: 1}}", 4, 21, "gamma"),
     (
