@@ -115,7 +115,7 @@ def experiment_html(experiment: Experiment) -> str:
         for entry in experiment.learners
     ]
     names = ", ".join(condition.name for condition in experiment.conditions)
-    cells = counted(len([*experiment.cells()]), "cell")
+    cells = counted(len(experiment.cells()), "cell")
     summary = f"conditions {names}; seed {experiment.seed}; {cells}"
     title = experiment.title or experiment.name
     return _card(title, _table(heads, rows), f"<div>{escape(summary)}</div>")

@@ -29,7 +29,7 @@ from causal_openlock.belief.structure_schemas import (
 )
 from causal_openlock.contract.learner import Learner, Step
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
+from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.wording import counted
 from causal_openlock.world.fsm import FloatArray
@@ -263,11 +263,7 @@ def trace_trial(
             f"{label} has no beliefs to trace; choose a learner that has, such as bayes"
         )
     session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
-    trials = session.brief.trials
-    check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
-    session.begin(learner)
-    if trial > 1:
-        next(step for step in session.steps(learner) if step.next.trial[0] == trial)
+    session.begin_trial(learner, trial)
     room = session.truth.rooms[int(session.truth.room[0])]
     actions: list[TracedAction] = []
     over = False
@@ -301,7 +297,7 @@ def trace_trial(
         protocol=protocol,
         subject=subject,
         trial=trial,
-        trials=trials,
+        trials=session.brief.trials,
         truth=by_position(room),
         action_limit=protocol.actions_for(room.schema),
         forgetting=learner.beliefs.prior.forgetting,

@@ -27,7 +27,7 @@ from causal_openlock.contract.learner import (
     View,
 )
 from causal_openlock.errors import LearnerError, ProtocolError
-from causal_openlock.experiment.protocol import Condition, Protocol, Visit, plan
+from causal_openlock.experiment.protocol import Condition, Protocol, Visit, check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.world.batch import BatchStep, RoomBatch
 from causal_openlock.world.fsm import IntArray
@@ -210,6 +210,19 @@ class Session:
             learner.load_state_dict(state)
         if isinstance(learner, InformedLearner):
             learner.inform(self.truth)
+
+    def begin_trial(self, learner: Learner, trial: int) -> None:
+        """Let a learner begin, and play the only subject to the beginning of a trial, from 1.
+
+        Raises:
+            ProtocolError: If there is no such trial.
+        """
+        where = f"{self.condition.name} under protocol {self.protocol.name}"
+        check_trial(trial, self.brief.trials, where)
+        self.begin(learner)
+        steps = self.steps(learner)
+        while self._view.trial[0] < trial:
+            next(steps)
 
     def steps(self, learner: Learner) -> Iterator[Step]:
         """Let a learner that has begun play; yields each step after the learner has learned."""

@@ -118,14 +118,10 @@ def play_trial(
         ProtocolError: If there is no such trial, or a schema does not fit the protocol.
     """
     session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
-    trials = session.brief.trials
-    check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
-    session.begin(learner)
-    next(
-        step
-        for step in session.steps(learner)
-        if step.trial_over[0] and step.view.trial[0] == trial
-    )
+    session.begin_trial(learner, trial)
+    for step in session.steps(learner):
+        if step.trial_over[0]:
+            break
     return _filmed(
         _trials(session.record())[trial - 1],
         condition,
@@ -133,7 +129,7 @@ def play_trial(
         protocol=protocol,
         subject=subject,
         trial=trial,
-        trials=trials,
+        trials=session.brief.trials,
     )
 
 

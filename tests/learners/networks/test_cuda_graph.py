@@ -15,6 +15,7 @@ from learners.networks.cuda_graph import Captured
 from learners.networks.double_q import StackedDoubleQ
 from learners.networks.double_q_compiled import CompiledDoubleQ
 from learners.networks.replay_buffer import Batch
+from support.minibatches import minibatch
 
 SIZES = [16, 12, 12, 15]
 
@@ -27,19 +28,6 @@ def one_thread_in_double_precision() -> Iterator[None]:
     yield
     torch.set_default_dtype(torch.float32)
     torch.set_num_threads(threads)
-
-
-def minibatch(rng: np.random.Generator, agents: int, many: int, rows: int) -> Batch:
-    shape = (agents, many)
-    return Batch(
-        before=torch.from_numpy(rng.integers(0, rows, shape)),
-        action=torch.from_numpy(rng.integers(0, 15, shape)),
-        reward=torch.from_numpy(rng.normal(0, 3, shape)),
-        after=torch.from_numpy(rng.integers(0, rows, shape)),
-        not_done=torch.from_numpy((rng.random(shape) < 0.6).astype(float)),
-        weight=torch.from_numpy(rng.uniform(0.2, 1, shape)),
-        slot=torch.zeros(shape, dtype=torch.int64),
-    )
 
 
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop", "sgd"])

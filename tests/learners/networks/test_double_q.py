@@ -14,6 +14,7 @@ import learners.networks.double_q
 from learners.networks.double_q import StackedDoubleQ, StackedMLP, find_device
 from learners.networks.double_q_compiled import CompiledDoubleQ
 from learners.networks.replay_buffer import Batch
+from support.minibatches import minibatch
 from support.plain_ddqn import distance, plain_network
 
 PAPER_SIZES = [16, 128, 128, 128, 128, 15]
@@ -56,19 +57,6 @@ def double_q(
 ) -> StackedDoubleQ:
     rate = 0.1 if optimizer == "sgd" else 1e-3
     return kind(sizes, generators(agents, first), rate, 0.8, period, optimizer=optimizer)
-
-
-def minibatch(rng: np.random.Generator, agents: int, many: int, rows: int) -> Batch:
-    shape = (agents, many)
-    return Batch(
-        before=torch.from_numpy(rng.integers(0, rows, shape)),
-        action=torch.from_numpy(rng.integers(0, 15, shape)),
-        reward=torch.from_numpy(rng.normal(0, 5, shape)),
-        after=torch.from_numpy(rng.integers(0, rows, shape)),
-        not_done=torch.from_numpy((rng.random(shape) < 0.6).astype(float)),
-        weight=torch.from_numpy(rng.uniform(0.2, 1, shape)),
-        slot=torch.zeros(shape, dtype=torch.int64),
-    )
 
 
 def of(batch: Batch, agent: int) -> Batch:
@@ -174,7 +162,7 @@ def test_the_gradient_is_the_one_that_autograd_finds(
     for rows in (1, 4, 40, 400):
         table = some_observations(rng, rows)
         q.observe(table)
-        batch = minibatch(rng, 3, 64, rows)
+        batch = minibatch(rng, 3, 64, rows, spread=5)
         online = [plain_network(q.online, agent) for agent in range(3)]
         errors = q.update(batch)
         weights, biases = q.online.layers_of(q.online.parameters.grad)
@@ -212,7 +200,7 @@ def test_agents_trained_together_are_the_agents_trained_alone(
         q.observe(table)
     start = together.online.copy()
     for _ in range(300):
-        batch = minibatch(rng, 4, 16, 30)
+        batch = minibatch(rng, 4, 16, 30, spread=5)
         errors = together.update(batch)
         for agent, q in enumerate(alone):
             torch.testing.assert_close(q.update(of(batch, agent))[0], errors[agent])
@@ -235,7 +223,7 @@ def test_an_agent_that_does_not_train_stays_as_it_is(
             each.observe(table)
         if step == 20:  # by then, momentum would carry it on
             kept = plain_network(q.online, 1)
-        batch = minibatch(rng, 3, 8, 9)
+        batch = minibatch(rng, 3, 8, 9, spread=5)
         broken = batch._replace(weight=batch.weight.clone())
         broken.weight[1] = float("nan")  # as an empty memory may give
         q.update(broken, trains) if step >= 20 else q.update(batch)
@@ -254,7 +242,7 @@ def test_the_target_network_is_updated_at_exactly_its_period(kind: type[StackedD
         q.observe(some_observations(rng, 9))
         for update in range(1, 21):
             before = q.target.copy()
-            q.update(minibatch(rng, 2, 8, 9))
+            q.update(minibatch(rng, 2, 8, 9, spread=5))
             if period and update % period == 0:
                 assert distance_between(q.target, q.online) == 0.0
                 assert distance_between(q.target, before) > 0.0
@@ -267,7 +255,7 @@ def test_loaded_networks_replace_all_that_was_known_of_the_old_ones(
     kind: type[StackedDoubleQ],
 ) -> None:
     rng = np.random.default_rng(4)
-    batch = minibatch(rng, 2, 8, 9)
+    batch = minibatch(rng, 2, 8, 9, spread=5)
     table = some_observations(rng, 9)
     q, other = (double_q([16, 8, 15], 2, first, kind=kind) for first in (0, 10))
     for each in (q, other):

@@ -73,9 +73,9 @@ def offset_fit(values: Sequence[float] | FloatArray) -> DecayFit:
     NaN but for its error where the best decay is next to 0 or 1, as of a level curve or a straight
     line, which no such curve describes.
     """
+    if np.ptp(values) == 0:  # any decay fits
+        return DecayFit("with offset", math.nan, math.nan, math.nan, 0.0)
     found = _least_squares("with offset", values, with_offset=True)
-    if np.ptp(values) == 0:  # whatever the decay is
-        return DecayFit(found.form, math.nan, math.nan, math.nan, 0.0)
     if _SEARCHED[0] * 2 < found.decay < _BELOW_ONE - 1e-3:
         return found
     return DecayFit(found.form, math.nan, math.nan, math.nan, found.error)
