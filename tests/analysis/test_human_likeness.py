@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.plots.points import MOST_DRAWN, draw_points, signs
-from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections.human_likeness import section
 from causal_openlock.analysis.results.bounds import Bound
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.human_likeness import (
     EFFECTS,
     PUBLISHED_MODEL,

@@ -13,8 +13,8 @@ from scipy import stats
 
 from causal_openlock.analysis.effects import power_of_t, subjects_needed
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections import paper_findings
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.paper_tests import (
     TEST_COLUMNS,
     TESTS,

@@ -11,8 +11,8 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections import transfer
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import people
 from causal_openlock.analysis.results.scores import (
     congruency,

@@ -9,7 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from causal_openlock.analysis.report.section import Material
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.experiment import RANDOM_CLASS, Experiment, LearnerSpec, Origin
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition, Protocol

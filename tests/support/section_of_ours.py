@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis.report.section import Material, Section, SectionPlot, SectionTable
+from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.results.material import Material
 
 COLUMNS = ("reward",)
 

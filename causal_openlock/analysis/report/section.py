@@ -11,45 +11,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
-
-from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.results.bounds import Bounds
-from causal_openlock.analysis.results.people.published import Pairs
-from causal_openlock.experiment.experiment import Experiment
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-
-@dataclass(frozen=True)
-class Material:
-    """What every section is made of.
-
-    Attributes:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`.
-        experiment: What was run.
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners
-            are categories in the order of ``learners``.
-        learners: Labels in the order in which they are shown.
-        pairs: Which learners in which conditions compare with people.
-        bounds: What the ideal observer needs.
-    """
-
-    record: pa.Table
-    experiment: Experiment
-    trials: pd.DataFrame
-    learners: tuple[str, ...]
-    pairs: Pairs
-    bounds: Bounds
-
-    def __post_init__(self) -> None:
-        names = ordered(self.trials["learner"].unique(), self.learners)
-        learner = pd.Categorical(self.trials["learner"], list(names))
-        object.__setattr__(self, "trials", self.trials.assign(learner=learner))
 
 
 def printed(value: Any, form: str | None) -> str:

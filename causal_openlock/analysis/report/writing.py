@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
-from causal_openlock.analysis.measures import count, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.figures import draw_all
 from causal_openlock.analysis.report.cautions import warnings_of
@@ -24,12 +23,11 @@ from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections import ORDER, sections_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
-from causal_openlock.analysis.results.bounds import ideal_bounds
-from causal_openlock.analysis.results.people.published import comparable, model, people
-from causal_openlock.analysis.results.summary import headline, summarise, write_table
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.people.published import model, people
+from causal_openlock.analysis.results.summary import write_table
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_text
@@ -92,19 +90,15 @@ def make_report(
     folder = Path(out_dir)
     path = folder / "report.html"
     earlier = files_of(path)
-    counts = count(record)
-    trials = counts.trials
-    learners = ordered(trials["learner"], [spec.name for spec in experiment.learners])
-    pairs, bounds = comparable(experiment), ideal_bounds(experiment)
-    summary, heads = summarise(trials, pairs, bounds), headline(trials, pairs, bounds)
+    material = Material.of(record, experiment)
+    trials, learners, summary = material.counts.trials, material.learners, material.summary
     missing = missing_cells(experiment)
     described = what_was_run(experiment)
-    material = Material(record, experiment, trials, learners, pairs, bounds)
 
     write_table(with_missing(summary, missing), folder / "summary.csv")
     prose, written = Prose("figures"), Written(folder)
-    plots = [prose.plot(plot) for plot in draw_all(counts, learners, experiment)]
-    pages = learner_pages(trials, heads, learners, described["learners"])
+    plots = [prose.plot(plot) for plot in draw_all(material.counts, learners, experiment)]
+    pages = learner_pages(trials, material.headline, learners, described["learners"])
     page = render(
         "report.html.j2",
         title=experiment.title or experiment.name,
@@ -115,19 +109,19 @@ def make_report(
         model_size=style.sizes(model()),
         missing=[cell.text for cell in missing],
         failed=sum(cell.failed for cell in missing),
-        headline=_headline_blocks(heads, learners, described["protocols"]),
+        headline=_headline_blocks(material.headline, learners, described["protocols"]),
         figures=[written.plot(plot) for plot in plots],
         sections=[written.section(one) for one in sections_of(material, sections)],
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners),
         described=described,
         played=trials_played(trials),
-        warnings=warnings_of(trials, summary, experiment.versions, pairs),
+        warnings=warnings_of(trials, summary, experiment.versions, material.pairs),
         files=written.files,
     )
     write_text(path, page)
     _remove(folder, earlier - set(written.files))
-    return Report(path, heads)
+    return Report(path, material.headline)
 
 
 def files_of(path: Path) -> set[str]:

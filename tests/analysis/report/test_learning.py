@@ -11,7 +11,6 @@ import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections.learning import (
     FALLS,
     FLAT,
@@ -35,6 +34,7 @@ from causal_openlock.analysis.results.deep.visits import (
     shares,
     starts,
 )
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.formats.schema_file import find_schema
 from support.fabricated_courses import around, course, described

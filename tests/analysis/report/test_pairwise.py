@@ -15,9 +15,9 @@ from scipy import stats
 from causal_openlock.analysis.plots.comparisons import draw_matrix
 from causal_openlock.analysis.plots.style import WIDTH
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material
 from causal_openlock.analysis.report.sections import pairwise
 from causal_openlock.analysis.report.sections.pairwise import pairwise_table, ranking_table
+from causal_openlock.analysis.results.material import Material
 from support.fabricated_records import table
 from support.made_up_experiments import experiment_of, spec
 from support.paper_play import material, play, same, scattered

@@ -11,9 +11,10 @@ import pandas as pd
 import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.section import Material, SectionTable, printed
+from causal_openlock.analysis.report.section import SectionTable, printed
 from causal_openlock.analysis.report.sections import ORDER, columns_of, sections_of
 from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.analysis.results.material import Material
 from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import NOBODY, experiment_of, material_of, stored

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from causal_openlock.analysis.report.section import Material, Section
+from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.results.material import Material
 
 ORDER = (
     "human_likeness",

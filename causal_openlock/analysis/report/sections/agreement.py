@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material, Section, SectionTable
+from causal_openlock.analysis.report.section import Section, SectionTable
 from causal_openlock.analysis.results.deep.agreement import (
     AGREES,
     DISAGREES,
@@ -26,6 +26,7 @@ from causal_openlock.analysis.results.deep.visits import (
     going_on,
     shares,
 )
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import paper_conditions
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Protocol

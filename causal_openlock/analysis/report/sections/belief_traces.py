@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material, Section
+from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.results.information import information_per_action, mean_information
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.wording import file_names

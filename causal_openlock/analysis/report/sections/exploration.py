@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material, Section, SectionTable
+from causal_openlock.analysis.report.section import Section, SectionTable
 from causal_openlock.analysis.report.sections.learning import LEARNS, progress
 from causal_openlock.analysis.results.deep.decay import (
     LEAST_TRIALS,
@@ -26,6 +26,7 @@ from causal_openlock.analysis.results.deep.decay import (
     steps_until,
 )
 from causal_openlock.analysis.results.deep.visits import FINDS_ALL, OPENS
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import HUMAN_PROTOCOL
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT

@@ -9,7 +9,8 @@ import pandas as pd
 
 from causal_openlock.analysis.plots.points import clear_of_chance, draw_points
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material, Section
+from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.human_likeness import (
     EFFECTS,
     PUBLISHED_MODEL,

@@ -16,7 +16,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import SUBJECT
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material, Section, SectionTable
+from causal_openlock.analysis.report.section import Section, SectionTable
 from causal_openlock.analysis.results.deep.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.analysis.results.deep.visits import (
     FINDS_ALL,
@@ -31,6 +31,7 @@ from causal_openlock.analysis.results.deep.visits import (
     shares,
     starts,
 )
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import LEVEL
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import default_action_limit

@@ -25,7 +25,8 @@ from causal_openlock.analysis.effects import (
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots.comparisons import draw_matrix
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material, Section, SectionPlot, SectionTable
+from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.scores import normalised_score, scores_by_condition
 from causal_openlock.analysis.statistics import SEED
 from causal_openlock.wording import file_names

@@ -17,7 +17,8 @@ from causal_openlock.analysis.effects import (
     subjects_needed,
 )
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material, Section, SectionTable
+from causal_openlock.analysis.report.section import Section, SectionTable
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.paper_tests import (
     PEOPLE,
     TESTS,

@@ -15,7 +15,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material, Section
+from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.sections.learning import (
     FALLS,
     LEARNS,
@@ -25,6 +25,7 @@ from causal_openlock.analysis.report.sections.learning import (
     progress,
 )
 from causal_openlock.analysis.results.deep.visits import FINDS_ALL, OPENS
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.world.rewards import AuthorsReward, Reward, RewardFunction
 

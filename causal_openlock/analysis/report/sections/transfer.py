@@ -14,7 +14,8 @@ from causal_openlock.analysis.plots.comparisons import (
     draw_savings,
 )
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Material, Section, SectionPlot, SectionTable
+from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import (
     HUMAN_PROTOCOL,
     did_what_people_did,

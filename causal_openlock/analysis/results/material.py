@@ -1,0 +1,79 @@
+"""Results in memory: what every table, figure and section is made of.
+
+A record is counted once (:func:`~causal_openlock.analysis.measures.count`); what may stand beside
+it follows from the experiment: published results where learners did what people did, and the
+attempts of the ideal observer wherever they are known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Self
+
+import pandas as pd
+
+from causal_openlock.analysis.measures import Counts, count, ordered
+from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
+from causal_openlock.analysis.results.people.published import Pairs, comparable
+from causal_openlock.analysis.results.summary import headline, summarise
+from causal_openlock.experiment.experiment import Experiment
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(frozen=True)
+class Material:
+    """A record, and what was computed from it.
+
+    Attributes:
+        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`.
+        experiment: What was run.
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners
+            are categories in the order of ``learners``.
+        learners: Labels in the order in which they are shown.
+        pairs: Which learners in which conditions compare with people.
+        bounds: What the ideal observer needs.
+    """
+
+    record: pa.Table
+    experiment: Experiment
+    trials: pd.DataFrame
+    learners: tuple[str, ...]
+    pairs: Pairs
+    bounds: Bounds
+
+    def __post_init__(self) -> None:
+        names = ordered(self.trials["learner"].unique(), self.learners)
+        learner = pd.Categorical(self.trials["learner"], list(names))
+        object.__setattr__(self, "trials", self.trials.assign(learner=learner))
+
+    @classmethod
+    def of(cls, record: pa.Table, experiment: Experiment) -> Self:
+        """The results of an experiment, its learners in its order.
+
+        Raises:
+            StoreError: If the record has attempts missing or twice.
+        """
+        counts = count(record)
+        learners = ordered(counts.trials["learner"], [spec.name for spec in experiment.learners])
+        pairs, bounds = comparable(experiment), ideal_bounds(experiment)
+        made = cls(record, experiment, counts.trials, learners, pairs, bounds)
+        made.__dict__["counts"] = counts
+        return made
+
+    @cached_property
+    def counts(self) -> Counts:
+        """Trials, and attempts of each category by blocks of training."""
+        return count(self.record)
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """A row for each trial of a condition; see :func:`~.summary.summarise`."""
+        return summarise(self.counts.trials, self.pairs, self.bounds)
+
+    @cached_property
+    def headline(self) -> pd.DataFrame:
+        """A row for each learner in each condition; see :func:`~.summary.headline`."""
+        return headline(self.counts.trials, self.pairs, self.bounds)
