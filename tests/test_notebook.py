@@ -17,7 +17,8 @@ import pytest
 from causal_openlock import Condition, Gate, Protocol, Room, Schema, Session, find_schema
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+from causal_openlock.experiment.building import Changes
+from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.notebook import (
     ENDS,
     experiment_html,

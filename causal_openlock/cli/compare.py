@@ -58,8 +58,9 @@ def compare(
     was asked for cannot be done, 130 or 143 if it was stopped.
     """
     from causal_openlock.cli.console import Terminal
+    from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.expected_cost import cost_cautions
-    from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+    from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.runner import run
     from causal_openlock.experiment.store import Store
     from causal_openlock.experiment.worker import Watching

@@ -29,6 +29,7 @@ from typing import Any, NamedTuple, get_type_hints
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
+from causal_openlock.contract.session_code import is_of_session, session_source
 from causal_openlock.errors import LearnerError
 from causal_openlock.files.module_source import (
     MODULE_AND_NAME,
@@ -80,14 +81,22 @@ def _package(name: str) -> Distribution | None:
     return entry.dist if entry else None
 
 
+def digest(source: bytes | str) -> str:
+    """A hash of source code, in short."""
+    content = source if isinstance(source, bytes) else source.encode()
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
 def origin(name: str) -> str:
     """Name and version of a learner's package; for ``module:Class``, a hash of its source file."""
     if package := _package(name):
         return f"{package.name} {package.version}"
+    if is_of_session(name):
+        return f"{name.partition(':')[2]}.py {digest(session_source(name))}"
     source = inspect.getsourcefile(learner_class(name))
     if source is None:
         return "unknown"
-    return f"{Path(source).name} {hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]}"
+    return f"{Path(source).name} {digest(Path(source).read_bytes())}"
 
 
 def is_ours(name: str) -> bool:
@@ -114,13 +123,18 @@ def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None
     return f"{source.name} in {source.parent} will run as {role} {kind}"
 
 
-@cache
 def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
     """A learner's class by its registered name, or by ``module:Class``.
 
     Raises:
         LearnerError: If there is none, it cannot be imported, or it is not a learner.
     """
+    # What a notebook defines may be defined anew.
+    return _learner_class.__wrapped__(name) if is_of_session(name) else _learner_class(name)
+
+
+@cache
+def _learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
     if ":" in name:
         if not MODULE_AND_NAME.fullmatch(name):
             raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
@@ -146,6 +160,25 @@ def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
             f"the learner {name!r} ({entry.value}) is no subclass of Learner or OneSubjectLearner"
         )
     return loaded
+
+
+def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:
+    """The name by which a class is found: its registered one, or ``module:Class``.
+
+    >>> name_of(learner_class("ddqn"))
+    'ddqn'
+
+    Raises:
+        LearnerError: If it cannot be found by a name, such as a class defined in a function.
+    """
+    written = f"{kind.__module__}:{kind.__qualname__}"
+    name = next((name for name, entry in registry().items() if entry.value == written), written)
+    if not MODULE_AND_NAME.fullmatch(written) or learner_class(name) is not kind:
+        raise LearnerError(
+            f"{written} cannot be found by its name, as workers have to; define the class at the "
+            "top level of a notebook or of a module"
+        )
+    return name
 
 
 def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:

@@ -13,7 +13,8 @@ from causal_openlock.analysis.measures import attempts_to_solve, category_counts
 from causal_openlock.analysis.results import reading
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+from causal_openlock.experiment.building import Changes
+from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
 from support.fabricated_records import random_cells, table, trial_rows

@@ -29,9 +29,10 @@ from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError, ProtocolError
 from causal_openlock.experiment import checkpoint, runner, worker
+from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.checkpoint import Checkpoint
 from causal_openlock.experiment.experiment import Cell, Experiment
-from causal_openlock.experiment.file import Changes, read_experiment
+from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.worker import Watching, play_cell

@@ -8,7 +8,8 @@ import pytest
 
 from causal_openlock.contract.registry import registry
 from causal_openlock.errors import FileError, OpenLockError
-from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+from causal_openlock.experiment.building import Changes
+from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
 SMALL = """\

@@ -19,8 +19,9 @@ from typer.testing import CliRunner
 from causal_openlock.cli import app
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.experiment import Origin
-from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import _files, write_bundle
 from causal_openlock.export.experiment_file import experiment_file

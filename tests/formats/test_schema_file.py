@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from causal_openlock.errors import FileError, OpenLockError
-from causal_openlock.experiment import file as experiment_file
+from causal_openlock.experiment import file_format as experiment_file
 from causal_openlock.files.yaml_file import dump_yaml, parse_document, styled
 from causal_openlock.formats.schema_file import (
     bundled,

@@ -20,7 +20,8 @@ from PIL import Image
 from causal_openlock.cli import main
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError, ProtocolError, StoreError
-from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+from causal_openlock.experiment.building import Changes
+from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
 from causal_openlock.physics.room import PhysicalRoom

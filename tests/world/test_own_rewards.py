@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.errors import FileError, OpenLockError, RewardError
-from causal_openlock.experiment.file import json_schema, read_experiment
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.file_format import json_schema
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session

@@ -25,7 +25,8 @@ from causal_openlock.analysis.report.difference_page import (
     write_difference,
 )
 from causal_openlock.cli import app
-from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+from causal_openlock.experiment.building import Changes
+from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.formats.schema_file import schema_from_dict
 from support.fabricated_records import table, trial_rows

@@ -164,7 +164,8 @@ def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> N
 
     from causal_openlock.analysis.report.sections.belief_traces import section
     from causal_openlock.contract.registry import create
-    from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+    from causal_openlock.experiment.building import Changes
+    from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.session import Session
 
     experiment = read_experiment(

@@ -1,0 +1,433 @@
+"""Building an experiment: names, classes and objects become conditions and learners.
+
+An experiment is declared in a file (:mod:`~causal_openlock.experiment.file`), on the command line
+as changes to a file (:class:`Changes`), or in Python (:func:`make_experiment`). All three are
+resolved here. In Python a condition may also be a schema or a sequence of schemas, and a learner
+may be a class, an instance, or what :func:`learner` returns.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, is_dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from causal_openlock.contract.learner import Learner
+from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
+from causal_openlock.contract.registry import (
+    file_that_runs,
+    learner_class,
+    name_of,
+    parse_parameters,
+)
+from causal_openlock.errors import ExperimentError, FileError, LearnerError, OpenLockError
+from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+from causal_openlock.experiment.file_format import (
+    ConditionFile,
+    ExperimentFile,
+    LearnerFile,
+    TrialsFile,
+)
+from causal_openlock.experiment.protocol import (
+    PROTOCOLS,
+    Condition,
+    Protocol,
+    Trials,
+    find_protocol,
+    plan,
+)
+from causal_openlock.files.module_source import look_beside
+from causal_openlock.files.validation import sentence
+from causal_openlock.files.yaml_file import Document, Where
+from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.wording import joined
+from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
+from causal_openlock.world.room import Layout
+from causal_openlock.world.schema import NAME, Schema
+
+Model = TypeVar("Model", bound=BaseModel)
+
+LONGEST_NAMES = 28
+"""The longest list of learners or conditions in the name of a comparison, which has two."""
+
+ConditionForm = str | Schema | Condition | ConditionFile | Sequence[str | Schema]
+"""A condition by its name (``CC4``, ``CC3-CC4``, ``my.yaml``), as a schema (a baseline), as a
+sequence of schemas (train on all but the last, then test on the last), or spelled out."""
+
+LearnerForm = (
+    str | type[Learner] | type[OneSubjectLearner] | Learner | OneSubjectLearner | LearnerFile
+)
+"""A learner by its name (``ddqn``, ``my_module:Mine``), as a class, as an instance, whose
+parameters count, or as :func:`learner` describes it."""
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Changes to an experiment file; ``None`` changes nothing. Only names have options.
+
+    Example:
+        >>> Changes(subjects=10, learners=["oracle"]).options
+        ['--learner', 'oracle', '--subjects', '10']
+    """
+
+    conditions: Sequence[ConditionForm] | None = None
+    learners: Sequence[LearnerForm] | None = None
+    protocol: str | Protocol | None = None
+    subjects: int | None = None
+    seed: int | None = None
+
+    @property
+    def options(self) -> list[str]:
+        """The equivalent options of the command line."""
+        words = [str(word) for name in self.conditions or () for word in ("--condition", name)]
+        words += [str(word) for name in self.learners or () for word in ("--learner", name)]
+        for option in ("protocol", "subjects", "seed"):
+            if (value := getattr(self, option)) is not None:
+                words += [f"--{option}", str(value)]
+        return words
+
+
+def _in_short(names: Sequence[str], what: str) -> str:
+    """Names as a part of a name, or their number if they are too long."""
+    short = re.sub(r"[^A-Za-z0-9_.-]+", "_", "_".join(names)).strip("_.-")
+    return short if 0 < len(short) <= LONGEST_NAMES else f"{len(names)}_{what}"
+
+
+def build(
+    file: ExperimentFile,
+    changes: Changes | None = None,
+    document: Document | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> Experiment:
+    """The experiment that is declared.
+
+    Args:
+        file: The declaration; in place of names it may have objects.
+        changes: Changes to it.
+        document: The file that it was read from, for the places of faults.
+        tell: Called with a sentence before code runs that the declaration names and that is not
+            part of an installed package.
+
+    Raises:
+        FileError: With the place of the first part of the document that cannot be resolved.
+        OpenLockError: The same of changes, or without a document.
+    """
+    builder = _Builder(file, changes or Changes(), document)
+    if tell:
+        builder.tell_what_runs(tell)
+    return builder.build()
+
+
+class _Builder:
+    """Resolves what an experiment is declared with, and reports the place of what it cannot."""
+
+    def __init__(self, file: ExperimentFile, changes: Changes, document: Document | None) -> None:
+        self.document, self.file, self.changes = document, file, changes
+        self.folder = document.path.resolve().parent if document else Path.cwd()
+        self.own_protocols: dict[str, Protocol] = {}
+
+    @contextmanager
+    def at(self, *where: str | int) -> Iterator[None]:
+        """Add the place in the file to errors; changes to a file have no such place."""
+        try:
+            yield
+        except FileError:
+            raise
+        except OpenLockError as error:
+            changed = getattr(self.changes, str(where[0]), None) is not None
+            if self.document is None or changed:
+                raise
+            raise self.document.error(where, str(error)) from None
+
+    def tell_what_runs(self, tell: Callable[[str], None]) -> None:
+        """Report the code files that the experiment file names and that will run."""
+        chosen = self.changes.learners
+        names = {one for one in chosen or () if isinstance(one, str)}
+        learners = [
+            one
+            for one in map(as_learner, self.file.learners)
+            if chosen is None or {one.name, one.learner} & names
+        ]
+        runs = {file_that_runs(one.learner, self.folder) for one in learners}
+        rewards = [self.file.reward, *(one.reward for one in learners)]
+        runs |= {
+            file_that_runs(one, self.folder, "reward") for one in rewards if isinstance(one, str)
+        }
+        for one in sorted(filter(None, runs)):
+            tell(one)
+
+    def build(self) -> Experiment:
+        file, changes = self.file, self.changes
+        for name, declared in file.protocols.items():
+            with self.at("protocols", name):
+                self.own_protocols[name] = self.protocol(name, declared)
+        conditions = self.resolved("conditions", self.condition)
+        learners = self.resolved("learners", self.learner)
+        check_together(conditions.values(), learners.values())
+        name, title = file.name, file.title or file.name
+        if changes.conditions is not None or changes.learners is not None:
+            players, places = [*learners], [*conditions]
+            name = f"{_in_short(players, 'learners')}_in_{_in_short(places, 'conditions')}"
+            title = f"{joined(players)} in {joined(places)}"
+        elif self.document is None:
+            title = f"{joined([*learners])} in {joined([*conditions])}"
+        return Experiment(
+            name=name,
+            title=title,
+            command=self.command(),
+            seed=file.seed if changes.seed is None else changes.seed,
+            cell_size=file.cell_size,
+            conditions=tuple(conditions.values()),
+            learners=tuple(learners.values()),
+        )
+
+    def command(self) -> str:
+        """The command that runs the experiment again; empty if only a program can."""
+        changes = self.changes
+        changed: list[Any] = [*(changes.conditions or ()), *(changes.learners or ())]
+        if self.document is None or not all(isinstance(one, str) for one in changed):
+            return ""
+        words = [self.document.path.as_posix(), *changes.options]
+        return shlex.join(["causal-openlock", "compare", *words])
+
+    def resolved(self, key: str, resolve: Callable[[Any, int], Any]) -> dict[str, Any]:
+        """By name, the conditions or learners of the file, or those of the command line."""
+        declared = getattr(self.file, key)
+        if (chosen := getattr(self.changes, key)) is not None:
+            known = {one.name or one.learner: one for one in declared if not isinstance(one, str)}
+            declared = [known.get(one, one) if isinstance(one, str) else one for one in chosen]
+        found: dict[str, Any] = {}
+        for index, entry in enumerate(declared):
+            one = resolve(entry, index)
+            with self.at(key, index):
+                if one.name in found:
+                    raise ExperimentError(
+                        f"the {key[:-1]} {one.name} is listed twice; give one of them another name"
+                    )
+            found[one.name] = one
+        return found
+
+    def schema(self, name: str) -> Schema:
+        return find_schema(name, beside=[self.folder])
+
+    def protocol(self, name: str, declared: BaseModel) -> Protocol:
+        if name in PROTOCOLS:
+            raise ExperimentError(
+                f"the protocol {name} comes with the package; choose another name"
+            )
+        if not NAME.fullmatch(name):
+            raise ExperimentError(
+                f"{name!r} is not a valid name of a protocol; use letters and digits"
+            )
+        settings = declared.model_dump(exclude_unset=True)
+        base = find_protocol(settings.pop("based_on", "human"), self.own_protocols)
+        return replace(base, name=name, **settings)
+
+    def condition(self, declared: ConditionForm, index: int) -> Condition:
+        with self.at("conditions", index):
+            if isinstance(declared, str):
+                return Condition.named(declared, self.schema)
+            if isinstance(declared, Condition):
+                return declared
+            if not isinstance(declared, ConditionFile):
+                return self.sequence(declared)
+            train, test = (
+                tuple(
+                    self.trials(trials, ("conditions", index, phase, number))
+                    for number, trials in enumerate(getattr(declared, phase))
+                )
+                for phase in ("train", "test")
+            )
+            return Condition(declared.name, train, test)
+
+    def sequence(self, declared: Schema | Sequence[str | Schema]) -> Condition:
+        """A baseline of one schema; or training with all but the last and a test with the last."""
+        listed = [declared] if isinstance(declared, Schema) else list(declared)
+        schemas = [self.schema(one) if isinstance(one, str) else one for one in listed]
+        if not schemas or not all(isinstance(one, Schema) for one in schemas):
+            raise ExperimentError(
+                f"{declared!r} is not a condition; give a name, a schema, or a list of schemas "
+                "whose last one is the test"
+            )
+        trials = tuple(map(Trials, schemas))
+        name = "-".join(schema.name for schema in schemas)
+        return Condition(name, trials[:-1] or trials, trials[1:] and trials[-1:])
+
+    def trials(self, declared: TrialsFile, where: Where) -> Trials:
+        with self.at(*where, "schema"):
+            schema = self.schema(declared.schema_)
+        layouts: Any = declared.layouts
+        if isinstance(layouts, list):
+            places = []
+            for index, layout in enumerate(layouts):
+                with self.at(*where, "layouts", index):
+                    places.append(Layout.of(schema, layout))
+            layouts = tuple(places)
+        with self.at(*where, "trials"):
+            return Trials(schema, layouts, declared.trials, declared.shuffle)
+
+    def learner(self, entry: LearnerForm, index: int) -> LearnerSpec:
+        declared, file, where = as_learner(entry), self.file, ("learners", index)
+        own_reward = declared.reward is not None
+        reward: Any = declared.reward if own_reward else file.reward
+        if isinstance(reward, BaseModel):
+            reward = reward.model_dump(exclude_none=True)
+        if ":" in declared.learner or (isinstance(reward, str) and ":" in reward):
+            look_beside(self.folder)
+        with self.at(*where, "learner"):
+            learner_class(declared.learner)
+        with self.at(*where, "parameters"):
+            parameters = parse_parameters(declared.learner, declared.parameters)
+        own_protocol = declared.protocol and not self.changes.protocol
+        with self.at(*(where if own_protocol else ()), "protocol"):
+            played = self.changes.protocol or declared.protocol or file.protocol
+            if not isinstance(played, Protocol):
+                played = find_protocol(played, self.own_protocols)
+        with self.at(*(where if own_reward else ()), "reward"):
+            pays = find_reward(reward)
+        return LearnerSpec(
+            name=declared.name or declared.learner.rpartition(":")[2],
+            learner=declared.learner,
+            parameters=asdict(parameters) if is_dataclass(parameters) else {},  # type: ignore[arg-type]
+            protocol=played,
+            reward=pays,
+            subjects=self.changes.subjects or declared.subjects or file.subjects,
+        )
+
+
+def as_learner(learner: LearnerForm) -> LearnerFile:
+    """A learner in any form, as an experiment file has it.
+
+    Raises:
+        LearnerError: If it is none of these forms, or a class that no worker can find by its name.
+    """
+    if isinstance(learner, LearnerFile):
+        return learner
+    if isinstance(learner, str):
+        return LearnerFile(learner=learner)
+    kind, parameters = learner, None
+    if not isinstance(learner, type):
+        kind, parameters = type(learner), getattr(learner, "parameters", None)
+        if isinstance(learner, PerSubjectAdapter):
+            kind = learner.single
+    if not (isinstance(kind, type) and issubclass(kind, Learner | OneSubjectLearner)):
+        raise LearnerError(
+            f"{learner!r} is no learner; give a name, a class of learners, an instance of one, or "
+            "learner(NAME, parameter=value)"
+        )
+    changed = asdict(parameters) if is_dataclass(parameters) else {}  # type: ignore[arg-type]
+    return LearnerFile(learner=name_of(kind), parameters=changed)
+
+
+def learner(
+    learner: LearnerForm,
+    /,
+    *,
+    label: str | None = None,
+    subjects: int | None = None,
+    protocol: str | None = None,
+    reward: Any = None,
+    **parameters: Any,
+) -> LearnerFile:
+    """A learner with other hyper-parameters, or another part in a comparison.
+
+    Args:
+        learner: Its registered name, ``module:Class``, its class, or an instance.
+        label: What tables call it; by default its name.
+        subjects: How many subjects it plays; by default as many as the others.
+        protocol: The protocol that it plays under; by default that of the others.
+        reward: The reward of its actions, as in an experiment file; by default that of the others.
+        **parameters: Its hyper-parameters that differ from their defaults.
+
+    Raises:
+        LearnerError: If there is no such learner or parameter (the message has the nearest name),
+            or a value does not fit.
+
+    Example:
+        >>> learner("ddqn", learning_rate=0.0005, label="slow").parameters
+        {'learning_rate': 0.0005}
+    """
+    declared = as_learner(learner)
+    together = {**declared.parameters, **parameters}
+    parse_parameters(declared.learner, together)
+    given = {"name": label, "subjects": subjects, "protocol": protocol, "reward": reward}
+    changed = {key: value for key, value in given.items() if value is not None}
+    return _checked(LearnerFile, {**declared.model_dump(), "parameters": together, **changed})
+
+
+def make_experiment(
+    conditions: Sequence[ConditionForm],
+    learners: Sequence[LearnerForm],
+    *,
+    name: str = "comparison",
+    title: str = "",
+    seed: int = 0,
+    protocol: str | Protocol = "human",
+    subjects: int = 40,
+    reward: RewardForm = PAPER_REWARD,
+    cell_size: int = 40,
+) -> Experiment:
+    """An experiment from names and objects; an experiment file declares the same in YAML.
+
+    Args:
+        conditions: The conditions: each a name (``CC4``, ``CC3-CC4``, ``my.yaml``), a schema, a
+            sequence of schemas whose last one is the test, or a :class:`Condition`.
+        learners: The learners: each a name, a class, an instance, or what :func:`learner` returns.
+        name: A short name.
+        title: A line for the report; by default who plays what.
+        seed: All randomness comes from it.
+        protocol: The protocol of learners that have none of their own.
+        subjects: Subjects of each learner in each condition.
+        reward: The reward of actions, as in an experiment file.
+        cell_size: Most subjects in a unit of work.
+
+    Raises:
+        OpenLockError: If something is unknown (the message has the nearest name), or does not fit.
+
+    Example:
+        >>> made = make_experiment(["CC3", ["CC3", "CC4"]], ["oracle"], subjects=10)
+        >>> [cell.in_words for cell in made.cells()]
+        ['oracle in CC3, subjects 0-9', 'oracle in CC3-CC4, subjects 0-9']
+    """
+    about = {"name": name, "title": title, "seed": seed, "subjects": subjects}
+    plain = {**about, "cell_size": cell_size, "conditions": ["CC4"], "learners": ["random"]}
+    file = _checked(ExperimentFile, plain)
+    given = {"conditions": list(conditions), "learners": list(learners), "reward": reward}
+    return build(file.model_copy(update={**given, "protocol": protocol}))
+
+
+def _checked(model: type[Model], values: Mapping[str, Any]) -> Model:
+    """Values as a model of the file's format.
+
+    Raises:
+        ExperimentError: With the first value that does not fit.
+    """
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise ExperimentError(sentence(error.errors(include_url=False)[0], model)) from None
+
+
+def check_together(conditions: Iterable[Condition], learners: Iterable[LearnerSpec]) -> None:
+    """Refuse different schemas with the same name, and schemas that do not fit a protocol.
+
+    Otherwise a comparison could fail after an hour.
+    """
+    known: dict[str, Schema] = {}
+    for condition in conditions:
+        for schema in condition.schemas:
+            if known.setdefault(schema.name, schema) != schema:
+                raise ExperimentError(
+                    f"two different schemas are called {schema.name}; rename one of them"
+                )
+    for spec, condition in product(learners, conditions):
+        once = replace(spec.protocol, baseline_loops=1, train_loops=1, test_loops=1)
+        plan(condition, once, np.random.default_rng(0))

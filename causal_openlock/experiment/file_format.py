@@ -1,0 +1,144 @@
+"""The format of experiment files: pydantic models, and the JSON Schema for editors.
+
+:class:`ExperimentFile` is the whole file; :mod:`~causal_openlock.experiment.file` shows one. The
+same models describe learners and conditions that a Python program declares
+(:mod:`~causal_openlock.experiment.building`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, get_args, get_type_hints
+
+from pydantic import BaseModel, Discriminator, Field, Tag, create_model
+
+from causal_openlock.experiment.protocol import Protocol
+from causal_openlock.files.validation import StrictModel
+from causal_openlock.formats.schema_file import JSON_SCHEMA_ID
+from causal_openlock.world.rewards import PAPER_REWARD, WEIGHTS
+
+Positive = Annotated[int, Field(ge=1)]
+Name = Annotated[
+    str,
+    Field(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$",
+        description="letters, digits, underscores, dots and dashes, at most 64 in all",
+    ),
+]
+
+
+def _form(value: Any) -> str:
+    """The tag of a union's member, by the type of the value."""
+    if isinstance(value, Mapping | BaseModel):
+        return "<mapping>"
+    return "<list>" if isinstance(value, list) else "<name>"
+
+
+def _written(*forms: str) -> Discriminator:
+    known = " or ".join(f"a {form}" for form in forms)
+    return Discriminator(
+        _form, custom_error_type="custom.form", custom_error_message=f"write {known} here"
+    )
+
+
+A_NAME, A_LIST, A_MAPPING = Tag("<name>"), Tag("<list>"), Tag("<mapping>")
+
+
+def _maybe(kind: Any, meaning: str) -> tuple[Any, None]:
+    return Annotated[kind | None, Field(description=meaning)], None
+
+
+_CHANGES: dict[str, Any] = {
+    "preset": _maybe(str, "What is changed; the paper's reward if nothing is said."),
+    "terms": _maybe(list[str], "Terms that add up, instead of a preset."),
+    **{
+        name: _maybe(Annotated[float, Field(allow_inf_nan=False)], meaning)
+        for name, meaning in WEIGHTS.items()
+    },
+}
+RewardWeights = create_model("RewardWeights", __base__=StrictModel, **_CHANGES)
+RewardWeights.__doc__ = "A reward with other weights."
+RewardName = Annotated[
+    Annotated[str, A_NAME] | Annotated[list[str], A_LIST] | Annotated[RewardWeights, A_MAPPING],
+    _written("name", "list of terms", "mapping of weights"),
+]
+LayoutEntry = Annotated[
+    Annotated[str, A_NAME] | Annotated[dict[str, str], A_MAPPING],
+    _written("name such as trial1", "mapping such as {L0: LEFT}"),
+]
+
+
+class TrialsFile(StrictModel):
+    """Some trials in rooms of one schema."""
+
+    schema_: Annotated[str, Field(alias="schema", description="Name or path of a schema.")]
+    layouts: Annotated[
+        Annotated[Literal["published", "random"], A_NAME] | Annotated[list[LayoutEntry], A_LIST],
+        _written("name (published, random)", "list of layouts"),
+        Field(description="Where the levers stand; the protocol decides if this is left out."),
+    ] = None  # type: ignore[assignment]
+    trials: Annotated[Positive | None, Field(description="How many trials.")] = None
+    shuffle: Annotated[bool, Field(description="Whether layouts come in random order.")] = True
+
+
+class ConditionFile(StrictModel):
+    """A condition spelled out."""
+
+    name: Name
+    train: Annotated[list[TrialsFile], Field(min_length=1)]
+    test: list[TrialsFile] = Field(default_factory=list)
+
+
+def _setting(kind: Any) -> tuple[Any, None]:
+    """A field of :class:`Protocol` as a key of the file that may be left out."""
+    return (Positive if int in (kind, *get_args(kind)) else kind) | None, None
+
+
+_SETTINGS: dict[str, Any] = {
+    "based_on": (Annotated[str, Field(description="A protocol to start from.")], "human"),
+    **{name: _setting(kind) for name, kind in get_type_hints(Protocol).items() if name != "name"},
+}
+ProtocolFile = create_model("ProtocolFile", __base__=StrictModel, **_SETTINGS)
+ProtocolFile.__doc__ = "A protocol of one's own: another one with some settings changed."
+
+
+class LearnerFile(StrictModel):
+    """A learner that takes part, with what is different for it."""
+
+    learner: Annotated[str, Field(description="Registered name, or module:Class.")]
+    name: Annotated[Name | None, Field(description="Label in tables; the learner's name.")] = None
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    protocol: str | None = None
+    subjects: Positive | None = None
+    reward: RewardName | None = None
+
+
+ConditionEntry = Annotated[
+    Annotated[str, A_NAME] | Annotated[ConditionFile, A_MAPPING],
+    _written("name such as CC4 or CC3-CC4", "mapping with name, train and test"),
+]
+LearnerEntry = Annotated[
+    Annotated[str, A_NAME] | Annotated[LearnerFile, A_MAPPING],
+    _written("name", "mapping with learner, name, parameters and so on"),
+]
+
+
+class ExperimentFile(StrictModel):
+    """An experiment: learners, conditions, protocol, subjects."""
+
+    name: Name
+    title: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    protocol: str = "human"
+    subjects: Positive = 40
+    cell_size: Annotated[Positive, Field(description="Most subjects in a unit of work.")] = 40
+    reward: RewardName = PAPER_REWARD
+    conditions: Annotated[list[ConditionEntry], Field(min_length=1)]
+    learners: Annotated[list[LearnerEntry], Field(min_length=1)]
+    protocols: dict[str, ProtocolFile] = Field(default_factory=dict)
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of experiment files, for editors."""
+    made = ExperimentFile.model_json_schema(by_alias=True)
+    return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock experiment"}
