@@ -35,6 +35,11 @@ from .contract.one_subject import OneSubjectLearner as OneSubjectLearner
 from .contract.registry import create as create
 from .testing import LearnerContract as LearnerContract
 
+# Comparisons
+from .comparison.comparing import compare as compare
+from .comparison.results import Results as Results
+from .comparison.results import open_results as open_results
+
 # Experiments
 from .errors import OpenLockError as OpenLockError
 from .experiment.experiment import Experiment as Experiment

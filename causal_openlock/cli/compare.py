@@ -9,9 +9,10 @@ from typing import Annotated
 import typer
 
 from causal_openlock.cli.options import ProtocolName, Seed, Workers
-from causal_openlock.cli.progress import resumable, shown
 from causal_openlock.cli.report import report_store
-from causal_openlock.errors import CellsFailed, OpenLockError
+from causal_openlock.cli.stopping import resumable
+from causal_openlock.comparison.progress import shown
+from causal_openlock.errors import OpenLockError
 
 
 def compare(
@@ -57,11 +58,10 @@ def compare(
     Exit status: 0 if everything was played, 1 if cells failed and all others were played, 2 if what
     was asked for cannot be done, 130 or 143 if it was stopped.
     """
-    from causal_openlock.cli.console import Terminal
+    from causal_openlock.comparison.comparing import play
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import Changes
-    from causal_openlock.experiment.expected_cost import cost_cautions
     from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.runner import run
     from causal_openlock.experiment.store import Store
     from causal_openlock.experiment.worker import Watching
 
@@ -73,31 +73,23 @@ def compare(
     folder = out or Path("results") / f"{chosen.name}{own}"
     if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
         chosen = replace(chosen, name=name)
-    for caution in [*chosen.cautions(), *cost_cautions(chosen)]:
-        console.warn(caution)
     before: list[bool] = []
-    with resumable():
-        try:
-            with shown(chosen.name, console) as show:
-                run(
-                    chosen,
-                    folder,
-                    workers=workers,
-                    done=lambda cell, was_there: before.append(was_there),
-                    failed=lambda cell, why: console.warn(why),
-                    warn=console.warn,
-                    progress=show,
-                    watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
-                    time_limit=time_limit,
-                )
-        except CellsFailed as failed:
-            if len(failed.reasons) == failed.cells:  # there is nothing to report
-                raise
-            report_store(Store(folder), console)
-            error = OpenLockError(failed.summary)  # which cells they are was printed above
-            error.status = failed.status
-            raise error from None
-        if any(before):
-            there, all_cells = sum(before), len(chosen.cells())
-            console.print(f"{there} of {all_cells} cells were there already")
-        report_store(Store(folder), console)
+    with resumable(), shown(chosen.name, console) as show:
+        failed = play(
+            chosen,
+            folder,
+            warn=console.warn,
+            progress=show,
+            workers=workers,
+            done=lambda cell, was_there: before.append(was_there),
+            watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
+            time_limit=time_limit,
+        )
+    if any(before) and not failed:
+        there, all_cells = sum(before), len(chosen.cells())
+        console.print(f"{there} of {all_cells} cells were there already")
+    report_store(folder, console)
+    if failed:
+        error = OpenLockError(failed.summary)  # which cells they are was printed above
+        error.status = failed.status
+        raise error

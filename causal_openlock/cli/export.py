@@ -81,7 +81,7 @@ def bundle(
     ] = None,
 ) -> None:
     """Put an experiment, its record and its report into one file that anyone can run again."""
-    from causal_openlock.cli.console import Terminal
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.store import Store
     from causal_openlock.export.bundle import write_bundle
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from causal_openlock.cli.options import Workers
-from causal_openlock.cli.progress import resumable
+from causal_openlock.cli.stopping import resumable
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.files.atomic import PARTIAL
 
 if TYPE_CHECKING:
-    from causal_openlock.cli.console import Terminal
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.fitting.outcome import FittedLearner
     from causal_openlock.fitting.study import Fit
 
@@ -58,7 +58,7 @@ def fit(
     """Search a learner's parameters for the best likeness to people; goes on where it was."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from causal_openlock.cli.console import Terminal
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.registry import learner_class
     from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.objective import conditions_to_fit
@@ -145,7 +145,7 @@ def _nothing_searched(learner: str) -> str:
 def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from causal_openlock.analysis.plots.points import CLEAR, signs
-    from causal_openlock.cli.console import plain_table
+    from causal_openlock.comparison.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.outcome import entry
 

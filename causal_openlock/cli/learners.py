@@ -14,7 +14,7 @@ def learners(
     from rich.table import Table
     from rich.text import Text
 
-    from causal_openlock.cli.console import Terminal
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.registry import learner_class, parameter_table, registry
 
     console = Terminal()

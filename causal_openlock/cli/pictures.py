@@ -102,7 +102,7 @@ def film(
     ] = None,
 ) -> None:
     """Show a trial: the arm carries out what a learner did, with the console beside the room."""
-    from causal_openlock.cli.console import Terminal
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.render.film import check_suffix, save_film
     from causal_openlock.render.filmed_trial import play_trial, recorded_trial
     from causal_openlock.render.room import STILLS

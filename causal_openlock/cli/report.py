@@ -13,11 +13,9 @@ from causal_openlock.errors import OpenLockError
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.text import Text
 
     from causal_openlock.analysis.report.missing import Missing
-    from causal_openlock.cli.console import Terminal
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.comparison.console import Terminal
 
 MOST_MISSING = 40
 """Missing cells that are listed on the terminal; the report has them all."""
@@ -41,8 +39,7 @@ def report(
     ] = None,
 ) -> None:
     """Write the report of a comparison anew, or of what people played, or compare two of them."""
-    from causal_openlock.cli.console import Terminal
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.comparison.console import Terminal
 
     console = Terminal()
     if against is None:
@@ -50,7 +47,7 @@ def report(
             raise OpenLockError(
                 "--out is for the comparison of two folders; a report is written into its own"
             )
-        report_store(Store(folder), console, [Store(other) for other in beside or ()])
+        report_store(folder, console, beside or ())
     elif beside:
         raise OpenLockError(
             "two folders are compared with one another and not shown --beside others; leave one out"
@@ -59,21 +56,17 @@ def report(
         report_difference(folder, against, out or folder, console)
 
 
-def report_store(store: Store, console: Terminal, others: Sequence[Store] = ()) -> None:
+def report_store(folder: Path, console: Terminal, others: Sequence[Path] = ()) -> None:
     """Write the report of a results folder, perhaps beside others, and print its headline."""
     from causal_openlock.analysis.report.missing import missing_cells
-    from causal_openlock.analysis.report.sections import columns_of
-    from causal_openlock.analysis.report.writing import make_report
-    from causal_openlock.analysis.results.reading import beside, read_results
+    from causal_openlock.comparison.results import open_results
+    from causal_openlock.comparison.tables import print_verdict
 
-    columns = columns_of()
-    record, experiment = beside([read_results(one, columns) for one in (store, *others)])
-    made = make_report(record, store.folder, experiment)
-    learners = [spec.name for spec in experiment.learners]
-    conditions = [condition.name for condition in experiment.conditions]
-    print_headline(made.headline, learners, conditions, console)
-    _print_missing(missing_cells(experiment), console)
-    console.print_line(f"report: {made.path}")
+    results = open_results(folder, *others)
+    page = results.report(folder)
+    print_verdict(results.verdict, console)
+    _print_missing(missing_cells(results.experiment), console)
+    console.print_line(f"report: {page.path}")
 
 
 def _print_missing(missing: Sequence[Missing], console: Terminal) -> None:
@@ -88,60 +81,6 @@ def _print_missing(missing: Sequence[Missing], console: Terminal) -> None:
         console.print_line(f"  {one.text}")
     if len(missing) > MOST_MISSING:
         console.print(f"  and {len(missing) - MOST_MISSING} more")
-
-
-def print_headline(
-    table: pd.DataFrame, learners: list[str], conditions: list[str], console: Terminal
-) -> None:
-    """For each protocol, a table with a row for each learner and a column for each condition."""
-    from causal_openlock.analysis.report.prose import Prose
-    from causal_openlock.cli.console import plain_table
-
-    for protocol in table["protocol"].unique():
-        rows = table[table["protocol"] == protocol]
-        played = set(rows["condition"])
-        order = [name for name in conditions if name in played]
-        first = rows.drop_duplicates("condition").set_index("condition").loc[order]
-        console.print(f"\nAttempts to find every solution, protocol {protocol}", style="bold")
-        heads = [f"{name}\n{at}" for name, at in first["measured"].items()]
-        shown = plain_table("", *heads)
-        shown.columns[0].min_width = max(map(len, [*learners, "published model"]))
-        shown.columns[0].no_wrap = False
-        for name, column, style in (
-            ("people", "human_attempts", "bold"),
-            ("published model", "model_attempts", ""),
-            ("ideal observer", "ideal_attempts", ""),
-        ):
-            known = ["" if value != value else _number(value) for value in first[column]]
-            if any(known):
-                shown.add_row(name, *known, style=style)
-        for learner in learners:
-            own = rows[rows["learner"] == learner]
-            if len(own):
-                cells = [_cell(own[own["condition"] == condition]) for condition in order]
-                shown.add_row(learner, *cells)
-        console.print_whole(shown)
-    text = Prose("report").sentence("measure")
-    console.print(f"\n{text} With 95% bootstrap intervals.", style="dim", highlight=False)
-
-
-def _cell(rows: pd.DataFrame) -> Text:
-    """Mean, interval, and how many trials were solved if not all were."""
-    from rich.text import Text
-
-    if not len(rows):
-        return Text()
-    row = rows.iloc[0]
-    lines = [Text(_number(row.attempts))]
-    if row.ci_low < row.ci_high:
-        lines.append(Text(f"{_number(row.ci_low)}–{_number(row.ci_high)}", "dim"))
-    if row.share_solved < 1:
-        lines.append(Text(f"{row.share_solved:.0%} solved", "dim"))
-    return Text("\n").join(lines)
-
-
-def _number(attempts: float) -> str:
-    return f"{attempts:.2f}" if attempts < 100 else f"{attempts:.0f}"
 
 
 def report_difference(first: Path, second: Path, out: Path, console: Terminal) -> None:
@@ -188,7 +127,7 @@ def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Termi
 def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Terminal) -> None:
     from causal_openlock.analysis.report.difference_page import MORE
     from causal_openlock.analysis.report.section import printed
-    from causal_openlock.cli.console import plain_table
+    from causal_openlock.comparison.console import plain_table
 
     console.print(f"\nMean attempts in {names[0]} and in {names[1]}", style="bold")
     heads = ("learner", "condition", "protocol", *names, "difference", "95% interval", "p (Holm)")

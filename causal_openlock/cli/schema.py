@@ -27,7 +27,7 @@ def list_schemas() -> None:
     """List the schemas that come with the package, and those in ./schemas."""
     from rich.table import Table
 
-    from causal_openlock.cli.console import Terminal
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.formats.schema_file import bundled_schemas, read_schema
 
     table = Table("schema", "levers", "solutions", "actions", "title", box=None, pad_edge=False)
@@ -84,7 +84,7 @@ def _show_layout(schema: Schema, layout: str) -> None:
 def _show_states(fsm: FSM) -> None:
     from rich.table import Table
 
-    from causal_openlock.cli.console import Terminal
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.protocol import default_action_limit
     from causal_openlock.world.fsm import NO_SOLUTION, unroll
 

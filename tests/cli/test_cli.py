@@ -16,8 +16,8 @@ import pytest
 from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.cli import report
-from causal_openlock.cli.console import Terminal
 from causal_openlock.cli.terminal import write_anything
+from causal_openlock.comparison.console import Terminal
 from causal_openlock.experiment.store import Store
 from support.command import at_once, modules_of
 from support.places import ROOT

@@ -17,9 +17,9 @@ from rich.table import Table
 
 from causal_openlock import cli
 from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.cli.console import Terminal
 from causal_openlock.cli.report import print_headline
 from causal_openlock.cli.terminal import complain, say
+from causal_openlock.comparison.console import Terminal
 from causal_openlock.errors import LearnerError
 from causal_openlock.export.as_csv import flat
 from causal_openlock.files.escaping import cell, csv_of, printable

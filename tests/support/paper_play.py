@@ -81,6 +81,6 @@ def material(rows: list[Row], learners: tuple[str, ...], **values: Any) -> Mater
         experiment=values.get("experiment") or experiment_of(record),
         trials=attempts_to_solve(record),
         learners=learners,
-        pairs=values.get("pairs"),
+        like_people=values.get("like_people"),
         bounds=bounds,
     )

@@ -9,10 +9,12 @@ where the report was written.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+import webbrowser
+from collections.abc import Collection, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -28,6 +30,7 @@ from causal_openlock.analysis.report.what_was_run import trials_played, what_was
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import model, people
 from causal_openlock.analysis.results.summary import write_table
+from causal_openlock.analysis.results.verdict import records, verdict_tables
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_text
@@ -39,14 +42,19 @@ _FILES = re.compile(r'<meta name="files" content="([^"]*)">')
 _FILE = re.compile(r"figures/\w[\w.-]*\.(png|svg|pdf)|tables/\w[\w.-]*\.(csv|tex)", re.ASCII)
 
 
-class Report(NamedTuple):
-    """A report that is written: the path of its page, and the table that it opens with.
+@dataclass(frozen=True)
+class Report:
+    """A report that is written; a notebook shows its page.
 
-    The table is from :func:`~causal_openlock.analysis.results.summary.headline`.
+    Attributes:
+        path: Its page, ``report.html``.
     """
 
     path: Path
-    headline: pd.DataFrame
+
+    def open(self) -> None:
+        """Open the page in a browser."""
+        webbrowser.open(self.path.resolve().as_uri())
 
 
 def write_report(
@@ -77,20 +85,15 @@ def write_report(
         StoreError: If the record has attempts missing or twice.
         OpenLockError: If a file cannot be written; those that were there stay whole.
     """
-    return make_report(record, out_dir, experiment, sections).path
+    return make_report(Material.of(record, experiment), out_dir, sections).path
 
 
-def make_report(
-    record: pa.Table,
-    out_dir: Path | str,
-    experiment: StoredExperiment,
-    sections: Sequence[str] = ORDER,
-) -> Report:
-    """Write a report as :func:`write_report` does, and return also what it opens with."""
+def make_report(material: Material, out_dir: Path | str, sections: Sequence[str] = ORDER) -> Report:
+    """Write a report as :func:`write_report` does, of what is counted already."""
     folder = Path(out_dir)
     path = folder / "report.html"
     earlier = files_of(path)
-    material = Material.of(record, experiment)
+    experiment = material.experiment
     trials, learners, summary = material.counts.trials, material.learners, material.summary
     missing = missing_cells(experiment)
     described = what_was_run(experiment)
@@ -103,25 +106,29 @@ def make_report(
         "report.html.j2",
         title=experiment.title or experiment.name,
         experiment=experiment,
-        attempts=record.num_rows,
+        attempts=material.record.num_rows,
         trials=len(trials),
         people_size=style.sizes(people()),
         model_size=style.sizes(model()),
         missing=[cell.text for cell in missing],
         failed=sum(cell.failed for cell in missing),
-        headline=_headline_blocks(material.headline, learners, described["protocols"]),
+        headline=verdict_tables(material.headline, learners),
+        sizes={
+            key: style.sizes(rows)
+            for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)
+        },
         figures=[written.plot(plot) for plot in plots],
         sections=[written.section(one) for one in sections_of(material, sections)],
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners),
         described=described,
         played=trials_played(trials),
-        warnings=warnings_of(trials, summary, experiment.versions, material.pairs),
+        warnings=warnings_of(trials, summary, experiment.versions, material.like_people),
         files=written.files,
     )
     write_text(path, page)
     _remove(folder, earlier - set(written.files))
-    return Report(path, material.headline)
+    return Report(path)
 
 
 def files_of(path: Path) -> set[str]:
@@ -144,42 +151,6 @@ def _remove(folder: Path, files: Collection[str]) -> None:
         ) from None
 
 
-def _headline_blocks(
-    table: pd.DataFrame, learners: Sequence[str], budgets: Mapping[str, str]
-) -> list[dict[str, Any]]:
-    """The headline by protocol: a row for each learner, a column for each condition."""
-    blocks = []
-    for protocol, rows in table.groupby("protocol", observed=True):
-        cells = {(str(cell["learner"]), str(cell["condition"])): cell for cell in _records(rows)}
-        columns, compared, ideal = [], [], []
-        for condition, own in rows.groupby("condition", observed=True):
-            of = _records(own)
-            columns.append((condition, " or ".join(own["measured"].unique())))
-            same = len({(cell["measured"], cell["human_attempts"]) for cell in of}) == 1
-            compared.append(of[0] if same and of[0]["human_attempts"] else None)
-            bounds = {cell["ideal_attempts"] for cell in of}
-            ideal.append(bounds.pop() if len(bounds) == 1 else None)
-        blocks.append(
-            {
-                "protocol": protocol,
-                "budgets": budgets.get(protocol),
-                "columns": columns,
-                "published": compared if any(compared) else None,
-                "ideal": ideal if any(ideal) else None,
-                "rows": [
-                    {
-                        "learner": name,
-                        "size": style.sizes(rows[rows["learner"] == name]),
-                        "cells": [cells.get((name, condition)) for condition, _ in columns],
-                    }
-                    for name in learners
-                    if (rows["learner"] == name).any()
-                ],
-            }
-        )
-    return blocks
-
-
 def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict[str, Any]]:
     """The summary by learner and protocol; ``starts`` marks a row where a condition begins."""
     starts = summary["condition"] != summary["condition"].shift()
@@ -194,12 +165,7 @@ def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict
                     "size": style.sizes(part),
                     "compared": bool(part["human_attempts"].notna().any()),
                     "bounded": bool(part["ideal_attempts"].notna().any()),
-                    "rows": _records(part),
+                    "rows": records(part),
                 }
             )
     return blocks
-
-
-def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows as mappings, with None for what does not exist."""
-    return table.astype(object).where(table.notna(), None).to_dict("records")

@@ -17,7 +17,7 @@ from causal_openlock.analysis.measures import Counts, count, ordered
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
 from causal_openlock.analysis.results.people.published import Pairs, comparable
 from causal_openlock.analysis.results.summary import headline, summarise
-from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.stored import StoredExperiment
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -33,15 +33,15 @@ class Material:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners
             are categories in the order of ``learners``.
         learners: Labels in the order in which they are shown.
-        pairs: Which learners in which conditions compare with people.
+        like_people: Which learners in which conditions did what people did.
         bounds: What the ideal observer needs.
     """
 
     record: pa.Table
-    experiment: Experiment
+    experiment: StoredExperiment
     trials: pd.DataFrame
     learners: tuple[str, ...]
-    pairs: Pairs
+    like_people: Pairs
     bounds: Bounds
 
     def __post_init__(self) -> None:
@@ -50,7 +50,7 @@ class Material:
         object.__setattr__(self, "trials", self.trials.assign(learner=learner))
 
     @classmethod
-    def of(cls, record: pa.Table, experiment: Experiment) -> Self:
+    def of(cls, record: pa.Table, experiment: StoredExperiment) -> Self:
         """The results of an experiment, its learners in its order.
 
         Raises:
@@ -71,9 +71,9 @@ class Material:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """A row for each trial of a condition; see :func:`~.summary.summarise`."""
-        return summarise(self.counts.trials, self.pairs, self.bounds)
+        return summarise(self.counts.trials, self.like_people, self.bounds)
 
     @cached_property
     def headline(self) -> pd.DataFrame:
         """A row for each learner in each condition; see :func:`~.summary.headline`."""
-        return headline(self.counts.trials, self.pairs, self.bounds)
+        return headline(self.counts.trials, self.like_people, self.bounds)

@@ -52,19 +52,25 @@ def beside(
     The first one's name and title are kept; learners and conditions are those of all.
 
     Raises:
-        StoreError: If two learners have the same label, or a condition has two meanings.
+        StoreError: If two learners, or one learner's results of a condition twice, have the same
+            label, or a condition has two meanings.
     """
     import pyarrow as pa
 
     experiments = [experiment for _, experiment in results]
     learners: dict[str, LearnerSpec] = {}
     conditions: dict[str, Condition] = {}
+    played: set[tuple[str, str]] = set()
     for experiment in experiments:
+        cells = {(s.name, c.name) for s in experiment.learners for c in experiment.conditions}
+        twice = sorted(played & cells)
+        played |= cells
         for spec in experiment.learners:
-            if learners.setdefault(spec.name, spec) is not spec:
+            same = learners.setdefault(spec.name, spec) == spec
+            if twice or not same:
                 raise StoreError(
-                    f"both of these results have a learner {spec.name}; give one of them another "
-                    "name in its experiment file"
+                    f"both of these results have a learner {twice[0][0] if twice else spec.name}; "
+                    "give one of them another name in its experiment file"
                 )
         for condition in experiment.conditions:
             if conditions.setdefault(condition.name, condition) != condition:
@@ -76,6 +82,7 @@ def beside(
         experiments[0],
         learners=tuple(learners.values()),
         conditions=tuple(conditions.values()),
+        files=tuple(name for one in experiments for name in one.files),
         missing=tuple(name for one in experiments for name in one.missing),
         failures={name: why for one in experiments for name, why in one.failures.items()},
         versions=merged_versions([one.versions for one in experiments]),

@@ -28,7 +28,7 @@ DECAYS = (
 
 
 def made(record: pa.Table, experiment: StoredExperiment) -> Section | None:
-    return section(material_of(record, experiment, pairs=comparable(experiment)))
+    return section(material_of(record, experiment, like_people=comparable(experiment)))
 
 
 def courses(shares: dict[tuple[str, str], float]) -> pa.Table:

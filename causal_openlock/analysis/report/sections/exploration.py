@@ -126,7 +126,7 @@ def section(material: Material) -> Section | None:
     curves = {
         f"{learner}, {condition}": values
         for (learner, condition), values in learning_curves(material.trials, HUMAN_PROTOCOL).items()
-        if len(values) >= LEAST_TRIALS and (learner, condition) in (material.pairs or ())
+        if len(values) >= LEAST_TRIALS and (learner, condition) in (material.like_people or ())
     }
     if not several and not curves:
         return None

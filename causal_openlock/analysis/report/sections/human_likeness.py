@@ -28,7 +28,7 @@ _PROSE = Prose("human_likeness")
 
 def section(material: Material) -> Section | None:
     """Of the learners that played all six conditions as people did; None if there are none."""
-    trials = material.trials[did_what_people_did(material.trials, material.pairs)]
+    trials = material.trials[did_what_people_did(material.trials, material.like_people)]
     if trials.empty:
         return None
     points = points_of(trials)

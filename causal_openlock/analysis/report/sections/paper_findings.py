@@ -40,7 +40,7 @@ _PROSE = Prose("paper_findings")
 
 def section(material: Material) -> Section | None:
     """The paper's tests of every learner that did what people did; None if there is none."""
-    chosen = material.trials[did_what_people_did(material.trials, material.pairs)]
+    chosen = material.trials[did_what_people_did(material.trials, material.like_people)]
     tests = paper_tests(chosen, material.learners)
     if tests.empty:
         return None

@@ -85,7 +85,7 @@ def scores_of(material: Material) -> dict[str, pd.DataFrame]:
         protocol: own[own["protocol"] == protocol]
         for protocol in ordered(own["protocol"], (HUMAN_PROTOCOL,))
     }
-    beside = did_what_people_did(trials, material.pairs) & trials["condition"].isin(TRANSFERS)
+    beside = did_what_people_did(trials, material.like_people) & trials["condition"].isin(TRANSFERS)
     if beside.any() and HUMAN_PROTOCOL in found:
         published = [
             published_transfer_scores(PEOPLE, people()),

@@ -1,20 +1,18 @@
-"""Long work: its progress, as a bar on a terminal or as lines in a file, and how it is stopped."""
+"""The progress of a comparison: a bar on a terminal or in a notebook, or lines in a file."""
 
 from __future__ import annotations
 
-import signal
-import threading
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
-from typing import TYPE_CHECKING
+from html import escape
+from typing import TYPE_CHECKING, Any
 
-from causal_openlock.errors import Interrupted, Terminated
 from causal_openlock.files.escaping import printable
 
 if TYPE_CHECKING:
-    from causal_openlock.cli.console import Terminal
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.progress import Playing, RunProgress
 
 Show = Callable[["RunProgress"], None]
@@ -30,7 +28,7 @@ MOST_NAMED = 3
 
 @contextmanager
 def shown(name: str, console: Terminal) -> Iterator[Show]:
-    """Show the progress of a comparison of this name."""
+    """Show the progress of a comparison of this name on a terminal, or as lines in a file."""
     if not console.is_terminal:
         yield Lines(name, console.print_line)
         return
@@ -53,6 +51,59 @@ def shown(name: str, console: Terminal) -> Iterator[Show]:
                 console.print_line(line, "yellow")
 
         yield show
+
+
+@contextmanager
+def shown_here(name: str) -> Iterator[Show | None]:
+    """Show progress where Python runs: in a notebook, on a terminal, or not at all in a file."""
+    if in_notebook():
+        yield NotebookBar(name)
+        return
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from causal_openlock.comparison.console import Terminal
+
+    with shown(name, Terminal(stderr=True)) as show:
+        yield show
+
+
+def in_notebook() -> bool:
+    """Whether a notebook's kernel runs this program."""
+    if "IPython" not in sys.modules:
+        return False
+    from IPython.core.getipython import get_ipython
+
+    return getattr(get_ipython(), "kernel", None) is not None
+
+
+class NotebookBar:
+    """A bar below the cell that runs a comparison; when all is done, one line."""
+
+    def __init__(self, name: str) -> None:
+        from IPython.display import HTML, display
+
+        self._html: Any = HTML
+        self._name = name
+        self._begun = time.monotonic()
+        self._hanging = Hanging()
+        self._lines: list[str] = []
+        self._shown: Any = display(HTML(self._bar("", 0.0)), display_id=True)  # type: ignore[no-untyped-call]
+
+    def __call__(self, standing: RunProgress) -> None:
+        """Show the progress."""
+        if standing.done + standing.failed == standing.cells:
+            passed = duration(time.monotonic() - self._begun)
+            self._shown.update(self._html(escape(f"{_cells(standing)}, in {passed}")))
+            return
+        self._lines += self._hanging.news(standing)
+        more = f"{_cells(standing)}{_left(standing)}"
+        self._shown.update(self._html(self._bar(more, standing.share)))
+
+    def _bar(self, more: str, share: float) -> str:
+        lines = "".join(f"<div>{escape(line)}</div>" for line in self._lines)
+        bar = f'<progress value="{share:.4f}" max="1"></progress>'
+        return f"<div>{escape(self._name)} {bar} {escape(more)}</div>{lines}"
 
 
 class Hanging:
@@ -128,29 +179,3 @@ def duration(seconds: float) -> str:
     if minutes < 90:
         return f"{minutes} min"
     return f"{minutes // 60} h {minutes % 60} min"
-
-
-@contextmanager
-def resumable() -> Iterator[None]:
-    """A block that can be stopped; the same command then resumes it.
-
-    Raises:
-        Interrupted: If it is stopped.
-    """
-    # Only the main thread can handle signals.
-    here = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGTERM, _terminated) if here else None
-    try:
-        yield
-    except KeyboardInterrupt as stopped:
-        interrupted = Interrupted("stopped; the same command goes on where it was")
-        if isinstance(stopped, Terminated):
-            interrupted.status = 128 + signal.SIGTERM
-        raise interrupted from None
-    finally:
-        if here:
-            signal.signal(signal.SIGTERM, before)
-
-
-def _terminated(number: int, frame: FrameType | None) -> None:
-    raise Terminated

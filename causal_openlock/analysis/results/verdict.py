@@ -1,0 +1,94 @@
+"""The table that answers first: a row for each learner, a column for each condition.
+
+People, the published model and the ideal observer have rows of their own above the learners, where
+the learners played what these are known for. The page of the report, the terminal and notebooks
+all show this table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+
+Row = Mapping[str, Any]
+"""A row of :func:`~causal_openlock.analysis.results.summary.headline`; None is no value."""
+
+
+@dataclass(frozen=True)
+class VerdictTable:
+    """The results of one protocol.
+
+    Attributes:
+        protocol: Its name.
+        columns: The conditions, and what each was judged by, such as ``trial 5`` or ``test``.
+        published: By column, a row with ``human_attempts`` and ``model_attempts``, or None where
+            nothing is published; empty if nothing is for any.
+        ideal: By column, attempts of the ideal observer, or None; empty if none are known.
+        rows: By learner, by column, its row or None.
+    """
+
+    protocol: str
+    columns: tuple[tuple[str, str], ...]
+    published: tuple[Row | None, ...]
+    ideal: tuple[float | None, ...]
+    rows: Mapping[str, tuple[Row | None, ...]]
+
+    @property
+    def beside(self) -> dict[str, tuple[float | None, ...]]:
+        """Attempts of people, the published model and the ideal observer, where known."""
+        found = {
+            name: tuple(row[column] if row else None for row in self.published)
+            for name, column in (
+                ("people", "human_attempts"),
+                ("published model", "model_attempts"),
+            )
+        }
+        return {name: row for name, row in {**found, "ideal observer": self.ideal}.items() if row}
+
+
+def verdict_tables(
+    headline: pd.DataFrame, learners: Sequence[str] = (), conditions: Sequence[str] = ()
+) -> list[VerdictTable]:
+    """The headline as tables, one for each protocol.
+
+    Args:
+        headline: From :func:`~causal_openlock.analysis.results.summary.headline`.
+        learners: The order of the rows; others follow.
+        conditions: The order of the columns; others follow.
+    """
+    tables = []
+    for protocol, rows in headline.groupby("protocol", observed=True):
+        cells = {(str(cell["learner"]), str(cell["condition"])): cell for cell in records(rows)}
+        names = ordered(rows["condition"], conditions or PAPER_CONDITIONS)
+        columns, published, ideal = [], [], []
+        for condition in names:
+            of = [cell for (_, played), cell in cells.items() if played == condition]
+            columns.append((condition, " or ".join(dict.fromkeys(c["measured"] for c in of))))
+            same = len({(cell["measured"], cell["human_attempts"]) for cell in of}) == 1
+            published.append(of[0] if same and of[0]["human_attempts"] else None)
+            bounds = {cell["ideal_attempts"] for cell in of}
+            ideal.append(bounds.pop() if len(bounds) == 1 else None)
+        tables.append(
+            VerdictTable(
+                protocol=str(protocol),
+                columns=tuple(columns),
+                published=tuple(published) if any(published) else (),
+                ideal=tuple(ideal) if any(ideal) else (),
+                rows={
+                    name: tuple(cells.get((name, condition)) for condition in names)
+                    for name in ordered(rows["learner"], learners)
+                },
+            )
+        )
+    return tables
+
+
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows as mappings, with None for what does not exist."""
+    return table.astype(object).where(table.notna(), None).to_dict("records")

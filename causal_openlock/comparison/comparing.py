@@ -1,0 +1,214 @@
+"""Running a comparison from Python: the same run as on the command line.
+
+Without a folder of its own a comparison is kept in a temporary one, until Python ends. There, what
+has been played is not played again: after an interruption, or with one more learner, only what is
+missing is.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from causal_openlock.comparison.progress import Show, shown_here
+from causal_openlock.comparison.results import Results, open_results
+from causal_openlock.errors import CellsFailed, ExperimentError, Interrupted, OpenLockError
+from causal_openlock.experiment.building import (
+    Changes,
+    ConditionForm,
+    LearnerForm,
+    make_experiment,
+)
+from causal_openlock.experiment.expected_cost import cost_cautions
+from causal_openlock.experiment.experiment import Cell, Experiment
+from causal_openlock.experiment.file import find_experiment, read_experiment
+from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.runner import run
+from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.worker import Watching
+from causal_openlock.files.yaml_file import read_document
+from causal_openlock.world.schema import Schema
+
+
+def compare(
+    what: str | Path | Experiment | ConditionForm | Sequence[ConditionForm],
+    learners: LearnerForm | Sequence[LearnerForm] | None = None,
+    *,
+    subjects: int | None = None,
+    protocol: str | Protocol | None = None,
+    seed: int | None = None,
+    out: Path | str | None = None,
+    workers: int | None = None,
+    checkpoint_every: float = 60.0,
+    time_limit: float | None = None,
+    tensorboard: Path | str | None = None,
+    **declared: Any,
+) -> Results:
+    """Compare learners, with a progress bar in a notebook or on a terminal.
+
+    Args:
+        what: A list of conditions: each a name (``"CC4"``, ``"CC3-CC4"``, ``"my.yaml"``), a
+            schema, a sequence of schemas whose last one is the test, or a :class:`Condition`. Or a
+            single one of these; the name or path of an experiment file; or an
+            :class:`Experiment`.
+        learners: Learners: each a name, a class, an instance, or what
+            :func:`~causal_openlock.learner` returns. Not needed with an experiment; with an
+            experiment file, these play in place of those in the file.
+        subjects: Subjects of each learner in each condition; by default 40, or as the file says.
+        protocol: The protocol; by default ``"human"``, or as the file says.
+        seed: All randomness comes from it; by default 0, or as the file says.
+        out: Folder for the results; one that holds a part of this comparison is completed. By
+            default they are kept until Python ends, or :meth:`Results.save` keeps them.
+        workers: Number of processes; by default one for each core.
+        checkpoint_every: Seconds between checkpoints inside a cell.
+        time_limit: Seconds after which a cell is ended and counted as failed; by default never.
+        tensorboard: Folder for TensorBoard's logs.
+        **declared: ``name``, ``title``, ``reward`` and ``cell_size``, as in
+            :func:`~causal_openlock.make_experiment`.
+
+    Raises:
+        LearnerError: If there is no such learner or parameter; the message has the nearest name.
+        Interrupted: If it is stopped; what is done is kept, and the same call goes on.
+        OpenLockError: If what is asked for cannot be done.
+
+    Example:
+        >>> results = compare(["CC3", "CC3-CC4"], ["oracle", "random"], subjects=2, workers=1)
+        >>> results.headline[["learner", "condition", "attempts"]].head(1).values.tolist()
+        [['oracle', 'CC3-CC4', 3.0]]
+    """
+    changes = {"subjects": subjects, "protocol": protocol, "seed": seed, **declared}
+    given = {name: value for name, value in changes.items() if value is not None}
+    experiment = _experiment(what, learners, given)
+    folder = _temporary_folder(experiment) if out is None else Path(out)
+    done: list[Cell] = []
+    try:
+        with shown_here(experiment.name) as show:
+            play(
+                experiment,
+                folder,
+                warn=_warn,
+                workers=workers,
+                done=lambda cell, _: done.append(cell),
+                progress=show,
+                watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
+                time_limit=time_limit,
+            )
+    except KeyboardInterrupt:
+        cells = len(experiment.cells())
+        raise Interrupted(
+            f"stopped: {len(done)} of {cells} cells are done and kept; compare the same again, "
+            "and it goes on where it was"
+        ) from None
+    return open_results(folder)
+
+
+def play(
+    experiment: Experiment,
+    folder: Path,
+    *,
+    warn: Callable[[str], None],
+    progress: Show | None = None,
+    **options: Any,
+) -> CellsFailed | None:
+    """Play what is missing of an experiment, and warn of what a user should know.
+
+    Args:
+        experiment: The experiment.
+        folder: Its results folder.
+        warn: Called with a sentence for each thing to know: what takes long, which cells failed.
+        progress: Called with the progress every second.
+        **options: As for :func:`~causal_openlock.experiment.runner.run`.
+
+    Returns:
+        That cells failed, if some did and others did not.
+
+    Raises:
+        CellsFailed: If all of them did.
+        OpenLockError: If what is asked for cannot be done.
+    """
+    for caution in [*experiment.cautions(), *cost_cautions(experiment)]:
+        warn(caution)
+    try:
+        run(
+            experiment,
+            folder,
+            failed=lambda _, why: warn(why),
+            warn=warn,
+            progress=progress,
+            **options,
+        )
+    except CellsFailed as failed:
+        if len(failed.reasons) == failed.cells:
+            raise
+        return failed
+    return None
+
+
+def _experiment(what: Any, learners: Any, given: dict[str, Any]) -> Experiment:
+    """The experiment that is asked for."""
+    if isinstance(learners, str | type) or not isinstance(learners, Sequence | None):
+        learners = [learners]
+    if isinstance(what, Experiment):
+        if given or learners:
+            raise ExperimentError(
+                "an Experiment has its learners and settings already; compare it without any, or "
+                "declare another one with make_experiment"
+            )
+        return what
+    if isinstance(what, str | Path) and (path := _file(what, learners)):
+        known = {field.name for field in fields(Changes)}
+        if strange := sorted(given.keys() - known):
+            raise ExperimentError(
+                f"{strange[0]} is a matter of the experiment file; change it there"
+            )
+        return read_experiment(path, Changes(learners=learners, **given))
+    if isinstance(what, str | Path | Schema | Condition):
+        what = [str(what) if isinstance(what, Path) else what]
+    if not learners:
+        raise ExperimentError("name the learners to compare, such as learners=['bayes', 'ddqn']")
+    return make_experiment(what, learners, **given)
+
+
+def _file(name: str | Path, learners: Any) -> Path | None:
+    """The experiment file of that name; None if it is rather a condition."""
+    try:
+        path = find_experiment(name)
+    except OpenLockError:
+        if learners:
+            return None
+        raise
+    data = read_document(path).data
+    is_schema = isinstance(data, dict) and {"levers", "edges"} <= data.keys()
+    return None if is_schema and learners else path
+
+
+@cache
+def _temporary() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="causal_openlock-")
+
+
+def _temporary_folder(experiment: Experiment) -> Path:
+    """A folder until Python ends, with the cells of the experiment that were played before."""
+    root = Path(_temporary().name)
+    folder = root / f"{experiment.name}-{experiment.identity[:12]}"
+    store = Store(folder)
+    store.open(experiment)
+    try:
+        for cell in experiment.cells():
+            for other in root.glob(f"*/cells/{cell.file_name}"):
+                with suppress(FileExistsError):
+                    os.link(other, store.path(cell))
+    finally:
+        store.close()
+    return folder
+
+
+def _warn(sentence: str) -> None:
+    warnings.warn(sentence, stacklevel=4)

@@ -1,0 +1,238 @@
+"""The results of a comparison: tables, plots and the report of one or more results folders."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
+from causal_openlock.analysis.report.cautions import warnings_of
+from causal_openlock.analysis.report.missing import missing_cells
+from causal_openlock.analysis.report.sections import columns_of
+from causal_openlock.analysis.report.sections.pairwise import pairwise_table
+from causal_openlock.analysis.report.writing import Report, make_report
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.reading import beside, read_results
+from causal_openlock.analysis.results.scores import scores_by_condition
+from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
+from causal_openlock.errors import StoreError
+from causal_openlock.experiment.store import LOCK, Store, check_inside
+from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.wording import counted
+from causal_openlock.world.room import action_names, positions_for
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SUBJECTS = [*CELL, *SUBJECT]
+"""Columns that identify a subject."""
+ROOM = [*VISIT, "schema", "layout"]
+"""Columns that identify a trial of a subject, and its room."""
+
+
+@dataclass(frozen=True, repr=False)
+class Results(Material):
+    """The results of a comparison, read from one or more folders.
+
+    A notebook shows the table of attempts, people beside the learners where these played the same,
+    and below it what a reader should know. Tables are pandas data frames, in tidy form.
+
+    Attributes:
+        folders: The results folders that they were read from.
+
+    Example:
+        >>> from causal_openlock import compare
+        >>> results = compare("CC4", ["oracle"], subjects=2, workers=1)
+        >>> results.trials[["subject", "trial", "attempts", "solved"]].head(2).values.tolist()
+        [[0, 1, 3, True], [0, 2, 3, True]]
+    """
+
+    folders: tuple[Path, ...] = ()
+
+    @classmethod
+    def read(cls, *folders: Path | str) -> Results:
+        """The results in these folders together; see :func:`open_results`."""
+        found = [read_results(Store(folder), columns_of()) for folder in folders]
+        return cls._together(found, tuple(map(Path, folders)))
+
+    @classmethod
+    def _together(
+        cls, parts: Sequence[tuple[pa.Table, StoredExperiment]], folders: tuple[Path, ...]
+    ) -> Results:
+        made = cls.of(*beside(parts))
+        object.__setattr__(made, "folders", folders)
+        return made
+
+    # -- tables ---------------------------------------------------------------------------------
+
+    @cached_property
+    def verdict(self) -> list[VerdictTable]:
+        """The table that answers first, one for each protocol."""
+        conditions = [condition.name for condition in self.experiment.conditions]
+        return verdict_tables(self.headline, self.learners, conditions)
+
+    @cached_property
+    def cautions(self) -> tuple[str, ...]:
+        """What a reader should know before believing the numbers, a sentence each.
+
+        Few subjects, trials that were not solved and count as the limit, cells that are missing.
+        """
+        experiment = self.experiment
+        missing = missing_cells(experiment)
+        unfinished = f"{counted(len(missing), 'cell')} of {len(experiment.files)} missing."
+        of_numbers = warnings_of(
+            self.counts.trials, self.summary, experiment.versions, self.like_people
+        )
+        return (unfinished, *of_numbers) if missing else of_numbers
+
+    @cached_property
+    def attempts(self) -> pd.DataFrame:
+        """A row for each attempt, in the order of time.
+
+        Columns: the subject (``learner``, ``condition``, ``protocol``, ``experiment``, ``seed``,
+        ``subject``); the trial (``phase``, ``loop``, ``trial``, ``schema``, ``layout``); the
+        number of the ``attempt`` in the trial, from 1; whether the door was ``unlocked`` and
+        ``opened``; the index of the ``solution`` that opened it (-1 for none), and whether it is a
+        ``new_solution``; ``solutions_found`` in the trial so far, of so many ``solutions``; the
+        sum of the actions' ``reward``; the ``category`` (what it came to); and ``wall_time``, the
+        seconds since its cell began.
+        """
+        return self._whole.drop(columns=["actions", "moved"])
+
+    @cached_property
+    def actions(self) -> pd.DataFrame:
+        """A row for each action, in the order of time.
+
+        Columns: the subject, the trial and the ``attempt``, as in :attr:`attempts`; the number of
+        the ``action`` in the attempt, from 1; its ``index`` in the action space; its ``name``,
+        such as ``push_UPPER``; and whether it ``moved`` something.
+        """
+        whole = self._whole
+        lengths = whole["actions"].map(len).to_numpy()
+        rows = whole.loc[whole.index.repeat(lengths), [*SUBJECTS, *ROOM, "attempt"]]
+        index = np.concatenate([*whole["actions"]]).astype(int)
+        names = np.full(len(rows), "", object)
+        for condition in self.experiment.conditions:
+            own = (rows["condition"] == condition.name).to_numpy()
+            known = np.array(action_names(max(map(positions_for, condition.schemas))), object)
+            names[own] = known[index[own]]
+        return rows.reset_index(drop=True).assign(
+            action=np.arange(len(rows)) - np.repeat(np.cumsum(lengths) - lengths, lengths) + 1,
+            index=index,
+            name=names,
+            moved=np.concatenate([*whole["moved"]]).astype(bool),
+        )
+
+    @cached_property
+    def pairs(self) -> pd.DataFrame:
+        """How probably a subject of one learner needs fewer attempts than one of another.
+
+        A row for each ordered pair of learners under a ``protocol``; the other columns are those
+        of :func:`~causal_openlock.analysis.report.sections.pairwise.pairwise_table`.
+        """
+        held = scores_by_condition(self.trials)
+        tables = []
+        for protocol in dict.fromkeys(protocol for _, protocol in held):
+            own = {name: held[name, protocol] for name in self.learners if (name, protocol) in held}
+            tables.append(pairwise_table(own).assign(protocol=protocol))
+        return pd.concat(tables, ignore_index=True)
+
+    @cached_property
+    def _whole(self) -> pd.DataFrame:
+        """The record with all its columns, in the order of :attr:`trials`."""
+        import pyarrow as pa
+
+        parts = [Store(folder).record() for folder in self.folders]
+        if [name for _, one in parts for name in one.files] != [*self.experiment.files]:
+            raise StoreError(
+                f"{self.folders[0]} has been used for another comparison since; open it again"
+            )
+        table = pa.concat_tables([record for record, _ in parts]).to_pandas()
+        known = {name: self.trials[name].dtype for name in [*SUBJECTS, *ROOM]}
+        named = table.astype(known)
+        return named.sort_values([*SUBJECTS, *VISIT, "attempt"], ignore_index=True)
+
+    # -- what is made of them -------------------------------------------------------------------
+
+    def report(self, folder: Path | str | None = None) -> Report:
+        """Write the report; a notebook shows its page.
+
+        Args:
+            folder: Where to write it; by default into the results folder, or, of results from
+                several folders, into a temporary one.
+
+        Raises:
+            OpenLockError: If it cannot be written.
+        """
+        if folder is None:
+            several = len(self.folders) != 1
+            folder = tempfile.mkdtemp(prefix="report-") if several else self.folders[0]
+        return make_report(self, folder)
+
+    def save(self, folder: Path | str) -> Path:
+        """Copy the results into a folder of their own, where they stay.
+
+        Raises:
+            StoreError: If there is something in the folder already, it cannot be written to, or
+                the results are from several folders.
+        """
+        folder = Path(folder)
+        if len(self.folders) != 1:
+            raise StoreError(
+                "these results are from several folders; save each by itself, then read them "
+                "together: open_results(one, another)"
+            )
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise StoreError(f"{folder} is there already; choose another name")
+        check_inside(self.folders[0])
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".saving-") as beside_it:
+                copied = Path(beside_it) / folder.name
+                shutil.copytree(self.folders[0], copied, ignore=shutil.ignore_patterns(LOCK))
+                copied.replace(folder)
+        except OSError as error:
+            raise StoreError(f"{folder} cannot be written ({error.strerror})") from None
+        object.__setattr__(self, "folders", (folder,))
+        return folder
+
+    def __add__(self, other: Results) -> Results:
+        """Both in one table.
+
+        Raises:
+            StoreError: If they cannot be compared: a learner or a condition has two meanings.
+        """
+        if not isinstance(other, Results):
+            return NotImplemented
+        parts = [(one.record, one.experiment) for one in (self, other)]
+        return self._together(parts, self.folders + other.folders)
+
+    def __repr__(self) -> str:
+        """The table that answers first, as text, and what a reader should know."""
+        from causal_openlock.comparison.console import Terminal
+        from causal_openlock.comparison.tables import print_verdict
+
+        text = StringIO()
+        print_verdict(self.verdict, Terminal(file=text, width=100))
+        return "\n".join([text.getvalue().strip(), *self.cautions])
+
+
+def open_results(*folders: Path | str) -> Results:
+    """The results in a folder that :func:`compare` or the command line wrote.
+
+    Args:
+        *folders: The folder; of several, all results in one table.
+
+    Raises:
+        StoreError: If a folder holds no results, one is damaged, or they cannot be compared.
+    """
+    return Results.read(*folders)
