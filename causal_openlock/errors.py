@@ -34,6 +34,10 @@ class Interrupted(OpenLockError):  # noqa: N818 - it is none
 
     status = 130
 
+    def _render_traceback_(self) -> list[str]:
+        """What a notebook shows: the sentence, since nothing went wrong."""
+        return [str(self)]
+
 
 class Terminated(KeyboardInterrupt):
     """The system, or a batch system, has asked the process to end: SIGTERM."""

@@ -20,6 +20,8 @@ from causal_openlock.wording import counted
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from causal_openlock.analysis.report.writing import Report
+    from causal_openlock.comparison.results import Results
     from causal_openlock.contract.learner import Learner
     from causal_openlock.experiment.experiment import Experiment, LearnerSpec
     from causal_openlock.world.room import Room
@@ -147,11 +149,45 @@ def learner_html(learner: Learner) -> str:
     return _card(kind.__name__, f"<div>{escape(about)}</div>", table)
 
 
+def results_html(results: Results) -> str:
+    """Results: the table of each protocol, and below it what a reader should know."""
+    from causal_openlock.comparison.tables import lines, number
+
+    def small(texts: Sequence[str]) -> str:
+        first, *rest = map(escape, texts or [""])
+        return "".join([first, *(f"<br><small>{text}</small>" for text in rest)])
+
+    parts = []
+    for table in results.verdict:
+        heads = ["attempts", *(f"{name}, {measured}" for name, measured in table.columns)]
+        rows = [
+            [f"<i>{escape(name)}</i>", *("" if one is None else number(one) for one in row)]
+            for name, row in table.beside.items()
+        ]
+        rows += [
+            [f"<b>{escape(learner)}</b>", *(small(lines(row)) for row in cells)]
+            for learner, cells in table.rows.items()
+        ]
+        parts.append(f"<div>protocol {escape(table.protocol)}</div>{_table(heads, rows)}")
+    known = escape(" ".join(results.cautions))
+    about = "Mean attempts to find every solution, in small type their 95% interval."
+    return _card(results.experiment.title, *parts, f"<div><small>{about} {known}</small></div>")
+
+
+def report_html(report: Report) -> str:
+    """The page of a report, in a frame."""
+    page = escape(report.path.read_text(encoding="utf-8"))
+    look = "width:100%;height:40em;border:1px solid #ccc;background:#fff"
+    return f'<iframe style="{look}" srcdoc="{page}"></iframe><div>{escape(str(report.path))}</div>'
+
+
 SHOWN_AS = {
     ("causal_openlock.world.schema", "Schema"): schema_html,
     ("causal_openlock.world.room", "Room"): room_html,
     ("causal_openlock.experiment.experiment", "Experiment"): experiment_html,
     ("causal_openlock.contract.learner", "Learner"): learner_html,
+    ("causal_openlock.comparison.results", "Results"): results_html,
+    ("causal_openlock.analysis.report.writing", "Report"): report_html,
     ("pyarrow.lib", "Table"): record_html,
 }
 """What is shown of instances of each type and of its subclasses."""

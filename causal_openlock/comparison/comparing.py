@@ -8,6 +8,7 @@ missing is.
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
@@ -211,4 +212,8 @@ def _temporary_folder(experiment: Experiment) -> Path:
 
 
 def _warn(sentence: str) -> None:
-    warnings.warn(sentence, stacklevel=4)
+    """Warn, with the line outside the package that asked for the comparison."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("causal_openlock"):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(sentence, stacklevel=level)

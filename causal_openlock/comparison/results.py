@@ -88,11 +88,13 @@ class Results(Material):
         """
         experiment = self.experiment
         missing = missing_cells(experiment)
-        unfinished = f"{counted(len(missing), 'cell')} of {len(experiment.files)} missing."
+        unfinished = f"{counted(len(missing), 'cell')} of {len(experiment.files)} missing"
         of_numbers = warnings_of(
             self.counts.trials, self.summary, experiment.versions, self.like_people
         )
-        return (unfinished, *of_numbers) if missing else of_numbers
+        if not missing:
+            return of_numbers
+        return f"{unfinished}: {missing[0].text}{'; ...' if missing[1:] else ''}.", *of_numbers
 
     @cached_property
     def attempts(self) -> pd.DataFrame:
@@ -222,7 +224,8 @@ class Results(Material):
         from causal_openlock.comparison.tables import print_verdict
 
         text = StringIO()
-        print_verdict(self.verdict, Terminal(file=text, width=100))
+        plain = {"force_terminal": False, "force_jupyter": False, "no_color": True}
+        print_verdict(self.verdict, Terminal(file=text, width=100, **plain))
         return "\n".join([text.getvalue().strip(), *self.cautions])
 
 

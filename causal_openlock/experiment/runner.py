@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from causal_openlock.contract.registry import is_ours
+from causal_openlock.contract.session_code import is_of_session, packed, session_source
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.progress import ProgressEstimator, RunProgress
@@ -87,9 +88,13 @@ def run(
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
     if time_limit is not None and executor is not None:
         warn("the time limit is ignored: a given executor cannot end a running cell")
+    definitions = packed(spec.learner for spec in experiment.learners)
     store = Store(folder)
     store.open(experiment)
     try:
+        for spec in experiment.learners:
+            if is_of_session(spec.learner):
+                store.keep_source(spec.origin.package, session_source(spec.learner))
         missing = {}
         for cell in experiment.cells():
             fault = store.check(cell)
@@ -111,6 +116,7 @@ def run(
             store=store,
             course=course,
             watching=watching,
+            definitions=definitions,
             time_limit=float("inf") if time_limit is None else time_limit,
             done=done or _ignore,
             failed=failed or _ignore,
@@ -140,6 +146,7 @@ class _Run:
     store: Store
     course: ProgressEstimator
     watching: Watching
+    definitions: bytes
     time_limit: float
     done: Callable[[Cell, bool], None]
     failed: Callable[[Cell, str], None]
@@ -160,7 +167,8 @@ class _Run:
                     cell = self.pending.popleft()
                     # Other people's code may change its process, so it gets a new one.
                     alone = not is_ours(cell.spec.learner)
-                    future = crew.submit(play_cell, cell, folder, self.watching, alone=alone)
+                    job = (cell, folder, self.watching, self.definitions)
+                    future = crew.submit(play_cell, *job, alone=alone)
                     self.running[future] = cell
                     if crew.begun(future):
                         self.course.began(cell, time.monotonic())

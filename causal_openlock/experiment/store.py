@@ -6,6 +6,7 @@
       experiment.json       everything that determines the results, and the names of cells' files
       cells/                one file a cell; its name ends with the cell's identity. While the cell
                             is played, also its checkpoint and its progress
+      code/                 source of learners that a notebook or a script defined
       report.html  summary.csv  figures/
       errors/               a file for each failed cell: a sentence and the traceback
 
@@ -249,6 +250,19 @@ class Store:
         with suppress(OSError, ValueError):  # just written, or just removed
             return path.stat().st_mtime_ns, float(path.read_text(encoding="utf-8"))
         return None
+
+    def keep_source(self, package: str, source: str) -> None:
+        """Keep the source of a learner that has no file, for people: nothing ever runs it.
+
+        Args:
+            package: Its origin, such as ``Mine.py 0123456789abcdef``.
+            source: The source.
+
+        Raises:
+            OpenLockError: If it cannot be written.
+        """
+        name, _, digest = package.partition(".py ")
+        write_bytes(self.folder / "code" / f"{name}_{digest}.py", source.encode())
 
     def record_failure(self, cell: Cell, what: str, trace: str) -> str:
         """Save why a cell failed: a clause that follows its name, and the traceback.

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
+from causal_openlock.contract.session_code import unpack
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.experiment.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.experiment.experiment import Cell
@@ -40,8 +41,15 @@ class Watching:
     tensorboard: str | None = None
 
 
-def play_cell(cell: Cell, folder: str, watching: Watching) -> list[str]:
+def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = b"") -> list[str]:
     """Play one cell and save its record.
+
+    Args:
+        cell: The cell.
+        folder: Its results folder.
+        watching: What to do besides.
+        definitions: Classes of the running notebook, from
+            :func:`~causal_openlock.contract.session_code.packed`.
 
     Returns:
         Problems that did not stop it, a sentence each.
@@ -50,6 +58,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching) -> list[str]:
         LearnerError: If the learner fails; the reason and traceback are saved in ``errors``.
         OpenLockError: If a file cannot be written.
     """
+    unpack(definitions)
     store = Store(folder)
     made_with = {"identity": cell.identity, **versions()}
     checkpoint = Checkpoint(store.path(cell), made_with, watching.checkpoint_every)
