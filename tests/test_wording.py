@@ -10,7 +10,7 @@ import pandas as pd
 from causal_openlock.analysis.report.difference_page import sentence_on_changes
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.what_was_run import budgets
-from causal_openlock.analysis.report.writing import make_report
+from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
@@ -51,5 +51,5 @@ def test_sentences_with_numbers_are_right_for_one(tmp_path: Path) -> None:
     assert "gives 1 attempt, so" in caution
     (cell,) = experiment.cells()
     record = Session(cell.condition, cell.spec.protocol, 1).play(create("random"))
-    made = make_report(record, tmp_path, stored(replace(experiment, title="One")))
-    assert "1 attempt in 1 trial." in Page(made.path.read_text(encoding="utf-8")).text
+    page = write_report(record, tmp_path, stored(replace(experiment, title="One")))
+    assert "1 attempt in 1 trial." in Page(page.read_text(encoding="utf-8")).text

@@ -250,7 +250,7 @@ class _Builder:
 
     def sequence(self, declared: Schema | Sequence[str | Schema]) -> Condition:
         """A baseline of one schema; or training with all but the last and a test with the last."""
-        listed = [declared] if isinstance(declared, Schema) else list(declared)
+        listed = list(declared) if isinstance(declared, Sequence) else [declared]
         schemas = [self.schema(one) if isinstance(one, str) else one for one in listed]
         if not schemas or not all(isinstance(one, Schema) for one in schemas):
             raise ExperimentError(

@@ -15,9 +15,10 @@ import pytest
 
 from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.reading import beside, read_results
-from causal_openlock.cli import report
+from causal_openlock.analysis.results.verdict import verdict_tables
 from causal_openlock.cli.terminal import write_anything
 from causal_openlock.comparison.console import Terminal
+from causal_openlock.comparison.tables import print_verdict
 from causal_openlock.experiment.store import Store
 from support.command import at_once, modules_of
 from support.places import ROOT
@@ -464,7 +465,7 @@ def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> N
         ]
     )  # fmt: skip
     console = Terminal(width=60, file=io.StringIO())
-    report.print_headline(rows, ["somebody"], names, console)
+    print_verdict(verdict_tables(rows), console)
     printed = console.file.getvalue()
     assert all(name in printed for name in [*names, "somebody", "ideal observer"])
 

@@ -17,9 +17,10 @@ from rich.table import Table
 
 from causal_openlock import cli
 from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.cli.report import print_headline
+from causal_openlock.analysis.results.verdict import verdict_tables
 from causal_openlock.cli.terminal import complain, say
 from causal_openlock.comparison.console import Terminal
+from causal_openlock.comparison.tables import print_verdict
 from causal_openlock.errors import LearnerError
 from causal_openlock.export.as_csv import flat
 from causal_openlock.files.escaping import cell, csv_of, printable
@@ -97,7 +98,7 @@ def test_the_headline_shows_labels_as_they_are() -> None:
     }
     out = io.StringIO()
     console = Terminal(file=out, width=100)
-    print_headline(pd.DataFrame([row]), [row["learner"]], [row["condition"]], console)
+    print_verdict(verdict_tables(pd.DataFrame([row])), console)
     for said in ("protocol [bold]p[/]", "[/]c", r"[red]l\x1b[31m", "[x]trial 5", "2.00–4.00"):
         assert said in out.getvalue()
     assert "\x1b" not in out.getvalue()

@@ -1,0 +1,196 @@
+"""What ``compare`` takes, what it plays, and what it says when it cannot."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import causal_openlock as ol
+from causal_openlock.comparison import comparing
+from causal_openlock.errors import ExperimentError, Interrupted, LearnerError, OpenLockError
+from causal_openlock.experiment import runner
+from support.processes import start_prepared
+
+VAULT = ol.Schema(
+    "vault",
+    ["key", "dial", "second"],
+    {"key": ["door"], "dial": ["second"], "second": ["door"]},
+    gates={"door": ol.Gate("all")},
+)
+
+
+class Persistent(ol.OneSubjectLearner):
+    """Push the door, always."""
+
+    def act(self, observation: Any) -> int:
+        return self.brief.actions - 1
+
+
+@pytest.fixture(autouse=True)
+def prepared_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    start_prepared(monkeypatch)
+
+
+@pytest.fixture
+def played(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The cells that are played, in words."""
+    cells: list[str] = []
+    submit = runner.Crew.__args__[0].submit  # type: ignore[attr-defined]
+
+    def noted(self: Any, job: Any, cell: Any, *rest: Any, **options: Any) -> Future[Any]:
+        cells.append(cell.in_words)
+        return submit(self, job, cell, *rest, **options)
+
+    monkeypatch.setattr(runner.Crew.__args__[0], "submit", noted)  # type: ignore[attr-defined]
+    return cells
+
+
+def labels(results: ol.Results) -> list[str]:
+    return [spec.name for spec in results.experiment.learners]
+
+
+def test_conditions_and_learners_in_every_form() -> None:
+    made = ol.make_experiment(
+        ["CC4", "CC3-CC4", VAULT, ["CC3", VAULT], ("CC3", "CE3", "CC4")],
+        ["bayes", ol.learner("ddqn", learning_rate=0.0005, label="slow"), Persistent],
+        subjects=2,
+    )
+    assert [one.name for one in made.conditions] == [
+        "CC4", "CC3-CC4", "vault", "CC3-vault", "CC3-CE3-CC4",
+    ]  # fmt: skip
+    last = made.conditions[-1]
+    assert [[trials.schema.name for trials in part] for part in (last.train, last.test)] == [
+        ["CC3", "CE3"], ["CC4"],
+    ]  # fmt: skip
+    assert [spec.name for spec in made.learners] == ["bayes", "slow", "Persistent"]
+    assert made.learners[1].parameters["learning_rate"] == 0.0005
+    assert made.learners[2].learner == f"{__name__}:Persistent"
+
+
+def test_an_instance_counts_by_its_class_and_parameters() -> None:
+    instance = ol.create("bayes", {"policy": "thompson"})
+    (spec,) = ol.make_experiment(["CC3"], [instance]).learners
+    assert (spec.learner, spec.parameters["policy"]) == ("bayes", "thompson")
+    single = ol.create(f"{__name__}:Persistent")
+    (spec,) = ol.make_experiment(["CC3"], [single]).learners
+    assert spec.learner == f"{__name__}:Persistent"
+
+
+def test_a_declared_experiment_is_that_of_a_file(tmp_path: Path) -> None:
+    (tmp_path / "e.yaml").write_text(
+        "name: comparison\nseed: 3\nsubjects: 2\nconditions: [CC3, CC3-CC4]\n"
+        "learners: [oracle, {learner: ddqn, name: slow, parameters: {learning_rate: 0.0005}}]\n"
+    )
+    slow = ol.learner("ddqn", learning_rate=0.0005, label="slow")
+    made = ol.make_experiment(["CC3", ["CC3", "CC4"]], ["oracle", slow], seed=3, subjects=2)
+    assert made.identity == ol.read_experiment(tmp_path / "e.yaml").identity
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((["CC4"], ["bayess"]), "did you mean bayes"),
+        ((["CC44"], ["bayes"]), "CC44"),
+        ((["CC4"],), "name the learners to compare"),
+        ((["CC4"], [dict]), "is no learner"),
+        (([3], ["bayes"]), "3 is not a condition"),
+        (([[]], ["bayes"]), "is not a condition"),
+        ((["CC4"], ["oracle", "oracle"]), "listed twice"),
+        (("defautl",), "default"),
+    ],
+)
+def test_mistakes_are_one_sentence(arguments: tuple[Any, ...], message: str) -> None:
+    with pytest.raises(OpenLockError, match=message) as caught:
+        ol.compare(*arguments, subjects=1)
+    assert "\n" not in str(caught.value)
+
+
+def test_learner_is_checked_at_once() -> None:
+    with pytest.raises(LearnerError, match="did you mean learning_rate"):
+        ol.learner("ddqn", learnin_rate=1.0)
+    with pytest.raises(LearnerError, match="learning_rate"):
+        ol.learner("ddqn", learning_rate="fast")
+    with pytest.raises(ExperimentError, match="subjects"):
+        ol.learner("ddqn", subjects=0)
+
+    class Local(Persistent):
+        """Nobody else can find it."""
+
+    with pytest.raises(LearnerError, match="top level"):
+        ol.learner(Local)
+
+
+@pytest.mark.parametrize(("name", "value"), [("subjects", 0), ("seed", -1), ("name", "a b")])
+def test_settings_are_checked(name: str, value: object) -> None:
+    with pytest.raises(ExperimentError, match=name):
+        ol.make_experiment(["CC3"], ["oracle"], **{name: value})  # type: ignore[arg-type]
+
+
+def test_what_was_played_is_not_played_again(played: list[str]) -> None:
+    one = ol.compare(["CC3"], ["oracle"], subjects=2, seed=71, workers=1)
+    two = ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=71, workers=1)
+    assert played == ["oracle in CC3, subjects 0-1", "random in CC3, subjects 0-1"]
+    assert (labels(one), labels(two)) == (["oracle"], ["oracle", "random"])
+    assert one.folders != two.folders
+    own = two.attempts[two.attempts["learner"] == "oracle"].reset_index(drop=True)
+    for name in ("subject", "trial", "attempt", "reward", "wall_time"):
+        np.testing.assert_array_equal(one.attempts[name], own[name])
+
+
+def test_a_file_a_folder_and_changes(tmp_path: Path, played: list[str]) -> None:
+    path, out = tmp_path / "e.yaml", tmp_path / "out"
+    path.write_text("name: e\nconditions: [CC3]\nsubjects: 2\nlearners: [oracle, random]\n")
+    ol.compare(path, out=out, workers=1)
+    assert played == ["oracle in CC3, subjects 0-1", "random in CC3, subjects 0-1"]
+    played.clear()
+    again = ol.compare(ol.read_experiment(path), out=out, workers=1)
+    assert played == []
+    assert labels(again) == ["oracle", "random"]
+    assert labels(ol.compare(path, ["random"], workers=1)) == ["random"]
+    with pytest.raises(ExperimentError, match="make_experiment"):
+        ol.compare(ol.read_experiment(path), ["random"])
+    with pytest.raises(ExperimentError, match="reward"):
+        ol.compare(path, reward="basic")
+
+
+def test_stopping_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch, played: list[str]) -> None:
+    ended: list[Any] = []
+    run = comparing.run
+
+    def stopped(*arguments: Any, done: Any, **options: Any) -> Any:
+        def then_stop(cell: Any, was_there: bool) -> None:
+            done(cell, was_there)
+            ended.append(cell)
+            raise KeyboardInterrupt
+
+        return run(*arguments, done=then_stop, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(comparing, "run", stopped)
+        with pytest.raises(Interrupted, match="1 of 2 cells are done and kept") as caught:
+            ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=72, workers=1)
+    assert caught.value._render_traceback_() == [str(caught.value)]
+    played.clear()
+    ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=72, workers=1)
+    assert played == ["random in CC3, subjects 0-1"]
+
+
+def test_cells_that_fail_are_warned_of_and_named(tmp_path: Path) -> None:
+    with pytest.warns(UserWarning, match="failed: ZeroDivisionError") as warned:
+        results = ol.compare(["CC3"], [Failing, "oracle"], subjects=2, workers=1)
+    assert {Path(one.filename).name for one in warned} == {Path(__file__).name}
+    assert results.cautions[0].startswith("1 cell of 2 missing: the learner Failing in CC3")
+    every = pytest.raises(LearnerError, match="every cell failed")
+    with every, pytest.warns(UserWarning, match="failed"):
+        ol.compare(["CC3"], [Failing], subjects=2, workers=1)
+
+
+class Failing(ol.OneSubjectLearner):
+    """It does not work."""
+
+    def act(self, observation: Any) -> int:
+        return 1 // 0

@@ -1,0 +1,131 @@
+"""Classes of a running notebook: what goes to workers, and what is kept as source."""
+
+from __future__ import annotations
+
+import linecache
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import causal_openlock as ol
+from causal_openlock.contract.registry import learner_class, name_of, origin
+from causal_openlock.contract.session_code import packed, session_source, unpack
+from causal_openlock.errors import LearnerError
+
+HEAD = """\
+import numpy as np
+import causal_openlock as ol
+from dataclasses import dataclass
+SCALE = 3
+results = object()
+"""
+HELPERS = """\
+@dataclass
+class Node:
+    value: int = 0
+
+def pick(generator, many):
+    return int(generator.integers(many)) * SCALE // SCALE
+"""
+LEARNER = """\
+class Mine(ol.OneSubjectLearner):
+    def begin(self):
+        self.node, results = Node(1), np.zeros(1)
+    def act(self, observation):
+        return pick(self.generator, self.brief.actions)
+"""
+NAME = "__main__:Mine"
+Run = Callable[[str], None]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Runs a cell in a notebook's ``__main__``."""
+    main = ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", main)
+    number = 0
+
+    def run_cell(text: str) -> None:
+        nonlocal number
+        number += 1
+        name = f"/tmp/ipykernel_1/{number}.py"
+        monkeypatch.setitem(
+            linecache.cache, name, (len(text), None, text.splitlines(keepends=True), name)
+        )
+        exec(compile(text, name, "exec"), vars(main))
+
+    return run_cell
+
+
+def test_the_source_is_a_module_of_all_that_is_used(run: Run) -> None:
+    for cell in (HEAD, HELPERS, LEARNER):
+        run(cell)
+    source = session_source(NAME)
+    assert "\nresults = " not in source  # a local name; the global one is something else
+    module = ModuleType("kept")
+    exec(compile(source, "kept.py", "exec"), vars(module))
+    assert issubclass(module.Mine, ol.OneSubjectLearner)
+    assert module.Node(2).value == 2
+
+
+def test_a_class_that_is_defined_anew_is_another_one(run: Run) -> None:
+    for cell in (HEAD, HELPERS, LEARNER):
+        run(cell)
+    first, kind = origin(NAME), learner_class(NAME)
+    assert name_of(kind) == NAME
+    run(LEARNER)
+    assert origin(NAME) == first
+    assert learner_class(NAME) is not kind
+    run(HELPERS.replace("* SCALE //", "* 2 * SCALE //"))
+    assert origin(NAME) != first
+    run(HELPERS)
+    assert origin(NAME) == first
+    run("SCALE = 4\n")
+    assert origin(NAME) != first
+
+
+def test_a_worker_defines_what_was_packed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    for cell in (HEAD, HELPERS, LEARNER):
+        run(cell)
+    content = packed([NAME, "ddqn"])
+    worker = ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", worker)
+    with pytest.raises(LearnerError, match="cannot be imported"):
+        ol.create(NAME)
+    unpack(content)
+    assert {"Mine", "Node", "pick"} <= vars(worker).keys()
+    assert "results" not in vars(worker)
+    assert packed(["ddqn"]) == b""
+
+
+def test_results_keep_the_source_and_need_no_class(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for cell in (HEAD, HELPERS, LEARNER):
+        run(cell)
+    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=2)
+    with ThreadPoolExecutor(1) as executor:
+        ol.run(experiment, tmp_path / "r", executor=executor)
+    (kept,) = (tmp_path / "r" / "code").iterdir()
+    assert kept.read_text() == session_source(NAME)
+    monkeypatch.setitem(sys.modules, "__main__", ModuleType("__main__"))
+    assert ol.open_results(tmp_path / "r").learners == ("Mine",)
+
+
+def test_what_has_no_source_is_refused(run: Run) -> None:
+    run(HEAD)
+    scope = vars(sys.modules["__main__"])
+    exec(LEARNER, scope)
+    with pytest.raises(LearnerError, match="the source of Mine cannot be found"):
+        origin(NAME)
+
+
+def test_cells_with_magic_commands_are_passed_over(run: Run) -> None:
+    run(HEAD)
+    run("class Mine(ol.OneSubjectLearner):\n    act = None\n")
+    linecache.cache["/tmp/ipykernel_1/99.py"] = (5, None, ["%matplotlib inline\n"], "x")
+    assert "act = None" in session_source(NAME)
