@@ -61,12 +61,15 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Run:
     return run_cell
 
 
-def test_the_source_is_a_module_of_all_that_is_used(run: Run) -> None:
+def test_the_source_is_a_module_of_all_that_is_used(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for cell in (HEAD, HELPERS, LEARNER):
         run(cell)
     source = session_source(NAME)
     assert "\nresults = " not in source  # a local name; the global one is something else
     module = ModuleType("kept")
+    monkeypatch.setitem(sys.modules, "kept", module)
     exec(compile(source, "kept.py", "exec"), vars(module))
     assert issubclass(module.Mine, ol.OneSubjectLearner)
     assert module.Node(2).value == 2
