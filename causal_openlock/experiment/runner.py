@@ -23,6 +23,7 @@ from causal_openlock.experiment.progress import ProgressEstimator, RunProgress
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.worker import Watching, play_cell, record_failure
 from causal_openlock.experiment.workers import Crew, available_cores, crew
+from causal_openlock.files.atomic import write_text
 
 LOOK_EVERY = 1.0
 """Seconds between two looks at the progress of the cells."""
@@ -94,7 +95,7 @@ def run(
     try:
         for spec in experiment.learners:
             if is_of_session(spec.learner):
-                store.keep_source(spec.origin.package, session_source(spec.learner))
+                write_text(store.source(spec.origin.package), session_source(spec.learner))
         missing = {}
         for cell in experiment.cells():
             fault = store.check(cell)

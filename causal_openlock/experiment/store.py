@@ -251,18 +251,14 @@ class Store:
             return path.stat().st_mtime_ns, float(path.read_text(encoding="utf-8"))
         return None
 
-    def keep_source(self, package: str, source: str) -> None:
-        """Keep the source of a learner that has no file, for people: nothing ever runs it.
+    def source(self, package: str) -> Path:
+        """Where the source of a learner that has no file is kept, for people: nothing runs it.
 
         Args:
             package: Its origin, such as ``Mine.py 0123456789abcdef``.
-            source: The source.
-
-        Raises:
-            OpenLockError: If it cannot be written.
         """
         name, _, digest = package.partition(".py ")
-        write_bytes(self.folder / "code" / f"{name}_{digest}.py", source.encode())
+        return self.folder / "code" / f"{name}_{digest}.py"
 
     def record_failure(self, cell: Cell, what: str, trace: str) -> str:
         """Save why a cell failed: a clause that follows its name, and the traceback.

@@ -37,9 +37,12 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Template
 
 from causal_openlock.analysis.report.writing import files_of
+from causal_openlock.contract.registry import digest
+from causal_openlock.contract.session_code import is_of_session
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.store import check_inside
 from causal_openlock.experiment.stored import StoredExperiment, Versions
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.export.local_modules import local_modules
@@ -99,7 +102,7 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
     versions = store.record([])[1].versions
     packages = _packages(experiment, versions)
     again = any(spec.learner != PERSON for spec in experiment.learners)
-    contents, cautions = _experiment(experiment, packages) if again else ({}, [])
+    contents, cautions = _experiment(experiment, packages, store) if again else ({}, [])
     contents["requirements.txt"] = _requirements(packages).encode()
     contents["README.md"] = _readme(experiment, versions, again, cautions).encode()
     results = [store.folder / "experiment.json", report, store.folder / "summary.csv", *cells]
@@ -124,7 +127,9 @@ def _part(name: Any) -> str:
     return f"_{plain}" if not plain or _RESERVED.match(plain) else plain
 
 
-def _experiment(experiment: StoredExperiment, packages: Versions) -> tuple[Contents, list[str]]:
+def _experiment(
+    experiment: StoredExperiment, packages: Versions, store: Store
+) -> tuple[Contents, list[str]]:
     """The experiment file and all that it names, and why it may not run as it did."""
     contents: Contents = {}
     for condition in experiment.conditions:
@@ -133,7 +138,15 @@ def _experiment(experiment: StoredExperiment, packages: Versions) -> tuple[Conte
     learners, moved, cautions = [], False, []
     places = _places(experiment)
     for spec in experiment.learners:
-        if ":" in spec.learner:
+        if is_of_session(spec.learner):
+            spec, content = _from_session(spec, store)
+            contents.update(content)
+            moved = True
+            cautions.append(
+                f"{spec.name} was defined in a notebook; its source is bundled as a module, and "
+                "counts as another learner."
+            )
+        elif ":" in spec.learner:
             found, warned = _module(spec, places, set(packages))
             contents.update(found)
             cautions += [one for one in warned if one not in cautions]
@@ -155,6 +168,20 @@ def _places(experiment: StoredExperiment) -> list[Path]:
     except (ValueError, OSError):
         found = False
     return [Path.cwd(), *([Path(command[2]).resolve().parent] if found else [])]
+
+
+def _from_session(spec: LearnerSpec, store: Store) -> tuple[LearnerSpec, Contents]:
+    """A learner that a notebook defined, as one of a module, and that module."""
+    path = store.source(spec.origin.package)
+    check_inside(store.folder)
+    content = path.read_bytes() if path.is_file() else b""
+    if path.parent.parent != store.folder or digest(content) != spec.origin.package[-16:]:
+        raise StoreError(
+            f"{path} is not the source of {spec.name} that the results were made with; compare "
+            "again"
+        )
+    name = spec.learner.partition(":")[2]
+    return replace(spec, learner=f"{path.stem}:{name}"), {path.name: content}
 
 
 def _module(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import linecache
 import sys
+import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,7 +15,8 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.contract.registry import learner_class, name_of, origin
 from causal_openlock.contract.session_code import packed, session_source, unpack
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, StoreError
+from causal_openlock.export.bundle import write_bundle
 
 HEAD = """\
 import numpy as np
@@ -117,6 +119,26 @@ def test_results_keep_the_source_and_need_no_class(
     assert kept.read_text() == session_source(NAME)
     monkeypatch.setitem(sys.modules, "__main__", ModuleType("__main__"))
     assert ol.open_results(tmp_path / "r").learners == ("Mine",)
+
+
+def test_a_bundle_has_the_source_as_a_module(run: Run, tmp_path: Path) -> None:
+    for cell in (HEAD, HELPERS, LEARNER):
+        run(cell)
+    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
+    with ThreadPoolExecutor(1) as executor:
+        store = ol.run(experiment, tmp_path / "r", executor=executor)
+    ol.open_results(tmp_path / "r").report()
+    assert "defined in a notebook" in write_bundle(store, tmp_path / "b.zip")[0]
+    (kept,) = (tmp_path / "r" / "code").iterdir()
+    with zipfile.ZipFile(tmp_path / "b.zip") as bundle:
+        bundle.extractall(tmp_path / "again")
+    folder = tmp_path / "again" / "comparison"
+    assert (folder / kept.name).read_text() == session_source(NAME)
+    (spec,) = ol.read_experiment(folder / "experiment.yaml").learners
+    assert learner_class(spec.learner).__name__ == "Mine"
+    kept.write_text("import os\n")
+    with pytest.raises(StoreError, match="is not the source of Mine"):
+        write_bundle(store, tmp_path / "b.zip")
 
 
 def test_what_has_no_source_is_refused(run: Run) -> None:
