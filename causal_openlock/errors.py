@@ -111,6 +111,10 @@ class StoreError(OpenLockError):
     """A results folder that cannot be used."""
 
 
+class NothingToDrawError(OpenLockError):
+    """A figure that the results hold nothing for."""
+
+
 @dataclass(frozen=True)
 class Fault:
     """One fault in a file; line and column count from 1."""

@@ -144,7 +144,7 @@ def _nothing_searched(learner: str) -> str:
 
 def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
-    from causal_openlock.analysis.plots.points import CLEAR, signs
+    from causal_openlock.analysis.plots.likeness import CLEAR, signs
     from causal_openlock.comparison.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.outcome import entry

@@ -18,7 +18,7 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.report.cautions import warnings_of
 from causal_openlock.analysis.report.missing import missing_cells
 from causal_openlock.analysis.report.sections import columns_of
-from causal_openlock.analysis.report.sections.pairwise import pairwise_table
+from causal_openlock.analysis.results.pairwise import pairwise_table
 from causal_openlock.analysis.report.writing import Report, make_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.reading import beside, read_results
@@ -139,7 +139,7 @@ class Results(Material):
         """How probably a subject of one learner needs fewer attempts than one of another.
 
         A row for each ordered pair of learners under a ``protocol``; the other columns are those
-        of :func:`~causal_openlock.analysis.report.sections.pairwise.pairwise_table`.
+        of :func:`~causal_openlock.analysis.results.pairwise.pairwise_table`.
         """
         held = scores_by_condition(self.trials)
         tables = []

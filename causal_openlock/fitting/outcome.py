@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.points import draw_points
+from causal_openlock.analysis.plots.likeness import draw_points
 from causal_openlock.analysis.results.people.human_likeness import (
+    PUBLISHED_MODEL,
     effects_of,
     points_of,
     points_of_model,
@@ -83,7 +85,9 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
     }
     for name, text in texts.items():
         write_text(folder / name, text)
-    own = found.points.drop(columns="held_out")
-    plot = draw_points([own, points_of_model()], effects={found.label: found.effects})
-    style.save(plot.figure, folder / "fit")
+    figure, own = Figure(), found.points.drop(columns="held_out")
+    model = points_of_model()
+    points = {found.label: own, PUBLISHED_MODEL: model}
+    draw_points(points, {found.label: found.effects, PUBLISHED_MODEL: effects_of(model)}, figure)
+    style.save(figure, folder / "fit")
     return [*(folder / name for name in texts), folder / "fit.svg", folder / "fit.png"]

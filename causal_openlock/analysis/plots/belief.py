@@ -22,7 +22,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.style import COMMON_CAUSE, COMMON_EFFECT, Plot
+from causal_openlock.analysis.plots.panels import WIDTH, Layout, panels
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.traces import replayed
 from causal_openlock.belief.trace import Trace, TracedAction, agreement, percent, shown_name
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_bytes
@@ -40,43 +42,123 @@ _LINE, _LEFT, _RIGHT, _NARROWEST = 0.16, 1.75, 0.62, 0.125
 _UNIT, _GRAPH_HEIGHT = 0.46, 3.0  # of graphs: inches of a unit, and of the highest
 _SMALL = 7.0  # size of small type
 _INK, _FAINT = "#222222", "#9A9A9A"
-# Distinct in form as well as in colour: an empty ring, filled marks, a star.
-_MARKS: dict[str, tuple[str, dict[str, Any]]] = {
-    "nothing": ("nothing", {"marker": "_", "mec": _FAINT, "mew": 1.6, "ms": 7}),
-    "moved": ("moved", {"marker": "o", "mfc": "white", "mec": _INK, "mew": 1.0, "ms": 6}),
-    "unlocked": ("unlocked", {"marker": "D", "mfc": "#56B4E9", "mec": _INK, "mew": 0.8, "ms": 5.5}),
-    "locked": ("locked again", {"marker": "s", "mfc": _INK, "mec": _INK, "mew": 0.8, "ms": 5.5}),
-    "opened": ("opened", {"marker": "^", "mfc": "#CC79A7", "mec": _INK, "mew": 0.8, "ms": 7}),
-    "new solution": (
-        "new solution",
-        {"marker": "*", "mfc": COMMON_CAUSE, "mec": _INK, "mew": 0.7, "ms": 11},
-    ),
-}
-_EXPECTED: Any = {"fc": "white", "ec": COMMON_EFFECT, "lw": 0.9, "hatch": "////"}
 _RENEWED: Any = {"color": _FAINT, "lw": 1.0, "ls": (0, (1.5, 1.5))}
-_OBTAINED: Any = {"fc": COMMON_CAUSE, "ec": _INK, "lw": 0.6}
-_BLUES = LinearSegmentedColormap.from_list("belief", ["#FFFFFF", "#7FA6CC", COMMON_EFFECT])
 
 
-def draw_trace(trace: Trace, actions: int = MOST_ACTIONS, arrows: int = MOST_ARROWS) -> Plot:
-    """Draw a trace.
+def plot_beliefs(
+    results: Material,
+    subject: int | None = None,
+    *,
+    learner: str | None = None,
+    condition: str | None = None,
+    trial: int = 1,
+    ax: Any = None,
+) -> Any:
+    """What one subject believed in one trial, action by action.
+
+    Beliefs are not on record: the subject plays up to the trial once more.
+
+    >>> import causal_openlock as ol
+    >>> len(ol.plot_beliefs(believed, learner="bayes", condition="CC3", trial=2))
+    6
+
+    Args:
+        results: What was played.
+        subject: Number of the subject; by default the first.
+        learner: Label of the learner; by default the first that holds beliefs.
+        condition: By default the first that the learner played.
+        trial: Number of the trial in the whole condition, from 1.
+        ax: Six axes, or an empty figure; by default a new figure of pyplot.
+
+    Returns:
+        ``[6]`` the axes: what was done, the bits missing to certainty, the bits that each action
+        gave, the probability of each arrow, the structure that is most probable in the end, and the
+        true one.
+
+    Raises:
+        NothingToDrawError: If no learner holds beliefs, or it does not do again what is on record.
+        OpenLockError: If there is no such subject, learner, condition or trial, or ``ax`` does not
+            fit.
+    """
+    return plot_trace(replayed(results, subject, learner, condition, trial), ax=ax)
+
+
+def plot_trace(
+    trace: Trace, *, actions: int = MOST_ACTIONS, arrows: int = MOST_ARROWS, ax: Any = None
+) -> Any:
+    """The same of a trace, such as :func:`causal_openlock.belief.trace.trace_trial` gives.
 
     Args:
         trace: What happened.
         actions: Most actions to show; of a longer trial the first attempts are shown that fit.
         arrows: Most arrows to show, those that were ever most probable.
+        ax: As in :func:`plot_beliefs`, as what is returned.
     """
-    shown = _Part.of(trace, actions, arrows)
-    with style.settings():
-        figure = _draw(shown)
-    facts = {
-        "learner": trace.learner,
-        "threshold": THRESHOLD,
-        "cut": shown.cut,
-        "forgetting": trace.forgetting,
-        "renewed": shown.renewed,
+    shown = Part.of(trace, actions, arrows)
+    graphs, names = _plan_graphs(shown), list(map(shown_name, shown.actions))
+    heading = (
+        f"{trace.learner} in {trace.condition}, trial {trace.trial} of {trace.trials} "
+        f"(subject {trace.subject}, protocol {trace.protocol.name})"
+    )
+    with panels(ax, 6, _layout(shown, graphs, heading, names)) as at:
+        timeline, entropy, gains, matrix, *structures = at.axes
+        for axes in at.axes[:4]:
+            axes.set_xlim(-0.5, len(shown.actions) + 0.5)
+            axes.tick_params(axis="x", length=0, labelbottom=False)
+            axes.grid(False)
+        _draw_timeline(timeline, shown, names)
+        _draw_entropy(entropy, shown)
+        _draw_gains(gains, shown)
+        _draw_arrows(matrix, shown)
+        for axes, graph in zip(structures, graphs, strict=True):
+            draw_schema(graph.schema, axes)
+            for name in axes.texts:
+                name.set(fontsize=0.92 * float(name.get_fontsize()))  # capitals are wide
+            axes.set_title(graph.title, loc="center", fontsize="medium", weight="bold")
+        if at.figure is None:
+            timeline.set_title(style.label(heading, 84), loc="left", fontsize="medium")
+            entropy.legend(handles=_legend_handles(shown), fontsize="small", ncols=2)
+    return at.returned
+
+
+def _looks() -> dict[str, tuple[str, dict[str, Any]]]:
+    """What came of actions: distinct in form too, as an empty ring, filled marks, a star."""
+    own = style.current()
+    return {
+        "nothing": ("nothing", {"marker": "_", "mec": _FAINT, "mew": 1.6, "ms": 7}),
+        "moved": ("moved", {"marker": "o", "mfc": "white", "mec": _INK, "mew": 1.0, "ms": 6}),
+        "unlocked": (
+            "unlocked",
+            {
+                "marker": "D",
+                "mfc": own.other(3),
+                "mec": _INK,
+                "mew": 0.8,
+                "ms": 5.5,
+            },
+        ),
+        "locked": (
+            "locked again",
+            {"marker": "s", "mfc": _INK, "mec": _INK, "mew": 0.8, "ms": 5.5},
+        ),
+        "opened": (
+            "opened",
+            {"marker": "^", "mfc": own.other(1), "mec": _INK, "mew": 0.8, "ms": 7},
+        ),
+        "new solution": (
+            "new solution",
+            {"marker": "*", "mfc": own.common_cause, "mec": _INK, "mew": 0.7, "ms": 11},
+        ),
     }
-    return Plot("belief", figure, facts=facts)
+
+
+def _bars() -> tuple[dict[str, Any], dict[str, Any]]:
+    """How bits that are expected look, and bits that are obtained."""
+    own = style.current()
+    return (
+        {"fc": "white", "ec": own.common_effect, "lw": 0.9, "hatch": "////"},
+        {"fc": own.common_cause, "ec": _INK, "lw": 0.6},
+    )
 
 
 def save_trace_figure(trace: Trace, path: Path | str, actions: int = MOST_ACTIONS) -> None:
@@ -86,7 +168,9 @@ def save_trace_figure(trace: Trace, path: Path | str, actions: int = MOST_ACTION
         OpenLockError: If the suffix is another or the file cannot be written.
     """
     path = check_suffix(path)
-    write_bytes(path, style.image(draw_trace(trace, actions).figure, path.suffix.lower()[1:]))
+    figure = Figure()
+    plot_trace(trace, actions=actions, ax=figure)
+    write_bytes(path, style.image(figure, path.suffix.lower()[1:]))
 
 
 def check_suffix(path: Path | str) -> Path:
@@ -105,7 +189,7 @@ def check_suffix(path: Path | str) -> Path:
 
 
 @dataclass(frozen=True)
-class _Part:
+class Part:
     """The part of a trace that is drawn.
 
     Attributes:
@@ -123,7 +207,10 @@ class _Part:
     left_out: int
 
     @classmethod
-    def of(cls, trace: Trace, most_actions: int, most_arrows: int) -> _Part:
+    def of(
+        cls, trace: Trace, most_actions: int = MOST_ACTIONS, most_arrows: int = MOST_ARROWS
+    ) -> Part:
+        """The part that is drawn by default, or less."""
         number = 0
         for attempt in trace.attempts:
             if number and number + len(attempt) > most_actions:
@@ -154,7 +241,7 @@ class _Part:
     @property
     def width(self) -> float:
         """Width of the figure in inches; wider than a page only where labels would overlap."""
-        return max(style.WIDTH, _LEFT + _RIGHT + _NARROWEST * (len(self.actions) + 1))
+        return max(WIDTH, _LEFT + _RIGHT + _NARROWEST * (len(self.actions) + 1))
 
     @property
     def column(self) -> float:
@@ -192,12 +279,8 @@ class _Part:
             axes.axvline(first - 0.5, **look)
 
 
-def _draw(shown: _Part) -> Figure:
-    graphs, trace, names = _plan_graphs(shown), shown.trace, list(map(shown_name, shown.actions))
-    heading = (
-        f"{trace.learner} in {trace.condition}, trial {trace.trial} of {trace.trials} "
-        f"(subject {trace.subject}, protocol {trace.protocol.name})"
-    )
+def _layout(shown: Part, graphs: list[_Graph], heading: str, names: list[str]) -> Layout:
+    """The six panels under a title and a legend, every one as high as what it shows."""
     title = [(line, "bold") for line in textwrap.wrap(heading, 84)]
     title += [(shown.cut, "normal")] * bool(shown.cut)
     handles = _legend_handles(shown)
@@ -215,40 +298,44 @@ def _draw(shown: _Part) -> Figure:
         "graphs": max(graph.height for graph in graphs),
         "bottom": 0.08,
     }
-    total = sum(heights.values())
-    figure = Figure(figsize=(shown.width, total))
-    grid = figure.add_gridspec(
-        len(heights), left=_LEFT / shown.width, right=1 - _RIGHT / shown.width, bottom=0, top=1,
-        hspace=0, height_ratios=list(heights.values()),
-    )  # fmt: skip
+    total, width = sum(heights.values()), shown.width
     place = dict(zip(heights, range(len(heights)), strict=True))
 
-    def panel(name: str) -> Axes:
-        axes = figure.add_subplot(grid[place[name]], label=name)
-        axes.set_xlim(-0.5, len(shown.actions) + 0.5)
-        axes.tick_params(axis="x", length=0, labelbottom=False)
-        axes.grid(False)
+    def lay_out(figure: Figure) -> list[Axes]:
+        figure.set_size_inches(width, total)
+        grid = figure.add_gridspec(
+            len(heights), left=_LEFT / width, right=1 - _RIGHT / width, bottom=0, top=1,
+            hspace=0, height_ratios=list(heights.values()),
+        )  # fmt: skip
+        for line, (text, weight) in enumerate(title):
+            figure.text(
+                0.1 / width, 1 - (0.07 + _LINE * line) / total, text,
+                va="top", fontsize="medium", weight=weight,
+            )  # fmt: skip
+        figure.legend(
+            handles=handles, loc="upper left", ncols=-(-len(handles) // rows),
+            bbox_to_anchor=(0.05 / width, 1 - (0.07 + _LINE * len(title)) / total),
+            handlelength=1.3, columnspacing=1.2, handletextpad=0.4, borderaxespad=0,
+        )  # fmt: skip
+        axes = [
+            figure.add_subplot(grid[place[name]], label=name)
+            for name in ("timeline", "entropy", "gains", "arrows")
+        ]
+        top = heights["graphs"] + heights["bottom"]
+        for index, graph in enumerate(graphs):
+            left = (0.25 + 0.5 * index) * width - graph.width / 2
+            box = (left / width, (top - graph.height) / total, graph.width / width)
+            axes.append(
+                figure.add_axes(
+                    (*box, graph.height / total), label=("most probable", "truth")[index]
+                )
+            )
         return axes
 
-    for line, (text, weight) in enumerate(title):
-        figure.text(
-            0.1 / shown.width, 1 - (0.07 + _LINE * line) / total, text,
-            va="top", fontsize=9 if weight == "bold" else 8, weight=weight,
-        )  # fmt: skip
-    figure.legend(
-        handles=handles, loc="upper left", ncols=-(-len(handles) // rows), fontsize=8,
-        bbox_to_anchor=(0.05 / shown.width, 1 - (0.07 + _LINE * len(title)) / total),
-        handlelength=1.3, columnspacing=1.2, handletextpad=0.4, borderaxespad=0,
-    )  # fmt: skip
-    _draw_timeline(panel("timeline"), shown, names)
-    _draw_entropy(panel("entropy"), shown)
-    _draw_gains(panel("gains"), shown)
-    _draw_arrows(panel("arrows"), shown)
-    _draw_graphs(figure, graphs, heights["graphs"] + heights["bottom"])
-    return figure
+    return lay_out
 
 
-def _draw_timeline(axes: Axes, shown: _Part, names: list[str]) -> None:
+def _draw_timeline(axes: Axes, shown: Part, names: list[str]) -> None:
     """What was done, and what came of it, attempt by attempt."""
     axes.set(ylim=(0, 1), yticks=[])
     axes.spines[:].set_visible(False)
@@ -258,9 +345,9 @@ def _draw_timeline(axes: Axes, shown: _Part, names: list[str]) -> None:
         axes.add_patch(Rectangle((first - 0.46, 0), width, 1, fc=face, ec="none", zorder=0))
         middle = (first + last) / 2
         axes.text(middle, 0.97, str(attempt), ha="center", va="top", fontsize=_SMALL + 0.5)
-    scale = min(1.0, shown.column * 72 / 11.5)
+    looks, scale = _looks(), min(1.0, shown.column * 72 / 11.5)
     for column, action in enumerate(shown.actions, start=1):
-        _, mark = _MARKS[action.outcome]
+        _, mark = looks[action.outcome]
         axes.plot(column, 0.32, ls="none", **{**mark, "ms": mark["ms"] * scale})
     for y, text in ((0.84, "Attempt"), (0.32, "What came of it")):
         axes.text(-0.02, y, text, ha="right", va="center", transform=axes.transAxes)
@@ -268,7 +355,7 @@ def _draw_timeline(axes: Axes, shown: _Part, names: list[str]) -> None:
     axes.tick_params(axis="x", labelbottom=True, pad=2)
 
 
-def _draw_entropy(axes: Axes, shown: _Part) -> None:
+def _draw_entropy(axes: Axes, shown: Part) -> None:
     """The bits that are missing to certainty, at first and after each action."""
     values = shown.trace.entropies[: len(shown.actions) + 1]
     shown.divide(axes, color="#C4C4C4", lw=0.6, zorder=0)
@@ -282,14 +369,18 @@ def _draw_entropy(axes: Axes, shown: _Part) -> None:
     axes.yaxis.grid(True)
 
 
-def _draw_gains(axes: Axes, shown: _Part) -> None:
+def _draw_gains(axes: Axes, shown: Part) -> None:
     """The bits expected of each action, and the bits that it gave."""
     columns = np.arange(1, len(shown.actions) + 1)
     predicted = np.array([action.predicted for action in shown.actions])
     # The difference between beliefs in different hypotheses is no information.
     obtained = np.array([0.0 if action.renewed else action.obtained for action in shown.actions])
     shown.divide(axes, color="#C4C4C4", lw=0.6, zorder=0)
-    for shift, values, look in ((-0.2, predicted, _EXPECTED), (0.2, obtained, _OBTAINED)):
+    expected_look, obtained_look = _bars()
+    for shift, values, look in (
+        (-0.2, predicted, expected_look),
+        (0.2, obtained, obtained_look),
+    ):
         some = np.abs(values) > 0.005  # where there is nothing, no line is drawn
         axes.bar(columns[some] + shift, values[some], width=0.36, zorder=2, **look)
     low, high = min(0.0, float(obtained.min())), max(predicted.max(), obtained.max(), 0.5)
@@ -299,14 +390,19 @@ def _draw_gains(axes: Axes, shown: _Part) -> None:
     axes.yaxis.grid(True)
 
 
-def _draw_arrows(axes: Axes, shown: _Part) -> None:
+def _shades() -> LinearSegmentedColormap:
+    colours = ["#FFFFFF", "#7FA6CC", style.current().common_effect]
+    return LinearSegmentedColormap.from_list("belief", colours)
+
+
+def _draw_arrows(axes: Axes, shown: Part) -> None:
     """The probability of each arrow, at first and after each action, and its scale."""
     nodes, count = shown.trace.nodes, len(shown.arrows)
     values = shown.trace.edges[: len(shown.actions) + 1]
     table = np.array([values[:, cause, effect] for cause, effect in shown.arrows])
     mesh = axes.pcolormesh(
         np.arange(len(values) + 1) - 0.5, np.arange(count + 1) - 0.5, table.reshape(count, -1),
-        cmap=_BLUES, vmin=0, vmax=1, edgecolors="#E6E6E6", linewidth=0.3,
+        cmap=_shades(), vmin=0, vmax=1, edgecolors="#E6E6E6", linewidth=0.3,
     )  # fmt: skip
     axes.set_ylim(max(count, 1) - 0.5, -0.5)
     labels = [f"{nodes[cause]} → {nodes[effect]}" for cause, effect in shown.arrows]
@@ -319,28 +415,26 @@ def _draw_arrows(axes: Axes, shown: _Part) -> None:
     if 0 < shown.true < count:
         axes.axhline(shown.true - 0.5, color=_INK, lw=1.0)
     shown.divide(axes, color="#8C8C8C", lw=0.7)
-    box, figure = axes.get_position(), axes.get_figure(root=True)
-    assert figure is not None
-    height = min(box.height, 1.3 / figure.get_figheight())
-    bar = figure.add_axes(
-        (box.x1 + 0.1 / shown.width, box.y1 - height, 0.1 / shown.width, height), label="scale"
-    )
-    figure.colorbar(mesh, cax=bar, ticks=[0, 0.5, 1])
+    box = axes.get_window_extent()
+    inch = 1 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
+    wide, high = 0.1 / (box.width * inch), min(1.0, 1.3 / (box.height * inch))
+    bar = axes.inset_axes((1 + wide, 1 - high, wide, high), label="scale")
+    axes.figure.colorbar(mesh, cax=bar, ticks=[0, 0.5, 1])
     bar.tick_params(labelsize=_SMALL, length=2)
     bar.set_ylabel("probability", fontsize=_SMALL)
 
 
-def _legend_handles(shown: _Part) -> list[Any]:
+def _legend_handles(shown: Part) -> list[Any]:
     """What came of actions, as far as it did, and the bars."""
     happened = {action.outcome for action in shown.actions}
     handles: list[Any] = [
         Line2D([], [], ls="none", label=label, **mark)
-        for outcome, (label, mark) in _MARKS.items()
+        for outcome, (label, mark) in _looks().items()
         if outcome in happened
     ]
     handles += [
-        Patch(label="bits expected", **_EXPECTED),
-        Patch(label="bits obtained", **_OBTAINED),
+        Patch(label=f"bits {name}", **look)
+        for name, look in zip(("expected", "obtained"), _bars(), strict=True)
     ]
     if shown.renewed:
         handles.append(Line2D([], [], label="other hypotheses", **_RENEWED))
@@ -356,7 +450,7 @@ class _Graph(NamedTuple):
     height: float
 
 
-def _plan_graphs(shown: _Part) -> list[_Graph]:
+def _plan_graphs(shown: Part) -> list[_Graph]:
     """The most probable structure in the end and the true one, both at one scale."""
     trace = shown.trace
     final = trace.snapshots[-1]
@@ -379,21 +473,3 @@ def _plan_graphs(shown: _Part) -> list[_Graph]:
         _Graph(schema, title, width * unit, height * unit)
         for (schema, title), (width, height) in zip(titled, sizes, strict=True)
     ]
-
-
-def _draw_graphs(figure: Figure, graphs: list[_Graph], top: float) -> None:
-    """Draw the graphs side by side below ``top``, in inches from the bottom."""
-    across, total = figure.get_size_inches()
-    for index, (schema, title, width, height) in enumerate(graphs):
-        middle = (0.25 + 0.5 * index) * across
-        left, bottom = (middle - width / 2) / across, (top - height) / total
-        axes = figure.add_axes(
-            (left, bottom, width / across, height / total), label=("most probable", "truth")[index]
-        )
-        draw_schema(schema, axes)
-        for name in axes.texts:
-            name.set(fontsize=0.92 * float(name.get_fontsize()))  # capitals are wide
-        figure.text(
-            middle / across, (top + 0.08) / total, title,
-            ha="center", va="bottom", fontsize=8.5, weight="bold",
-        )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,18 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from causal_openlock.analysis.measures import BASELINES
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.style import Plot
+from causal_openlock.analysis.plots.panels import (
+    WIDTH,
+    Panels,
+    chosen,
+    in_rows,
+    panels,
+    protocol_of,
+)
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.pairwise import decided, ranking_of
+from causal_openlock.analysis.results.scores import CONGRUENCY, MODEL, PEOPLE, SAVINGS, scores_of
+from causal_openlock.errors import NothingToDrawError
 
 CONGRUENCY_TESTS = {"CC3-CC4": "Test of CC4", "CE3-CE4": "Test of CE4"}
 MOST_DRAWN = 60
@@ -25,31 +36,68 @@ _COLOURS = LinearSegmentedColormap.from_list("worse_better", ["#8C510A", "#F7F7F
 _ROW = 0.21  # height of a learner's row, in inches
 
 
-def draw_matrix(names: Sequence[str], pairs: pd.DataFrame) -> Plot:
-    """Probabilities that one learner is better than another, as numbers on colours.
+def plot_pairs(
+    results: Material,
+    *,
+    learners: Collection[str] | None = None,
+    conditions: Collection[str] | None = None,
+    protocol: str | None = None,
+    ax: Any = None,
+) -> Axes:
+    """How probable it is that one learner is better than another, as numbers on colours.
 
-    A pair has ``learner``, ``other``, ``probability`` and whether the comparison is ``decided``,
-    which is printed bold; rows and columns are in the order of names.
+    A number is the probability that a subject of the learner in the row needs fewer attempts than
+    one of the learner in the column; bold: its 95% interval leaves out one half. The learners stand
+    in the order of their interquartile means, the best first.
+
+    >>> import causal_openlock as ol
+    >>> [text.get_text() for text in ol.plot_pairs(results).get_yticklabels()]
+    ['oracle', 'random']
+
+    Args:
+        results: What was played.
+        learners: Labels of the learners to compare; by default all.
+        conditions: Conditions to compare them in; by default all.
+        protocol: By default ``human``, or else the first one by alphabet.
+        ax: Axes, or an empty figure; by default a new figure of pyplot.
+
+    Returns:
+        The axes.
+
+    Raises:
+        NothingToDrawError: If no two of the learners played a condition in common.
+        OpenLockError: If a learner, a condition or the protocol is not in the results, or ``ax``
+            does not fit.
     """
+    asked, protocol = chosen(results, learners, conditions), protocol_of(results, protocol)
+    found = ranking_of(results, protocol, asked["learner"], asked["condition"])
+    if found is None:
+        raise NothingToDrawError(
+            f"no two such learners played a condition in common under the protocol {protocol}"
+        )
+    names, pairs = list(found.ranks["learner"]), found.pairs
     size = len(names)
     place = {name: number for number, name in enumerate(names)}
     at = pairs["learner"].map(place), pairs["other"].map(place)
     values, sure = np.full((size, size), np.nan), np.zeros((size, size), bool)
-    values[at], sure[at] = pairs["probability"], pairs["decided"]
+    values[at], sure[at] = pairs["probability"], decided(pairs)
     shown = [style.label(name, 22) for name in names]
     edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
-    cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
-    with style.settings():
-        figure = Figure(
-            figsize=(1.5 * edge + cell * size, 0.7 * edge + cell * size), layout="constrained"
-        )
-        axes = figure.subplots()
+    cell = min(0.55, (WIDTH - edge - 0.5 * edge) / size)
+
+    def lay_out(figure: Figure) -> list[Axes]:
+        figure.set_layout_engine("constrained")
+        figure.set_size_inches(1.5 * edge + cell * size, 0.7 * edge + cell * size)
+        return [figure.subplots()]
+
+    with panels(ax, 1, lay_out) as drawn:
+        (axes,) = drawn.axes
         axes.imshow(values, cmap=_COLOURS, vmin=0, vmax=1)
         for (row, column), value in np.ndenumerate(values):
             known = not np.isnan(value)
             axes.text(
                 column, row, f"{value:.2f}" if known else "–", ha="center", va="center",
-                fontsize=8 if cell > 0.45 else 7,
+                fontsize="medium" if cell > 0.45 else "small",
                 fontweight="bold" if sure[row, column] else "normal",
                 color="white" if known and abs(value - 0.5) > 0.34 else "black",
             )  # fmt: skip
@@ -66,28 +114,71 @@ def draw_matrix(names: Sequence[str], pairs: pd.DataFrame) -> Plot:
         axes.tick_params(which="minor", length=0)
         axes.set_axisbelow(False)
         axes.spines[:].set_visible(False)
-    return Plot("pairwise", figure)
+    return axes
 
 
-def draw_congruency(scores: pd.DataFrame) -> Plot:
-    """What training with the structure of the test saves under one protocol, a panel each."""
-    with style.settings():
-        names, figure, panels = _rows_of(scores)
-        for (condition, title), axes in zip(CONGRUENCY_TESTS.items(), panels, strict=True):
+def plot_congruency(
+    results: Material,
+    *,
+    learners: Collection[str] | None = None,
+    protocol: str | None = None,
+    ax: Any = None,
+) -> Any:
+    """What training with the structure of the test saves in the transfer test.
+
+    A panel for each test, a row for each learner, with 95% intervals; people and the published
+    model come first, where learners did what people did.
+
+    >>> import causal_openlock as ol
+    >>> [axes.get_title(loc="left") for axes in ol.plot_congruency(results)]
+    ['Test of CC4', 'Test of CE4']
+
+    Args:
+        results: What was played.
+        learners: Labels of the learners to draw; by default all that were tested so.
+        protocol: By default ``human``, or else the first one by alphabet.
+        ax: Two axes, or an empty figure; by default a new figure of pyplot.
+
+    Returns:
+        ``[2]`` the axes.
+
+    Raises:
+        NothingToDrawError: If no such learner played two conditions that can be compared.
+        OpenLockError: If a learner or the protocol is not in the results, or ``ax`` does not fit.
+    """
+    names, scores = _scores(results, CONGRUENCY, learners, protocol)
+    with panels(ax, 2, _rows_of(names)) as at:
+        _name_rows(at, names)
+        for (condition, title), axes in zip(CONGRUENCY_TESTS.items(), at.axes, strict=True):
             rows = scores[scores["condition"] == condition]
-            _dots(axes, rows, names, (style.trained_colour(condition), "o"))
+            _dots(axes, rows, names, (style.current().trained(condition), "o"))
             style.panel_title(axes, title)
             axes.set_xlabel("Attempts, congruent − incongruent training")
             axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-    return Plot("transfer_congruency", figure)
+    return at.returned
 
 
-def draw_savings(scores: pd.DataFrame) -> Plot:
-    """What training saves in the first room with four levers, a panel for each structure."""
-    looks = {"CC3": (style.COMMON_CAUSE, "o"), "CE3": (style.COMMON_EFFECT, "s")}
-    with style.settings():
-        names, figure, panels = _rows_of(scores)
-        for tested, axes in zip(BASELINES, panels, strict=True):
+def plot_savings(
+    results: Material,
+    *,
+    learners: Collection[str] | None = None,
+    protocol: str | None = None,
+    ax: Any = None,
+) -> Any:
+    """The share of attempts that training saves in the first room with four levers.
+
+    >>> import causal_openlock as ol
+    >>> [axes.get_title(loc="left") for axes in ol.plot_savings(results)]
+    ['Test of CC4', 'Test of CE4']
+
+    Arguments, what is returned and errors are those of :func:`plot_congruency`.
+    """
+    names, scores = _scores(results, SAVINGS, learners, protocol)
+    own = style.current()
+    looks = {"CC3": (own.common_cause, "o"), "CE3": (own.common_effect, "s")}
+    with panels(ax, 2, _rows_of(names)) as at:
+        _name_rows(at, names)
+        for tested, axes in zip(BASELINES, at.axes, strict=True):
             for (trained, look), aside in zip(looks.items(), (-0.14, 0.14), strict=True):
                 rows = scores[scores["condition"] == f"{trained}-{tested}"]
                 _dots(axes, rows, names, look, aside)
@@ -100,22 +191,45 @@ def draw_savings(scores: pd.DataFrame) -> Plot:
                    label=f"{trained} training")
             for trained, (colour, marker) in looks.items()
         ]  # fmt: skip
-        style.legend(figure, keys)
-    return Plot("transfer_savings", figure)
+        at.legend(keys)
+    return at.returned
 
 
-def _rows_of(scores: pd.DataFrame) -> tuple[list[str], Figure, list[Axes]]:
-    """Two panels with a row for each learner, the first at the top."""
-    names = list(dict.fromkeys(scores["learner"]))
-    figure = Figure(figsize=(style.WIDTH, 1.15 + _ROW * len(names)), layout="constrained")
-    panels = list(figure.subplots(1, 2, sharey=True, sharex=True))
-    for axes in panels:
+def _scores(
+    results: Material, kind: str, learners: Collection[str] | None, protocol: str | None
+) -> tuple[list[str], pd.DataFrame]:
+    """Names in their order, people and the published model first, and their scores."""
+    asked, protocol = chosen(results, learners)["learner"], protocol_of(results, protocol)
+    scores = scores_of(results).get(protocol, pd.DataFrame(columns=["learner", "score"]))
+    scores = scores[(scores["score"] == kind) & scores["learner"].isin([PEOPLE, MODEL, *asked])]
+    if not scores["learner"].isin(asked).any():
+        raise NothingToDrawError(
+            f"no such learner played conditions whose {kind} can be scored under the protocol "
+            f"{protocol}: the paper's transfer conditions"
+            + (", and the baselines" if kind == SAVINGS else "")
+        )
+    return list(dict.fromkeys(scores["learner"])), scores
+
+
+def _rows_of(names: Sequence[str]) -> Any:
+    """Two panels with a row for each learner."""
+
+    def lay_out(figure: Figure) -> list[Axes]:
+        figure.set_layout_engine("constrained")
+        figure.set_size_inches(WIDTH, 1.15 + _ROW * len(names))
+        return list(figure.subplots(1, 2, sharey=True, sharex=True))
+
+    return lay_out
+
+
+def _name_rows(at: Panels, names: Sequence[str]) -> None:
+    """Name the rows, the first at the top, and mark zero."""
+    for axes in at.axes:
         axes.grid(axis="x")
-        axes.axvline(0, color="#333333", lw=0.9, zorder=0.5)
+        axes.axvline(0, color="#333333", lw=0.9, zorder=1)
         axes.set_yticks(range(len(names)), [style.label(name, 28) for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0)
-    return names, figure, panels
 
 
 def _dots(
@@ -129,18 +243,17 @@ def _dots(
     axes.plot(rows["value"], y, marker, color=colour, ms=5, mec="black", mew=0.5, zorder=3)
 
 
-def draw_differences(table: pd.DataFrame, names: Sequence[str]) -> Plot:
+def plot_differences(table: pd.DataFrame, names: Sequence[str], ax: Any = None) -> Axes:
     """Differences between two results with their intervals, a line each.
 
     The table has ``learner``, ``condition``, ``difference``, ``ci_low``, ``ci_high`` and whether a
     difference is ``sure``; names are those of the two results.
     """
     rows: list[Mapping[Any, Any]] = table.head(MOST_DRAWN).to_dict("records")
-    with style.settings():
-        figure, (axes,) = style.panels(1, 1, 0.19 * len(rows) + 0.5)
-        figure.set_figwidth(style.WIDTH)
+    with panels(ax, 1, in_rows(1, 1, 0.19 * len(rows) + 0.5, WIDTH / 0.62)) as at:
+        (axes,) = at.axes
         for place, row in enumerate(rows):
-            colour = style.OTHER[2] if row["sure"] else "#666666"
+            colour = style.current().other(2) if row["sure"] else "#666666"
             axes.plot([row["ci_low"], row["ci_high"]], [place] * 2, color=colour, lw=1.6)
             face = colour if row["sure"] else "white"
             axes.plot(row["difference"], place, "o", color=colour, mfc=face, ms=4.5, zorder=3)
@@ -148,7 +261,7 @@ def draw_differences(table: pd.DataFrame, names: Sequence[str]) -> Plot:
             f"{style.label(row['learner'], 24)}  {style.label(row['condition'], 24)}"
             for row in rows
         ]
-        axes.set_yticks(range(len(rows)), labels, fontsize=7.5)
+        axes.set_yticks(range(len(rows)), labels, fontsize="small")
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.axvline(0, color="black", lw=0.8, zorder=1)
         most = max([1.0, *(abs(x) for x in axes.get_xlim())])
@@ -157,4 +270,4 @@ def draw_differences(table: pd.DataFrame, names: Sequence[str]) -> Plot:
         axes.grid(False, axis="y")
         first, second = (style.label(name, 24) for name in names)
         axes.set_xlabel(f"Attempts, {second} less {first}")
-    return Plot("means", figure, facts={"drawn": len(rows), "rows": len(table)})
+    return axes

@@ -9,8 +9,8 @@ where they coincide, as at the limit, both are still seen.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Collection, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,8 +28,10 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.style import Plot
-from causal_openlock.analysis.results.bounds import Bound, Bounds, bounds_in_words
+from causal_openlock.analysis.plots.panels import WIDTH, Layout, chosen, panels, protocol_of
+from causal_openlock.analysis.results.bounds import Bound, bounds_of
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.errors import NothingToDrawError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
@@ -40,46 +42,103 @@ _HEIGHT = 1.75  # of a panel, in inches
 _GREY = "#666666"
 
 
-def attempts_by_trial(
-    trials: pd.DataFrame,
-    protocol: str,
-    learners: Sequence[str] = (),
-    bounds: Bounds | None = None,
-) -> Plot | None:
+class Course(NamedTuple):
+    """What is drawn of a course, and what a caption says of it.
+
+    Attributes:
+        trials: The trials, with the number of the subject's ``visit`` and the ``place`` of the
+            point that it belongs to.
+        means: Of each point.
+        averaged: The most visits in a row that are one point.
+        limit: The last attempt of trials that were not solved; None if all were.
+        ideal: The bounds that are known, by condition and phase.
+    """
+
+    trials: pd.DataFrame
+    means: pd.DataFrame
+    averaged: int
+    limit: float | None
+    ideal: dict[tuple[str, str], Bound]
+
+
+def course_of(
+    results: Material,
+    protocol: str | None = None,
+    learners: Collection[str] | None = None,
+    conditions: Collection[str] | None = None,
+) -> Course:
+    """The course of every condition under a protocol; arguments as in :func:`plot_course`.
+
+    Raises:
+        NothingToDrawError: If none of the learners played one of the conditions under it.
+    """
+    asked, trials = chosen(results, learners, conditions), results.trials
+    protocol = protocol_of(results, protocol)
+    kept = (trials[name].isin(names) for name, names in asked.items())
+    shown = trials[np.logical_and.reduce([trials["protocol"] == protocol, *kept])]
+    if shown.empty:
+        raise NothingToDrawError(
+            f"no such learner played such a condition under the protocol {protocol}"
+        )
+    subjects = shown.groupby([*CELL, *SUBJECT], observed=True, sort=False)
+    shown = shown.assign(visit=subjects.cumcount() + 1)
+    most = shown.groupby("condition", observed=True)["visit"].transform("max").astype(int)
+    width = -(-most // _POINTS)
+    first = (shown["visit"] - 1) // width * width + 1
+    # A point of a long course stands for as many visits in a row, in its middle.
+    shown = shown.assign(place=first + (np.minimum(width, most - first + 1) - 1) / 2)
+    unsolved = shown.loc[~shown["solved"], "last_attempt"]
+    limit = float(unsolved.max()) if len(unsolved) else None
+    ideal = bounds_of(results.bounds, shown)
+    return Course(shown, mean_by_trial(shown, ["phase", "place"]), int(width.max()), limit, ideal)
+
+
+def plot_course(
+    results: Material,
+    *,
+    learners: Collection[str] | None = None,
+    conditions: Collection[str] | None = None,
+    protocol: str | None = None,
+    ax: Any = None,
+) -> Any:
     """Mean attempts over the course of every condition of a protocol, whichever they are.
 
-    Learners are rows, in the given order. None if there are no trials under that protocol.
-    """
-    chosen = trials[trials["protocol"] == protocol]
-    if chosen.empty:
-        return None
-    subjects = chosen.groupby([*CELL, *SUBJECT], observed=True, sort=False)
-    chosen = chosen.assign(visit=subjects.cumcount() + 1)
-    most = chosen.groupby("condition", observed=True)["visit"].transform("max").astype(int)
-    width = -(-most // _POINTS)
-    first = (chosen["visit"] - 1) // width * width + 1
-    # A point of a long course stands for as many visits in a row, in its middle.
-    chosen = chosen.assign(place=first + (np.minimum(width, most - first + 1) - 1) / 2)
-    means = mean_by_trial(chosen, ["phase", "place"])
-    unsolved = chosen.loc[~chosen["solved"], "last_attempt"]
-    marked = int(means.groupby(["learner", "condition"], observed=True).size().max()) <= _MARKERS
-    limit = float(unsolved.max()) if len(unsolved) else None
-    ideal = {
-        (condition, phase): bound
-        for (condition, of, phase), bound in (bounds or {}).items()
-        if of == protocol and condition in set(chosen["condition"])
-    }
-    highest = max((bound.attempts for bound in ideal.values()), default=0.0)
-    top = 1.06 * max(float((means["mean"] + means["se"]).max()), limit or 0.0, highest)
+    Learners are rows of panels, families of conditions columns.
 
-    with style.settings():
-        names = ordered(means["learner"], learners)
-        families = _families(ordered(means["condition"]))
-        looks = _looks(families)
-        figure, panels = _grid(names, families, looks)
-        for (name, family), axes in panels.items():
+    >>> import causal_openlock as ol
+    >>> axes = ol.plot_course(results, learners=["oracle"], conditions=["CC4"])
+    >>> axes.get_title(loc="left"), axes.get_ylabel()
+    ('oracle', 'Attempts')
+
+    Args:
+        results: What was played.
+        learners: Labels of the learners to draw; by default all.
+        conditions: Conditions to draw; by default all.
+        protocol: By default ``human``, or else the first one by alphabet.
+        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
+            pyplot.
+
+    Returns:
+        ``[P]`` the axes of the panels, row by row; of a single panel its axes.
+
+    Raises:
+        NothingToDrawError: If none of the learners played one of the conditions under it.
+        OpenLockError: If a learner, a condition or the protocol is not in the results, or ``ax``
+            does not fit.
+    """
+    course = course_of(results, protocol, learners, conditions)
+    means, limit = course.means, course.limit
+    marked = int(means.groupby(["learner", "condition"], observed=True).size().max()) <= _MARKERS
+    highest = max((bound.attempts for bound in course.ideal.values()), default=0.0)
+    top = 1.06 * max(float((means["mean"] + means["se"]).max()), limit or 0.0, highest)
+    names = ordered(means["learner"], results.learners)
+    families = _families(ordered(means["condition"]))
+    looks = _looks(families)
+    cells = [(name, family) for name in names for family in families]
+    with panels(ax, len(cells), _rows(cells, len(families), looks, bool(course.ideal))) as at:
+        for axes, (name, family) in zip(at.axes, cells, strict=True):
             rows = means[(means["learner"] == name) & means["condition"].isin(family)]
-            visits = chosen[chosen["condition"].isin(family)]
+            visits = course.trials[course.trials["condition"].isin(family)]
             for index, condition in enumerate(family):
                 aside = 0.16 * (index - (len(family) - 1) / 2)
                 one = rows[rows["condition"] == condition]
@@ -90,20 +149,16 @@ def attempts_by_trial(
                 )
             _scale(axes, int(visits["visit"].max()), top, limit)
             _mark_test(axes, visits)
-            _mark_ideal(axes, visits, ideal)
+            _mark_ideal(axes, visits, course.ideal)
             if len(families) == 1 or family is families[0]:
                 style.panel_title(axes, name, style.sizes(means[means["learner"] == name]))
-        if ideal:
-            figure.set_figheight(figure.get_figheight() + 0.25)
-            style.legend(figure, [style.ideal_key()])
-    facts = {
-        "protocol": protocol,
-        "averaged": int(width.max()),
-        "limit": limit,
-        "tested": set(chosen["phase"]) == {"train", "test"},
-        "ideal": bounds_in_words(ideal.values()),
-    }
-    return Plot("attempts_by_trial", figure, facts=facts)
+            if at.figure is None:
+                axes.set(xlabel="Trial, in order", ylabel="Attempts")
+                if name == names[0]:
+                    axes.legend(handles=_lines(family, looks, 24), fontsize="small")
+        if course.ideal and at.figure is not None:
+            at.legend([style.ideal_key()])
+    return at.returned
 
 
 def _families(conditions: Sequence[str]) -> list[tuple[str, ...]]:
@@ -121,61 +176,62 @@ def _looks(families: Sequence[Sequence[str]]) -> dict[str, dict[str, Any]]:
     others = 0
     for family in families:
         for index, condition in enumerate(family):
-            if condition in PAPER_CONDITIONS:
-                colour, dash = style.trained_colour(condition), 0
-            else:
-                colour, dash = style.OTHER[others % len(style.OTHER)], others // len(style.OTHER)
-                others += 1
+            known = condition in PAPER_CONDITIONS
             looks[condition] = {
-                "color": colour,
-                "ls": ("-", (0, (4, 1.2)), (0, (1, 1.2)))[dash % 3],
+                **style.current().line(others),
+                **({"color": style.current().trained(condition), "ls": "-"} if known else {}),
                 "marker": "os^D"[index % 4],
                 "ms": 4,
                 "lw": 1.2 if index else 2.8 if len(family) > 1 else 1.6,
             }
+            others += not known
     return looks
 
 
-def _grid(
-    names: Sequence[str], families: Sequence[tuple[str, ...]], looks: dict[str, dict[str, Any]]
-) -> tuple[Figure, dict[tuple[str, tuple[str, ...]], Axes]]:
+def _lines(family: Sequence[str], looks: dict[str, dict[str, Any]], most: int) -> list[Any]:
+    """Entries of a legend, named in at most so many letters each."""
+    return [Line2D([], [], label=style.label(name, most), **looks[name]) for name in family]
+
+
+def _rows(
+    cells: Sequence[tuple[str, tuple[str, ...]]],
+    columns: int,
+    looks: dict[str, dict[str, Any]],
+    ideal: bool,
+) -> Layout:
     """Panels by learner and family, under a row of keys; a single family is wrapped."""
-    cells = [(name, family) for name in names for family in families]
-    columns = len(families)
+    families = [family for _, family in cells[:columns]]
     if columns == 1:
-        rows = math.ceil(len(names) / 3)
-        columns = math.ceil(len(names) / rows)
+        rows = math.ceil(len(cells) / 3)
+        columns = math.ceil(len(cells) / rows)
     rows = math.ceil(len(cells) / columns)
     head = 0.17 * max(map(len, families)) + 0.1
-    figure = Figure(
-        figsize=(style.WIDTH if columns > 1 else 0.62 * style.WIDTH, head + rows * _HEIGHT + 0.3),
-        layout="constrained",
-    )
-    grid = figure.add_gridspec(rows + 1, columns, height_ratios=[head, *[_HEIGHT] * rows])
-    for column, family in enumerate(families):
-        keys = {name: looks[name] for name in family}
-        _key(figure.add_subplot(grid[0, column]), keys, most=60 // max(2, columns) + 1)
-    panels: dict[tuple[str, tuple[str, ...]], Axes] = {}
-    for place, cell in enumerate(cells):
-        row, column = divmod(place, columns)
-        panels[cell] = axes = figure.add_subplot(grid[row + 1, column])
-        lowest = place + columns >= len(cells)
-        axes.tick_params(axis="x", length=0, labelbottom=lowest)
-        axes.tick_params(axis="y", labelleft=column == 0)
-        axes.set_xlabel("Trial, in order" if lowest else "")
-        axes.set_ylabel("Attempts" if column == 0 else "")
-    return figure, panels
 
+    def lay_out(figure: Figure) -> list[Axes]:
+        figure.set_layout_engine("constrained")
+        height = head + rows * _HEIGHT + 0.3 + 0.25 * ideal
+        figure.set_size_inches(WIDTH if columns > 1 else 0.62 * WIDTH, height)
+        grid = figure.add_gridspec(rows + 1, columns, height_ratios=[head, *[_HEIGHT] * rows])
+        for column, family in enumerate(families):
+            key = figure.add_subplot(grid[0, column])
+            key.set_axis_off()
+            legend = key.legend(
+                handles=_lines(family, looks, 60 // max(2, columns) + 1), loc="lower left",
+                borderpad=0, borderaxespad=0, labelspacing=0.3, handlelength=2.4,
+            )  # fmt: skip
+            legend.set_in_layout(False)  # a long name must not squeeze the panels
+        axes = []
+        for place in range(len(cells)):
+            row, column = divmod(place, columns)
+            axes.append(figure.add_subplot(grid[row + 1, column]))
+            lowest = place + columns >= len(cells)
+            axes[-1].tick_params(axis="x", length=0, labelbottom=lowest)
+            axes[-1].tick_params(axis="y", labelleft=column == 0)
+            axes[-1].set_xlabel("Trial, in order" if lowest else "")
+            axes[-1].set_ylabel("Attempts" if column == 0 else "")
+        return axes
 
-def _key(axes: Axes, looks: dict[str, dict[str, Any]], most: int) -> None:
-    """The lines of a column, named in at most so many letters each."""
-    axes.set_axis_off()
-    lines = [Line2D([], [], label=style.label(name, most), **look) for name, look in looks.items()]
-    legend = axes.legend(
-        handles=lines, loc="lower left", borderpad=0, borderaxespad=0, labelspacing=0.3,
-        handlelength=2.4,
-    )  # fmt: skip
-    legend.set_in_layout(False)  # a long name must not squeeze the panels
+    return lay_out
 
 
 def _course(
@@ -212,7 +268,7 @@ def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:
         axes.annotate(
             "test", ((start + axes.get_xlim()[1]) / 2, 1), xytext=(0, 2),
             xycoords=("data", "axes fraction"), textcoords="offset points",
-            ha="center", color=_GREY, fontsize=7.5,
+            ha="center", color=_GREY, fontsize="small",
         )  # fmt: skip
 
 

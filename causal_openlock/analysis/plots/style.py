@@ -1,18 +1,18 @@
-"""What the figures have in common: colours, panels, and how they are saved.
+"""What the figures have in common: their style, what they call things, and how they are saved.
 
 A colour means the same thing in every figure: orange is common cause, dark blue common effect, and
 purple, from light to dark, how close an attempt came to the last solution. Each pair also differs
-in lightness, so that figures survive colour blindness and a black-and-white printer.
+in lightness, so that figures survive colour blindness and a black-and-white printer. All of that is
+in a :class:`PlotStyle`, which :func:`plot_style` changes.
 """
 
 from __future__ import annotations
 
 import io
-import math
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +22,15 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.colors import is_color_like
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.files.atomic import write_bytes
+from causal_openlock.wording import nearest
 
-COMMON_CAUSE, COMMON_EFFECT = "#E69F00", "#00427A"
-OTHER = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
-CATEGORY_COLOURS = dict(
-    zip(CATEGORIES, ("#E2E2E2", "#D3C5EA", "#AB8FD3", "#7F55B3", "#4C2483"), strict=True)
-)
 CATEGORY_NAMES = dict(
     zip(CATEGORIES, ("else", "unlock", "open 1", "open 2", "open 3"), strict=True)
 )
@@ -47,7 +45,7 @@ WIDTH = 7.2
 KINDS = ("png", "pdf")
 """What a figure is written as, beside SVG."""
 
-_SETTINGS: Any = {
+_RC: Any = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 8.5,
     "axes.titlesize": 9,
@@ -70,30 +68,108 @@ _SETTINGS: Any = {
     "pdf.fonttype": 42,  # text that journals accept and readers can search
     "svg.hashsalt": "causal-openlock",  # equal figures are equal files
 }
-_IDEAL_LOOK: Any = {"color": "#333333", "lw": 1.0, "ls": (0, (4, 2)), "dash_capstyle": "butt"}
-_NO_PDF_METADATA: dict[str, Any] = dict.fromkeys(("CreationDate", "Creator", "Producer"))
-_NO_METADATA: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
 @dataclass(frozen=True)
-class Plot:
-    """A figure, and what a caption needs to know about it.
+class PlotStyle:
+    """How figures look.
 
     Attributes:
-        kind: What it shows, such as ``attempts_by_trial``; the report has a title and a caption
-            for each kind.
-        figure: The figure.
-        name: For files: lower-case letters, digits and underscores; by default ``kind``.
-        facts: What its caption depends on.
+        common_cause: Colour of what trains common cause (CC3, CC4).
+        common_effect: Colour of what trains common effect (CE3, CE4).
+        others: Colours of other conditions, or of learners in one panel, in turn.
+        categories: Colours of the five categories of attempts, from ``else`` to ``open 3``.
+        rc: Settings of matplotlib (``rcParams``) for figures that are made here: fonts, sizes,
+            line widths, grids. Axes that were given keep those that they were made with.
     """
 
-    kind: str
-    figure: Figure
-    name: str = ""
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    common_cause: str = "#E69F00"
+    common_effect: str = "#00427A"
+    others: tuple[str, ...] = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
+    categories: tuple[str, ...] = ("#E2E2E2", "#D3C5EA", "#AB8FD3", "#7F55B3", "#4C2483")
+    rc: Mapping[str, Any] = field(default_factory=lambda: dict(_RC))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "name", self.name or self.kind)
+        colours = [self.common_cause, self.common_effect, *self.others, *self.categories]
+        for colour in colours:
+            if not is_color_like(colour):
+                raise OpenLockError(f"{colour!r} is not a colour of matplotlib, such as '#E69F00'")
+        if not self.others or len(self.categories) != len(CATEGORIES):
+            raise OpenLockError(
+                f"a style has at least one colour in others and {len(CATEGORIES)} in categories"
+            )
+        for name in self.rc:
+            if name not in mpl.rcParams:
+                known = [each for each in mpl.rcParams if each[:4] == name[:4]]
+                raise OpenLockError(f"matplotlib has no setting {name}; {nearest(name, known)}")
+
+    def trained(self, condition: str) -> str:
+        """Colour of a condition of the paper, by what it trains."""
+        return self.common_cause if condition.startswith("CC") else self.common_effect
+
+    def category(self, name: str) -> str:
+        """Colour of a category of attempts."""
+        return self.categories[CATEGORIES.index(name)]
+
+    def other(self, number: int) -> str:
+        """One of the other colours, from the first again after the last."""
+        return self.others[number % len(self.others)]
+
+    def line(self, number: int) -> dict[str, Any]:
+        """Colour and dashes of one line among many; no two of the first fifteen are alike."""
+        dashes = number // len(self.others)
+        return {
+            "color": self.other(number),
+            "ls": ("-", (0, (4, 1.2)), (0, (1, 1.2)))[dashes % 3],
+        }
+
+
+_style = [PlotStyle()]
+
+
+def current() -> PlotStyle:
+    """The style that figures are drawn in."""
+    return _style[-1]
+
+
+class plot_style:  # noqa: N801 - it is called as a function is
+    """Change the style of all figures from now on, or within ``with`` only.
+
+    >>> with plot_style(common_cause="#117733", rc={"font.size": 11}) as style:
+    ...     style.common_cause, style.rc["font.size"]
+    ('#117733', 11)
+    >>> current() == PlotStyle()
+    True
+
+    Args:
+        style: The style to begin with; by default the one in use. ``PlotStyle()`` is the default.
+        changes: Attributes of :class:`PlotStyle` to change; ``rc`` is added to what there is.
+
+    Raises:
+        OpenLockError: If an attribute, a setting or a colour does not exist.
+    """
+
+    def __init__(self, style: PlotStyle | None = None, **changes: Any) -> None:
+        self._before = current()
+        style = style or self._before
+        names = [each.name for each in fields(PlotStyle)]
+        for name in changes:
+            if name not in names:
+                raise OpenLockError(f"a style has no {name}; {nearest(name, names)}")
+        if "rc" in changes:
+            changes["rc"] = {**style.rc, **changes["rc"]}
+        _style[-1] = replace(style, **changes)
+
+    def __enter__(self) -> PlotStyle:
+        return current()
+
+    def __exit__(self, *_: object) -> None:
+        _style[-1] = self._before
+
+
+_IDEAL_LOOK: Any = {"color": "#333333", "lw": 1.0, "ls": (0, (4, 2)), "dash_capstyle": "butt"}
+_NO_PDF_METADATA: dict[str, Any] = dict.fromkeys(("CreationDate", "Creator", "Producer"))
+_NO_METADATA: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
 @contextmanager
@@ -101,56 +177,9 @@ def settings() -> Iterator[None]:
     """Draw, and save, with the settings that all figures share."""
     with mpl.rc_context():
         mpl.rcdefaults()
-        mpl.rcParams.update(_SETTINGS)
+        own: Any = current().rc
+        mpl.rcParams.update(own)
         yield
-
-
-def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
-    """A figure of so many panels with a common y axis, wrapped over rows of at most ``columns``.
-
-    A panel has a height in inches; only the first of a row has labels on its y axis.
-    """
-    rows = math.ceil(count / columns)
-    columns = math.ceil(count / rows)  # four panels are two and two, not three and one
-    width = WIDTH if columns > 1 else 0.62 * WIDTH
-    figure = Figure(figsize=(width, rows * height + 0.5), layout="constrained")
-    grid = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel().tolist()
-    for unused in grid[count:]:
-        unused.remove()
-    for axes in grid[:count]:
-        axes.tick_params(axis="x", length=0)
-    return figure, grid[:count]
-
-
-def small_multiples(
-    shown: Sequence[tuple[str, str, Any]],
-    draw: Callable[[Axes, Any], None],
-    layout: tuple[int, float, str],
-    keys: Sequence[Any],
-) -> Figure:
-    """A figure of titled panels that are drawn alike, with one legend.
-
-    Args:
-        shown: Of each panel its title, a detail in small type, and the data that ``draw`` draws.
-        draw: Draws such data into a panel.
-        layout: The most panels in a row, their height in inches, and the label of the y axis.
-        keys: Entries of the legend.
-    """
-    columns, height, label = layout
-    with settings():
-        figure, grid = panels(len(shown), columns, height)
-        for axes, (name, detail, data) in zip(grid, shown, strict=True):
-            draw(axes, data)
-            panel_title(axes, name, detail)
-            if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
-                axes.set_ylabel(label)
-        legend(figure, keys)
-    return figure
-
-
-def trained_colour(condition: str) -> str:
-    """Colour of a condition of the paper, by what it trains: common cause or common effect."""
-    return COMMON_CAUSE if condition.startswith("CC") else COMMON_EFFECT
 
 
 def sizes(rows: pd.DataFrame) -> str:
@@ -173,7 +202,7 @@ def panel_title(axes: Axes, name: str, detail: str = "") -> None:
     if detail:
         axes.annotate(
             label(detail), (0, 1), xytext=(0, 4), xycoords="axes fraction",
-            textcoords="offset points", color="#444444", fontsize=8,
+            textcoords="offset points", color="#444444", fontsize="medium", annotation_clip=False,
         )  # fmt: skip
 
 
@@ -189,17 +218,6 @@ def ideal_line(axes: Axes, attempts: float, start: float, end: float) -> None:
 def ideal_key() -> Line2D:
     """The entry of the ideal observer in a legend."""
     return Line2D([], [], **_IDEAL_LOOK, label=IDEAL)
-
-
-def legend(figure: Figure, handles: Sequence[Any], columns: int | None = None) -> None:
-    """A legend above all panels."""
-    figure.legend(
-        handles=list(handles),
-        loc="outside upper left",
-        ncols=columns or len(handles),
-        handlelength=1.6,
-        columnspacing=1.4,
-    )
 
 
 def save(figure: Figure, stem: Path) -> str:

@@ -1,70 +1,120 @@
-"""How the subjects of one learner vary: a circle is as large as their share."""
+"""How the subjects of a learner vary: a circle is as large as their share."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.measures import by_subject, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.style import Plot
+from causal_openlock.analysis.plots.panels import chosen, in_rows, panels
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.summary import judged
+from causal_openlock.errors import NothingToDrawError
 
 _BINS = 30  # heights that circles can have
 _AREA = 420.0  # of a circle that is all subjects, in square points
-_CIRCLE: Any = {"color": "#56B4E9", "alpha": 0.75}
-_RING, _PEOPLE = "#1F6F9F", "#D55E00"
 
 
-def draw_subjects(values: pd.DataFrame, own: pd.DataFrame, limits: Mapping[str, float]) -> Plot:
-    """Attempts of each subject of a learner in the trials that conditions are judged by.
+def plot_subjects(
+    results: Material,
+    *,
+    learners: Collection[str] | None = None,
+    conditions: Collection[str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Attempts of each subject in the trials that conditions are judged by.
+
+    A learner has a panel for each protocol; all panels of a protocol have the same scale, so that
+    figures of different learners can be laid side by side.
+
+    >>> import causal_openlock as ol
+    >>> axes = ol.plot_subjects(results, learners=["random"])
+    >>> [label.get_text() for label in axes.get_xticklabels()][:2]
+    ['CC4', 'CE4']
 
     Args:
-        values: ``protocol``, ``condition`` and ``attempts`` of its subjects.
-        own: Its rows of the headline.
-        limits: By protocol, the most attempts that a trial had: every learner has the same scale,
-            so that pages can be laid side by side.
+        results: What was played.
+        learners: Labels of the learners to draw; by default all.
+        conditions: Conditions to draw; by default all.
+        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
+            pyplot.
+
+    Returns:
+        ``[P]`` the axes of the panels; of a single panel its axes.
+
+    Raises:
+        NothingToDrawError: If none of the learners played one of the conditions.
+        OpenLockError: If a learner or a condition is not in the results, or ``ax`` does not fit.
     """
-    protocols = ordered(values["protocol"], ("human",))
-    people = bool(own["human_attempts"].notna().any())
-    ideal = bool(own["ideal_attempts"].notna().any())
-    with style.settings():
-        figure, panels = style.panels(len(protocols), columns=1, height=2.6)
-        for axes, protocol in zip(panels, protocols, strict=True):
-            rows = own[own["protocol"] == protocol]
-            played = values[values["protocol"] == protocol]
-            highest = (rows["human_attempts"] + rows["human_se"]).max()
-            limit = float(np.nanmax([limits[protocol], highest]))
-            for place, row in enumerate(rows.to_dict("records")):
-                chosen = played.loc[played["condition"] == row["condition"], "attempts"]
-                _circles(axes, place, chosen.to_numpy(float), limit)
+    asked, trials = chosen(results, learners, conditions), results.trials
+    table = results.headline
+    for column, names in asked.items():
+        table = table[table[column].isin(names)]
+    shown = [
+        (name, protocol, own[own["protocol"] == protocol])
+        for name in asked["learner"]
+        for own in [table[table["learner"] == name]]
+        for protocol in ordered(own["protocol"], ("human",))
+    ]
+    if not shown:
+        raise NothingToDrawError("no such learner played such a condition")
+    values = by_subject(judged(trials[trials["learner"].isin(asked["learner"])]), ["phase"])
+    keys = [
+        Line2D([], [], **_circle(), marker="o", ls="", ms=7, label="subjects"),
+        Line2D([], [], color="black", lw=2, label="mean, 95% interval"),
+    ]
+    if table["human_attempts"].notna().any():
+        keys.append(
+            Line2D([], [], color=style.current().other(2), marker="D", ls="", ms=4.5,
+                   label="people")
+        )  # fmt: skip
+    if table["ideal_attempts"].notna().any():
+        keys.append(style.ideal_key())
+    rows_of_panels = in_rows(len(shown), 1, 2.6)
+
+    def lay_out(figure: Figure) -> Sequence[Axes]:
+        axes = rows_of_panels(figure)
+        figure.set_figheight(figure.get_figheight() + 0.2)  # for a legend of two lines
+        return axes
+
+    with panels(ax, len(shown), lay_out) as at:
+        for axes, (name, protocol, own) in zip(at.axes, shown, strict=True):
+            limits = trials.loc[trials["protocol"] == protocol, "last_attempt"]
+            limit = float(
+                np.nanmax([limits.max(), (own["human_attempts"] + own["human_se"]).max()])
+            )
+            played = values[(values["learner"] == name) & (values["protocol"] == protocol)]
+            for place, row in enumerate(own.to_dict("records")):
+                mine = played.loc[played["condition"] == row["condition"], "attempts"]
+                _circles(axes, place, mine.to_numpy(float), limit)
                 _means(axes, place, row)
-            if len(protocols) > 1:
-                style.panel_title(axes, protocol, style.sizes(rows))
-            _scale(axes, list(rows["condition"]), limit)
-        keys = [
-            Line2D([], [], **_CIRCLE, marker="o", ls="", ms=7, mec=_RING, label="subjects"),
-            Line2D([], [], color="black", lw=2, label="mean, 95% interval"),
-        ]
-        if people:
-            keys.append(Line2D([], [], color=_PEOPLE, marker="D", ls="", ms=4.5, label="people"))
-        style.legend(figure, [*keys, style.ideal_key()] if ideal else keys, columns=2)
-        figure.set_figheight(figure.get_figheight() + 0.2)
-    size = f"protocol {protocols[0]}, {style.sizes(own)}" if len(protocols) == 1 else ""
-    return Plot("learner", figure, facts={"size": size, "people": people, "ideal": ideal})
+            if len(shown) > 1:
+                title = protocol if len(asked["learner"]) == 1 else name
+                style.panel_title(axes, title, style.sizes(own))
+            _scale(axes, list(own["condition"]), limit)
+        at.legend(keys, columns=2)
+    return at.returned
+
+
+def _circle() -> dict[str, Any]:
+    colour = style.current().other(3)
+    return {"color": colour, "alpha": 0.75, "mec": "#1F6F9F"}
 
 
 def _circles(axes: Axes, place: float, attempts: Any, limit: float) -> None:
-    width = max(1.0, limit / _BINS)
+    look, width = _circle(), max(1.0, limit / _BINS)
     heights, counts = np.unique(np.round(attempts / width) * width, return_counts=True)
     axes.scatter(
-        np.full(len(heights), place - 0.12), heights, s=_AREA * counts / len(attempts), **_CIRCLE,
-        linewidths=0.5, edgecolors=_RING, zorder=2, clip_on=False,
+        np.full(len(heights), place - 0.12), heights, s=_AREA * counts / len(attempts),
+        color=look["color"], alpha=look["alpha"], linewidths=0.5, edgecolors=look["mec"],
+        zorder=2, clip_on=False,
     )  # fmt: skip
 
 
@@ -76,7 +126,7 @@ def _means(axes: Axes, place: float, row: Mapping[Any, Any]) -> None:
     if row["human_attempts"] == row["human_attempts"]:
         axes.errorbar(
             place + 0.3, row["human_attempts"], row["human_se"],
-            fmt="D", ms=4.5, color=_PEOPLE, elinewidth=1, capsize=2, zorder=3,
+            fmt="D", ms=4.5, color=style.current().other(2), elinewidth=1, capsize=2, zorder=3,
         )  # fmt: skip
     if row["ideal_attempts"] == row["ideal_attempts"]:
         style.ideal_line(axes, row["ideal_attempts"], place - 0.38, place + 0.4)

@@ -18,7 +18,7 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA, difference, holm
 from causal_openlock.analysis.measures import CELL, SUBJECT, by_subject, count, ordered
-from causal_openlock.analysis.plots.comparisons import draw_differences
+from causal_openlock.analysis.plots.comparisons import MOST_DRAWN, plot_differences
 from causal_openlock.analysis.report.page import Written, render
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
@@ -235,11 +235,15 @@ def _noise_section(
     title = _PROSE.sentence("noise_title")
     if table.empty:
         return Section("noise", title, text)
-    plot = draw_differences(table.assign(sure=table["verdict"] == MORE), names)
+    drawn = table.assign(sure=table["verdict"] == MORE)
+    plot = _PROSE.plot(
+        "means", plot_differences, drawn, {"names": names}, f"{label}_means", "",
+        drawn=min(len(table), MOST_DRAWN), rows=len(table),
+    )  # fmt: skip
     return Section(
         "noise",
         title,
         text,
         (_PROSE.table("means", table, FORMATS, f"{label}_means", names=names, alpha=ALPHA),),
-        (_PROSE.plot(plot, f"{label}_means"),),
+        (plot,),
     )

@@ -13,11 +13,11 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.measures import by_subject
-from causal_openlock.analysis.plots.subjects import draw_subjects
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.subjects import plot_subjects
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
-from causal_openlock.analysis.results.summary import judged
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.wording import file_names
 
 FORMATS = {
@@ -35,30 +35,31 @@ _RENAMED = {
 _PROSE = Prose("learner")
 
 
-def learner_pages(
-    trials: pd.DataFrame,
-    headline: pd.DataFrame,
-    learners: Sequence[str],
-    described: Sequence[Mapping[str, Any]] = (),
-) -> list[Section]:
+def learner_pages(material: Material, described: Sequence[Mapping[str, Any]] = ()) -> list[Section]:
     """A section for each learner: ``learner_1``, ``learner_2``, ... in the order of learners.
 
     Their tables and plots are called by the learner's name. What is described of learners is from
     :func:`~causal_openlock.analysis.report.what_was_run.what_was_run`.
     """
     known = {one["name"]: one for one in described}
-    values = by_subject(judged(trials), ["phase", "trial"])
-    limits = trials.groupby("protocol", observed=True)["last_attempt"].max().to_dict()
+    headline, learners = material.headline, material.learners
     played = [name for name in learners if (headline["learner"] == name).any()]
     pages = []
     for name, part in file_names(played).items():
         own = headline[headline["learner"] == name]
         label = f"learner_{part}"
-        plot = draw_subjects(values[values["learner"] == name], own, limits)
+        one = own["protocol"].nunique() == 1
+        plot = _PROSE.plot(
+            "learner", plot_subjects, material, {"learners": [name]}, label,
+            learner=name,
+            size=f"protocol {own['protocol'].iloc[0]}, {style.sizes(own)}" if one else "",
+            people=bool(own["human_attempts"].notna().any()),
+            ideal=bool(own["ideal_attempts"].notna().any()),
+        )  # fmt: skip
         page = _PROSE.section(
             f"learner_{learners.index(name) + 1}",
             [_PROSE.table("learner", _shown(own), FORMATS, label, learner=name)],
-            [_PROSE.plot(plot, label, learner=name)],
+            [plot],
             learner=known.get(name),
         )
         pages.append(replace(page, title=name))

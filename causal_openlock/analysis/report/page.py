@@ -80,6 +80,7 @@ def inline(plot: SectionPlot, svg: str) -> dict[str, Any]:
         "name": plot.name,
         "title": plot.title,
         "caption": plot.caption,
+        "call": plot.call,
         "svg": Markup(root + svg[svg.index(">") + 1 :]),  # matplotlib has escaped its text
     }
 

@@ -12,11 +12,12 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
-from causal_openlock.analysis.plots.style import Plot
 from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable, printed
 from causal_openlock.wording import counted, joined
 
@@ -77,10 +78,34 @@ class Prose:
         own = {column: form for column, form in formats.items() if column in frame}
         return SectionTable(name or kind, title, frame, own, " ".join(caption))
 
-    def plot(self, plot: Plot, name: str = "", **findings: Any) -> SectionPlot:
-        """A plot with the title and caption of the macro ``KIND_plot``; named as tables are."""
-        title, *caption = self.paragraphs(f"{plot.kind}_plot", **plot.facts, **findings)
-        return SectionPlot(name or plot.name, title, " ".join(caption), plot.figure)
+    def plot(
+        self,
+        kind: str,
+        function: Callable[..., Any],
+        data: Any,
+        options: Mapping[str, Any] = MappingProxyType({}),
+        name: str = "",
+        call: str | None = None,
+        **findings: Any,
+    ) -> SectionPlot:
+        """What a plot function draws, with the title and caption of the macro ``KIND_plot``.
+
+        Args:
+            kind: Of the macro.
+            function: A function of ``analysis.plots``.
+            data: Its first argument.
+            options: Other arguments.
+            name: Of the files; by default ``kind``.
+            call: The line that makes the figure again; by default that of the results' accessor.
+            findings: For the macro.
+        """
+        figure = Figure()
+        function(data, **options, ax=figure)
+        if call is None:
+            given = ", ".join(f"{key}={value!r}" for key, value in options.items())
+            call = f"results.plot.{function.__name__.removeprefix('plot_')}({given})"
+        title, *caption = self.paragraphs(f"{kind}_plot", **findings)
+        return SectionPlot(name or kind, title, " ".join(caption), figure, call)
 
 
 @lru_cache(maxsize=1)

@@ -83,13 +83,14 @@ class SectionPlot:
     """A figure that is shown, and kept as files called ``name``.
 
     Its name is of lower-case letters, digits and underscores; the caption says what is seen, and
-    what the error bars are.
+    what the error bars are; the call is the line of Python that makes it again, if there is one.
     """
 
     name: str
     title: str
     caption: str
     figure: Figure
+    call: str = ""
 
 
 @dataclass(frozen=True)

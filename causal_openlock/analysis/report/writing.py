@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.figures import draw_all
+from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.cautions import warnings_of
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
-from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.sections import ORDER, sections_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.material import Material
@@ -99,9 +98,8 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
     described = what_was_run(experiment)
 
     write_table(with_missing(summary, missing), folder / "summary.csv")
-    prose, written = Prose("figures"), Written(folder)
-    plots = [prose.plot(plot) for plot in draw_all(material.counts, learners, experiment)]
-    pages = learner_pages(trials, material.headline, learners, described["learners"])
+    written = Written(folder)
+    plots, pages = figures_of(material), learner_pages(material, described["learners"])
     page = render(
         "report.html.j2",
         title=experiment.title or experiment.name,

@@ -14,6 +14,8 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
+import pandas as pd
+
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import default_action_limit
 from causal_openlock.wording import joined
@@ -54,6 +56,13 @@ def ideal_bounds(experiment: Experiment) -> Bounds:
                         key = (condition.name, protocol.name, phase)
                         found[key] = Bound(schema.name, attempts)
     return found
+
+
+def bounds_of(bounds: Bounds, table: pd.DataFrame) -> dict[tuple[str, str], Bound]:
+    """The bounds that are known of what is in a table, of one protocol, by condition and phase."""
+    keys = table[["condition", "protocol", "phase"]].drop_duplicates().astype(str)
+    played = keys.itertuples(index=False, name=None)
+    return {(key[0], key[2]): bounds[key] for key in played if key in bounds}
 
 
 def ideal_attempts(schema: Schema, action_limit: int) -> float | None:

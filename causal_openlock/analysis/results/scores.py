@@ -14,6 +14,15 @@ from causal_openlock.analysis.measures import (
     CELL,
     TRANSFERS,
     by_subject,
+    ordered,
+)
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.people.published import (
+    HUMAN_PROTOCOL,
+    did_what_people_did,
+    model,
+    paper_conditions,
+    people,
 )
 from causal_openlock.analysis.results.summary import judged
 from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval
@@ -26,6 +35,7 @@ SCORE_COLUMNS = (
 """Columns of :func:`transfer_scores`."""
 
 CONGRUENCY, SAVINGS = "congruency", "savings"
+PEOPLE, MODEL = "People", "Published model"
 _COMPARED = (
     (CONGRUENCY, "CC3-CC4", "CE3-CC4"),
     (CONGRUENCY, "CE3-CE4", "CC3-CE4"),
@@ -161,6 +171,30 @@ def published_transfer_scores(name: str, means: pd.DataFrame) -> pd.DataFrame:
         low, high = value - z * error, value + z * error
         rows.append((name, "human", score, condition, size, one, two, value, low, high))
     return pd.DataFrame(rows, columns=SCORE_COLUMNS)
+
+
+def scores_of(results: Material) -> dict[str, pd.DataFrame]:
+    """The scores of conditions that are the paper's, by protocol.
+
+    Published results come first, where they compare (:data:`PEOPLE`, :data:`MODEL`).
+    """
+    trials = results.trials
+    rooms = paper_conditions(results.experiment)
+    if rooms is not None:
+        trials = trials[trials["condition"].isin(list(rooms))]
+    own = transfer_scores(trials)
+    found = {
+        protocol: own[own["protocol"] == protocol]
+        for protocol in ordered(own["protocol"], (HUMAN_PROTOCOL,))
+    }
+    beside = did_what_people_did(trials, results.like_people) & trials["condition"].isin(TRANSFERS)
+    if beside.any() and HUMAN_PROTOCOL in found:
+        published = [
+            published_transfer_scores(PEOPLE, people()),
+            published_transfer_scores(MODEL, model()),
+        ]
+        found[HUMAN_PROTOCOL] = pd.concat([*published, found[HUMAN_PROTOCOL]], ignore_index=True)
+    return found
 
 
 def _by_condition(trials: pd.DataFrame) -> dict[tuple[str, str], dict[str, FloatArray]]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.plots.points import clear_of_chance, draw_points
+from causal_openlock.analysis.plots.likeness import clear_of_chance, plot_likeness
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.results.material import Material
@@ -15,32 +15,20 @@ from causal_openlock.analysis.results.people.human_likeness import (
     EFFECTS,
     PUBLISHED_MODEL,
     effects_of,
-    likeness_table,
-    points_of,
-    points_of_model,
+    likeness,
     points_of_people,
     published_points,
 )
-from causal_openlock.analysis.results.people.published import did_what_people_did
 
 _PROSE = Prose("human_likeness")
 
 
 def section(material: Material) -> Section | None:
     """Of the learners that played all six conditions as people did; None if there are none."""
-    trials = material.trials[did_what_people_did(material.trials, material.like_people)]
-    if trials.empty:
+    like = likeness(material.trials, material.like_people, material.learners)
+    if like is None:
         return None
-    points = points_of(trials)
-    count = len(published_points())
-    complete = [name for name in material.learners if (points["learner"] == name).sum() == count]
-    if not complete:
-        return None
-    own = {name: points[points["learner"] == name] for name in complete}
-    found = {name: effects_of(own[name], trials[trials["learner"] == name]) for name in complete}
-    own[PUBLISHED_MODEL] = points_of_model()
-    found[PUBLISHED_MODEL] = effects_of(own[PUBLISHED_MODEL])
-    table = likeness_table(list(own.values()), list(found.values()))
+    table, found = like.table, like.effects
     table["clear"] = [clear_of_chance(found[name]) for name in table["learner"]]
     order = ["people", *table["learner"]]
     tests = {"people": effects_of(points_of_people()), **found}
@@ -52,8 +40,8 @@ def section(material: Material) -> Section | None:
             _PROSE.table("human_likeness", _differences(table), _FORMATS, effects=EFFECTS),
             _PROSE.table("human_likeness_tests", each[_TESTED], _FORMATS),
         ],
-        [_PROSE.plot(draw_points([own[name] for name in table["learner"]], effects=found))],
-        points=count,
+        [_PROSE.plot("human_likeness", plot_likeness, material)],
+        points=len(published_points()),
         effects=len(EFFECTS),
         nearest=table[~published].iloc[0],
         published=table[published].iloc[0],

@@ -7,31 +7,24 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.measures import BASELINES, TRANSFERS, ordered
+from causal_openlock.analysis.measures import BASELINES, TRANSFERS
 from causal_openlock.analysis.plots.comparisons import (
     CONGRUENCY_TESTS,
-    draw_congruency,
-    draw_savings,
+    plot_congruency,
+    plot_savings,
 )
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.people.published import (
-    HUMAN_PROTOCOL,
-    did_what_people_did,
-    model,
-    paper_conditions,
-    people,
-)
 from causal_openlock.analysis.results.scores import (
     CONGRUENCY,
+    MODEL,
+    PEOPLE,
     SAVINGS,
-    published_transfer_scores,
-    transfer_scores,
+    scores_of,
 )
 from causal_openlock.wording import file_names
 
-PEOPLE, MODEL = "People", "Published model"
 _PROSE = Prose("transfer")
 
 
@@ -45,9 +38,9 @@ def section(material: Material) -> Section | None:
         scores = found[protocol]
         of = {kind: scores[scores["score"] == kind] for kind in (CONGRUENCY, SAVINGS)}
         about: dict[str, Any] = {"protocol": protocol if len(found) > 1 else ""}
-        for kind, found_in, frame, drawn in (
-            (CONGRUENCY, _helped, _congruency, draw_congruency),
-            (SAVINGS, _saved, _savings, draw_savings),
+        for kind, found_in, frame, plot in (
+            (CONGRUENCY, _helped, _congruency, plot_congruency),
+            (SAVINGS, _saved, _savings, plot_savings),
         ):
             rows = of[kind]
             if rows["learner"].isin([PEOPLE, MODEL]).all():
@@ -56,7 +49,12 @@ def section(material: Material) -> Section | None:
             name = f"transfer_{kind}_{part}"
             published = bool((rows["learner"] == PEOPLE).any())
             tables.append(_PROSE.table(f"transfer_{kind}", frame(rows), _FORMATS, name, **about))
-            plots.append(_PROSE.plot(drawn(rows), name, published=published, **about))
+            options = {"protocol": protocol}
+            plots.append(
+                _PROSE.plot(
+                    f"transfer_{kind}", plot, material, options, name, published=published, **about
+                )
+            )
         every = scores.drop(columns="protocol")
         tables.append(
             _PROSE.table("transfer_scores", every, _FORMATS, f"transfer_scores_{part}", **about)
@@ -72,27 +70,6 @@ _FORMATS = {
     **dict.fromkeys((f"{tested} untrained" for tested in BASELINES), ".2f"),
     **dict.fromkeys(TRANSFERS, ".1%"),
 }
-
-
-def scores_of(material: Material) -> dict[str, pd.DataFrame]:
-    """The scores that are shown, by protocol; published results first, where they compare."""
-    trials = material.trials
-    rooms = paper_conditions(material.experiment)
-    if rooms is not None:
-        trials = trials[trials["condition"].isin(list(rooms))]
-    own = transfer_scores(trials)
-    found = {
-        protocol: own[own["protocol"] == protocol]
-        for protocol in ordered(own["protocol"], (HUMAN_PROTOCOL,))
-    }
-    beside = did_what_people_did(trials, material.like_people) & trials["condition"].isin(TRANSFERS)
-    if beside.any() and HUMAN_PROTOCOL in found:
-        published = [
-            published_transfer_scores(PEOPLE, people()),
-            published_transfer_scores(MODEL, model()),
-        ]
-        found[HUMAN_PROTOCOL] = pd.concat([*published, found[HUMAN_PROTOCOL]], ignore_index=True)
-    return found
 
 
 def _helped(scores: pd.DataFrame) -> dict[str, Any]:

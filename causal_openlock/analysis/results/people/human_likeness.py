@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -30,7 +31,13 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
 )
 from causal_openlock.analysis.results.people.hypotheses import GroupSummary, contrast_test
-from causal_openlock.analysis.results.people.published import POINT, model, people
+from causal_openlock.analysis.results.people.published import (
+    POINT,
+    Pairs,
+    did_what_people_did,
+    model,
+    people,
+)
 
 PUBLISHED_MODEL = "published model"
 Place = tuple[str, str, int]
@@ -228,3 +235,44 @@ def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFram
     return pd.DataFrame(rows).sort_values(
         ["points", "rmse"], ascending=[False, True], kind="stable", ignore_index=True
     )
+
+
+class Likeness(NamedTuple):
+    """Learners beside people: :func:`likeness_table`, and by learner what is in it.
+
+    Attributes:
+        table: The nearest learner first, the published model among them.
+        points: By learner, in that order.
+        effects: By learner.
+    """
+
+    table: pd.DataFrame
+    points: dict[str, pd.DataFrame]
+    effects: dict[str, pd.DataFrame]
+
+
+def likeness(trials: pd.DataFrame, pairs: Pairs | None, learners: Sequence[str]) -> Likeness | None:
+    """The learners that played all six conditions as people did, beside the published model.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        pairs: Which learners in which conditions compare with people.
+        learners: Their labels.
+
+    Returns:
+        None if there are none.
+    """
+    trials = trials[did_what_people_did(trials, pairs)]
+    if trials.empty:
+        return None
+    found = points_of(trials)
+    points = {name: found[found["learner"] == name] for name in learners}
+    points = {name: own for name, own in points.items() if len(own) == len(published_points())}
+    if not points:
+        return None
+    effects = {name: effects_of(own, trials[trials["learner"] == name])
+               for name, own in points.items()}  # fmt: skip
+    points[PUBLISHED_MODEL] = points_of_model()
+    effects[PUBLISHED_MODEL] = effects_of(points[PUBLISHED_MODEL])
+    table = likeness_table(list(points.values()), [effects[name] for name in points])
+    return Likeness(table, {name: points[name] for name in table["learner"]}, effects)

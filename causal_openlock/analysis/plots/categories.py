@@ -1,0 +1,169 @@
+"""The paper's Figures 6 and 7: what attempts came to, in the baselines and in the transfer test.
+
+Each segment's *height* is log10 of its count, and segments are stacked: the form that the paper
+chose. So a stack is a sum of logarithms; it shrinks as one category takes over. The paper's own
+DDQN is the first panel, from its published counts; then come the learners under protocols with many
+attempts in a trial, that is, all but ``human``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
+
+from causal_openlock.analysis.measures import BASELINES, TRANSFERS, ordered
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.panels import chosen, in_rows, panels
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.people.published import (
+    HUMAN_PROTOCOL,
+    paper_conditions,
+    paper_ddqn,
+)
+from causal_openlock.errors import NothingToDrawError, OpenLockError
+from causal_openlock.experiment.record import CATEGORIES
+from causal_openlock.wording import nearest
+
+KINDS = {"baseline": (BASELINES, "train"), "transfer": (TRANSFERS, "test")}
+_OUTLINES = {"CE4": ":", "CC4": "-"}  # left to right, as in the paper's Figure 6
+
+
+def counts_like_ddqn(
+    results: Material,
+    kind: str,
+    learners: Collection[str] | None = None,
+    conditions: Collection[str] | None = None,
+) -> pd.DataFrame:
+    """Counts of categories that can be compared with those of the paper's DDQN; perhaps none.
+
+    Returns:
+        As :func:`~causal_openlock.analysis.measures.category_counts`.
+
+    Raises:
+        OpenLockError: If ``kind`` is neither ``baseline`` nor ``transfer``, or a learner or a
+            condition is not in the results.
+    """
+    if kind not in KINDS:
+        raise OpenLockError(f"no categories of kind {kind}; {nearest(kind, KINDS)}")
+    names, phase = KINDS[kind]
+    asked = chosen(results, learners, conditions)
+    alike = set(paper_conditions(results.experiment)) & set(names) & set(asked["condition"])
+    counts = results.counts.blocks
+    return counts[
+        (counts["protocol"] != HUMAN_PROTOCOL)
+        & counts["condition"].isin(alike)
+        & (counts["phase"] == phase)
+        & counts["learner"].isin(asked["learner"])
+    ]
+
+
+def plot_categories(
+    results: Material,
+    kind: Literal["baseline", "transfer"] = "baseline",
+    *,
+    learners: Collection[str] | None = None,
+    conditions: Collection[str] | None = None,
+    published: bool = True,
+    ax: Any = None,
+) -> Any:
+    """What attempts came to: the paper's Figure 6 (``baseline``) or 7 (``transfer``).
+
+    >>> import causal_openlock as ol
+    >>> axes = ol.plot_categories(trained, "transfer", published=False)
+    >>> axes.get_title(loc="left")
+    'random'
+
+    Args:
+        results: What was played.
+        kind: The course of the baselines, or the test of the transfer conditions.
+        learners: Labels of the learners to draw; by default all that played under a protocol other
+            than ``human``. A learner has a panel for each protocol.
+        conditions: Conditions to draw; by default those of the paper's that were played.
+        published: Whether the paper's DDQN has a panel before the learners.
+        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
+            pyplot.
+
+    Returns:
+        ``[P]`` the axes of the panels; of a single panel its axes.
+
+    Raises:
+        NothingToDrawError: If no such learner played one of the conditions under such a protocol.
+        OpenLockError: If a learner, a condition or the kind does not exist, or ``ax`` does not fit.
+    """
+    counts = counts_like_ddqn(results, kind, learners, conditions)
+    if counts.empty:
+        raise NothingToDrawError(
+            f"no such learner played a {kind} condition of the paper under a protocol with many "
+            "attempts in a trial, such as rl"
+        )
+    _, phase = KINDS[kind]
+    shown = []
+    if published:
+        ddqn = paper_ddqn()
+        shown.append(("DDQN of the paper", "published counts", ddqn[ddqn["phase"] == phase]))
+    for name in ordered(counts["learner"], results.learners):
+        own = counts[counts["learner"] == name]
+        for protocol in ordered(own["protocol"], ()):
+            rows = own[own["protocol"] == protocol]
+            shown.append((name, f"{protocol}, {style.sizes(rows)}", rows))
+    keys = [
+        Patch(fc=style.current().category(name), ec="black", lw=0.6, label=text)
+        for name, text in style.CATEGORY_NAMES.items()
+    ]
+    if kind == "baseline":
+        sides = zip(_OUTLINES.items(), ("left", "right"), strict=True)
+        keys += [
+            Patch(fc="white", ec="black", lw=1.1, ls=line, label=f"{name} ({side})")
+            for (name, line), side in sides
+        ]
+    with panels(ax, len(shown), in_rows(len(shown), 2, 2.7)) as at:
+        for axes, (name, detail, rows) in zip(at.axes, shown, strict=True):
+            (_course if kind == "baseline" else _tests)(axes, rows)
+            style.panel_title(axes, name, detail)
+        top = max(axes.get_ylim()[1] for axes in at.axes)
+        for axes in at.axes:
+            axes.set_ylim(0, top)
+        at.label_y(r"$\log_{10}$ of attempts, stacked")
+        at.legend(keys)
+    return at.returned
+
+
+def _course(axes: Axes, rows: pd.DataFrame) -> None:
+    for side, (condition, outline) in enumerate(_OUTLINES.items()):
+        for block, part in rows[rows["condition"] == condition].groupby("block"):
+            _stack(axes, block - 1 + 0.4 * side - 0.2, part, outline)
+    names = _ranges(rows.groupby("block")["until"].max().to_numpy())
+    axes.set_xticks(range(len(names)), names, fontsize="small")
+    whose = " of each subject" if "learner" in rows else ""
+    axes.set(xlim=(-0.6, len(names) - 0.4), xlabel=f"Attempts{whose}")
+
+
+def _tests(axes: Axes, rows: pd.DataFrame) -> None:
+    for place, condition in enumerate(TRANSFERS):
+        _stack(axes, place, rows[rows["condition"] == condition], "-", width=0.6)
+    axes.set_xticks(range(len(TRANSFERS)), TRANSFERS)
+    axes.set(xlim=(-0.6, len(TRANSFERS) - 0.4), xlabel="Training and test")
+
+
+def _stack(axes: Axes, x: float, rows: pd.DataFrame, outline: str, width: float = 0.38) -> None:
+    counts = rows.groupby("category", observed=True)["count"].sum()
+    bottom = 0.0
+    for category in CATEGORIES:
+        height = float(np.log10(max(1, counts.get(category, 1))))
+        if height:
+            colour = style.current().category(category)
+            axes.bar(x, height, width, bottom, color=colour, ec="black", lw=1.0, ls=outline)
+        bottom += height
+
+
+def _ranges(until: Sequence[float]) -> list[str]:
+    """Names of blocks: ``0–0.6k``, ``0.6–1.2k``, ... as the paper's ``0–30k``; few in full."""
+    thousands = bool(until[-1] >= 1000)
+    ends = [f"{round(value / 1000, 2):g}" if thousands else f"{value:.0f}" for value in (0, *until)]
+    return [f"{low}–{high}{'k' * thousands}" for low, high in pairwise(ends)]

@@ -1,0 +1,146 @@
+"""What learning costs, in attempts: each subject, and the median of each learner."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.panels import chosen, in_rows, panels
+from causal_openlock.analysis.results.cost import WITHIN, cost_of_learning, median_cost
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.errors import NothingToDrawError
+
+_NEVER = "#F2F2F2"  # behind subjects that never came so far
+
+
+def plot_cost(
+    results: Material,
+    *,
+    learners: Collection[str] | None = None,
+    conditions: Collection[str] | None = None,
+    within: float = WITHIN,
+    repeats: bool = False,
+    ax: Any = None,
+) -> Any:
+    """How many attempts, all training counted, until a new room is first solved well.
+
+    Well is within ``within`` times the attempts of the ideal observer; see
+    :func:`~causal_openlock.analysis.results.cost.cost_of_learning`. A panel for each condition, a
+    row for each learner, a dot for each subject, on a logarithmic axis; black: the median with its
+    95% bootstrap interval. On the right, in grey, are subjects that never came so far, with how
+    many there are and within how many attempts. Training before the experiment, such as the
+    meta-training of ``rl2``, is not on record and does not count.
+
+    >>> import causal_openlock as ol
+    >>> axes = ol.plot_cost(results, conditions=["CC4"])
+    >>> [label.get_text() for label in axes.get_yticklabels()]
+    ['random', 'oracle']
+
+    Args:
+        results: What was played.
+        learners: Labels of the learners to draw; by default all.
+        conditions: Conditions to draw; by default all with a known ideal observer.
+        within: How well a room is to be solved, in attempts of the ideal observer.
+        repeats: Whether rooms count that the subject has visited before.
+        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
+            pyplot.
+
+    Returns:
+        ``[P]`` the axes of the panels; of a single panel its axes.
+
+    Raises:
+        NothingToDrawError: If of none of the conditions it is known what the ideal observer needs.
+        OpenLockError: If a learner or a condition is not in the results, or ``ax`` does not fit.
+    """
+    asked, trials = chosen(results, learners, conditions), results.trials
+    for column, names in asked.items():
+        trials = trials[trials[column].isin(names)]
+    table = cost_of_learning(trials, results.bounds, within, repeats)
+    if table.empty:
+        raise NothingToDrawError(
+            "no such learner played a condition of which the attempts of the ideal observer are "
+            "known"
+        )
+    table = table.assign(row=_rows(table))
+    names = [name for learner in asked["learner"]
+             for name in ordered(table.loc[table["learner"] == learner, "row"])]  # fmt: skip
+    shown = ordered(table["condition"].unique())
+    finite = table.loc[np.isfinite(table["cost"]), "cost"]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (1.0, 10.0)
+    edge = max(high, 3 * low) * 1.6
+    end = edge * (edge / low) ** 0.4  # of the grey part
+    with panels(ax, len(shown), in_rows(len(shown), 2, 0.24 * len(names) + 0.75)) as at:
+        for axes, condition in zip(at.axes, shown, strict=True):
+            here = table[table["condition"] == condition]
+            _scale(axes, names, (low / 1.5, edge, end))
+            for place, name in enumerate(names):
+                own = here[here["row"] == name]
+                if len(own):
+                    _row(axes, place, own, (edge, end))
+            style.panel_title(axes, condition)
+        dots: Any = {"ls": "", "marker": "o", "ms": 4, "mec": "#1F6F9F", "label": "subjects"}
+        line: Any = {"color": "black", "lw": 1.6, "marker": "|", "ms": 9, "mew": 2}
+        at.legend(
+            [
+                Line2D([], [], color=style.current().other(3), **dots),
+                Line2D([], [], label="median, 95% interval", **line),
+            ]
+        )
+    return at.returned
+
+
+def _rows(table: pd.DataFrame) -> list[str]:
+    """Names of rows: of learners, with the protocol where one of them has several."""
+    several = table.groupby("learner", observed=True)["protocol"].nunique()
+    return [
+        f"{learner} ({protocol})" if several[learner] > 1 else str(learner)
+        for learner, protocol in zip(table["learner"], table["protocol"], strict=True)
+    ]
+
+
+def _scale(axes: Axes, names: Sequence[str], limits: tuple[float, float, float]) -> None:
+    low, edge, end = limits
+    axes.set_xscale("log")
+    axes.set_xlim(low, end)
+    few = end < 1000 * low
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=8))
+    axes.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}" if x <= edge else "")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel("Attempts, all training counted")
+    axes.set_yticks(range(len(names)), [style.label(name, 28) for name in names])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(True, axis="x")
+    axes.grid(False, axis="y")
+    axes.axvspan(edge, end, color=_NEVER, zorder=0.6)
+
+
+def _row(axes: Axes, place: int, own: pd.DataFrame, never: tuple[float, float]) -> None:
+    cost = np.sort(own["cost"].to_numpy(float))
+    reached = cost[np.isfinite(cost)]
+    edge, end = never
+    # Subjects stand a little above and below one another, the same ones in every drawing.
+    aside = 0.22 * np.sin(2.4 * np.arange(len(reached)))
+    axes.plot(
+        reached, place + aside, "o", ms=3.5, color=style.current().other(3), mec="#1F6F9F", mew=0.4,
+        alpha=0.8, zorder=2,
+    )  # fmt: skip
+    middle, low, high = median_cost(cost)
+    if np.isfinite(low):
+        axes.plot([low, min(high, edge)], [place] * 2, color="black", lw=1.6, zorder=3)
+    if np.isfinite(middle):
+        axes.plot(middle, place, "|", color="black", ms=9, mew=2, zorder=3)
+    if missed := len(cost) - len(reached):
+        asked = int(own.loc[np.isinf(own["cost"]), "asked"].max())
+        axes.text(
+            (edge * end) ** 0.5, place, f"{missed} of {len(cost)} not\nwithin {asked:,}",
+            ha="center", va="center", fontsize="small",
+        )  # fmt: skip

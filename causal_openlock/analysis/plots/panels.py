@@ -1,0 +1,171 @@
+"""Where a figure is drawn: in axes that are given, or in a figure that is laid out for it.
+
+Every plot function takes ``ax``, which is one of three things:
+
+* None: a figure is made with pyplot, so that a notebook shows it.
+* An empty :class:`~matplotlib.figure.Figure`: it is given its size and its panels. The report does
+  this, so that pyplot holds none of its figures.
+* Axes, as many as there are panels, in any nesting. Nothing is drawn outside of them: what a figure
+  has above its panels, such as a legend, is then inside the first of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.errors import NothingToDrawError, OpenLockError
+from causal_openlock.wording import counted, nearest
+
+WIDTH = 7.2
+"""Width of a full figure in inches: two columns of a printed page."""
+
+Layout = Callable[[Figure], Sequence[Axes]]
+"""Gives a figure its size and its panels."""
+
+
+@dataclass(frozen=True)
+class Panels:
+    """The axes of the panels, in order.
+
+    Attributes:
+        axes: The axes.
+        figure: The figure that was made for them; None if they were given.
+    """
+
+    axes: list[Axes]
+    figure: Figure | None
+
+    @property
+    def returned(self) -> Any:
+        """What a plot function returns: ``[P]`` axes, or the only ones."""
+        return self.axes[0] if len(self.axes) == 1 else np.array(self.axes, dtype=object)
+
+    def label_y(self, text: str) -> None:
+        """Name the y axis, of a row of panels once."""
+        for axes in self.axes:
+            place = axes.get_subplotspec()
+            if place is None or place.is_first_col():
+                axes.set_ylabel(text)
+
+    def legend(self, handles: Sequence[Any], columns: int | None = None) -> None:
+        """A legend above all panels, or in the first of those that were given."""
+        if self.figure is None:
+            self.axes[0].legend(handles=list(handles), fontsize="small")
+            return
+        self.figure.legend(
+            handles=list(handles),
+            loc="outside upper left",
+            ncols=columns or len(handles),
+            handlelength=1.6,
+            columnspacing=1.4,
+        )
+
+
+@contextmanager
+def panels(ax: Any, count: int, lay_out: Layout) -> Iterator[Panels]:
+    """The axes to draw in, and the style's settings for what is drawn in a figure made here.
+
+    Raises:
+        OpenLockError: If ``ax`` is something else, or has more or fewer axes than there are panels.
+    """
+    if ax is None or isinstance(ax, Figure):
+        with style.settings():
+            if ax is None:
+                import matplotlib.pyplot as plt
+
+                ax = plt.figure()
+            yield Panels(list(lay_out(ax)), ax)
+        return
+    given = list(_flat(ax))
+    if len(given) != count:
+        rows = max(n for n in range(1, math.isqrt(count) + 1) if count % n == 0)
+        shape = f"{rows}, {count // rows}" if count > 1 else ""
+        raise OpenLockError(
+            f"this figure has {counted(count, 'panel')}, and ax holds "
+            f"{counted(len(given), 'axes', 'axes')}; pass plt.subplots({shape})[1], or leave ax out"
+        )
+    yield Panels(given, None)
+
+
+def _flat(ax: Any) -> Iterator[Axes]:
+    if isinstance(ax, Axes):
+        yield ax
+    elif isinstance(ax, Iterable) and not isinstance(ax, str):
+        for each in ax:
+            yield from _flat(each)
+    else:
+        raise OpenLockError(
+            f"ax is axes of matplotlib, or an empty figure, and not {type(ax).__name__}"
+        )
+
+
+def in_rows(count: int, columns: int, height: float, width: float = WIDTH) -> Layout:
+    """So many panels with a common y axis, wrapped over rows of at most ``columns``.
+
+    A panel has a height in inches; only the first of a row has labels on its y axis.
+    """
+    rows = math.ceil(count / columns)
+    columns = math.ceil(count / rows)  # four panels are two and two, not three and one
+
+    def lay_out(figure: Figure) -> list[Axes]:
+        figure.set_layout_engine("constrained")
+        figure.set_size_inches(width if columns > 1 else 0.62 * width, rows * height + 0.5)
+        grid = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel().tolist()
+        for unused in grid[count:]:
+            unused.remove()
+        for axes in grid[:count]:
+            axes.tick_params(axis="x", length=0)
+        return grid[:count]
+
+    return lay_out
+
+
+def chosen(results: Material, learners: Any, conditions: Any = None) -> dict[str, list[str]]:
+    """Which learners and conditions to draw, in the order of the tables; by default all.
+
+    Returns:
+        Names by column: ``learner`` and ``condition``.
+
+    Raises:
+        OpenLockError: If one is not in the results.
+    """
+    found = {}
+    for column, asked in (("learner", learners), ("condition", conditions)):
+        first = (results.learners,) if column == "learner" else ()
+        known = ordered(results.trials[column].unique(), *first)
+        names = known if asked is None else (asked,) if isinstance(asked, str) else tuple(asked)
+        for name in names:
+            if name not in known:
+                raise OpenLockError(f"no {column} {name} in these results; {nearest(name, known)}")
+        found[column] = [name for name in known if name in names]
+    return found
+
+
+def protocol_of(results: Material, protocol: str | None) -> str:
+    """The protocol to draw: by default the first one, which is ``human`` if somebody played it.
+
+    Raises:
+        OpenLockError: If it is not in the results.
+        NothingToDrawError: If there is none.
+    """
+    known = ordered(results.trials["protocol"].unique(), ("human",))
+    if not known:
+        raise NothingToDrawError("these results hold no trials")
+    if protocol is None:
+        return known[0]
+    if protocol not in known:
+        raise OpenLockError(
+            f"no protocol {protocol} in these results; {nearest(str(protocol), known)}"
+        )
+    return str(protocol)

@@ -1,0 +1,133 @@
+"""Beliefs of a subject that is on record, in a trial that it plays again.
+
+A record says what a subject did and not what it believed. But a subject does the same whenever it
+plays with the same seed, so it plays up to the trial once more and its belief is watched. Where it
+then does anything else than what is on record, because the learner is no longer the one that was
+run, there is no trace.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from causal_openlock.analysis.measures import CELL, VISIT, ordered
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.errors import NothingToDrawError, OpenLockError
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.wording import nearest
+from causal_openlock.world.room import action_names
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from causal_openlock.belief.trace import Trace
+
+
+def believers(results: Material) -> dict[str, LearnerSpec]:
+    """The learners of the results that hold beliefs, in the order of the experiment.
+
+    Results are only read: code that they name, and that no package brings along, does not run.
+    """
+    from causal_openlock.belief.belief_learner import BeliefLearner
+    from causal_openlock.contract.registry import learner_class
+
+    found = {}
+    for spec in results.experiment.learners:
+        if ":" in spec.learner:
+            continue
+        try:
+            kind = learner_class(spec.learner)
+        except OpenLockError:
+            continue
+        if issubclass(kind, BeliefLearner):
+            found[spec.name] = spec
+    return found
+
+
+def replayed(
+    results: Material,
+    subject: int | None = None,
+    learner: str | None = None,
+    condition: str | None = None,
+    trial: int = 1,
+) -> Trace:
+    """What a subject believed in a trial.
+
+    Args:
+        results: What was played.
+        subject: Number of the subject; by default the first.
+        learner: Label of the learner; by default the first that holds beliefs.
+        condition: Name of the condition; by default the first that the learner played.
+        trial: Number of the trial in the whole condition, from 1.
+
+    Raises:
+        NothingToDrawError: If no learner holds beliefs, or it does something else than what is on
+            record.
+        OpenLockError: If there is no such learner, condition, subject or trial.
+    """
+    from causal_openlock.belief.trace import trace_trial
+    from causal_openlock.contract.registry import create
+    from causal_openlock.world.rewards import PAPER_REWARD
+
+    known = believers(results)
+    played = results.trials[results.trials["learner"].isin(list(known))]
+    if played.empty:
+        raise NothingToDrawError("no learner of these results holds beliefs, as bayes does")
+    names = ordered(played["learner"], list(known))
+    learner = names[0] if learner is None else learner
+    if learner not in names:
+        raise OpenLockError(f"no learner {learner} that holds beliefs; {nearest(learner, names)}")
+    spec, own = known[learner], played[played["learner"] == learner]
+    rooms = {one.name: one for one in results.experiment.conditions}
+    conditions = ordered(own["condition"], list(rooms))
+    condition = conditions[0] if condition is None else condition
+    if condition not in conditions:
+        raise OpenLockError(f"{learner} did not play {condition}; {nearest(condition, conditions)}")
+    own = own[own["condition"] == condition]
+    subject = int(own["subject"].min()) if subject is None else subject
+    visits = own[own["subject"] == subject]
+    visits = visits[visits["seed"] == visits["seed"].min()].sort_values(VISIT)
+    if not 1 <= trial <= len(visits):
+        raise OpenLockError(
+            f"no trial {trial} of subject {subject} of {learner} in {condition}; there are "
+            f"subjects from {own['subject'].min()} to {own['subject'].max()}, and trials from 1 to "
+            f"{len(visits) or int(own.groupby('subject').size().max())}"
+        )
+    row = visits.iloc[trial - 1]
+    trace = trace_trial(
+        create(spec.learner, spec.parameters),
+        rooms[condition],
+        spec.protocol,
+        trial=trial,
+        subject=subject,
+        seed=int(row["seed"]),
+        # A user's own code is not run to read results; learners with beliefs ignore rewards.
+        reward=PAPER_REWARD if spec.reward.depends_on_everything else spec.reward,
+        label=spec.name,
+    )
+    if _done(trace) != _recorded(results.record, row):
+        raise NothingToDrawError(
+            f"{learner} does not do again what is on record, so its beliefs are not known: it is "
+            "not the learner that was run"
+        )
+    return trace
+
+
+def _done(trace: Trace) -> list[list[int]]:
+    """The actions of each attempt that was played again."""
+    names = action_names(len(trace.nodes) - 1)
+    return [[names.index(action.name) for action in attempt] for attempt in trace.attempts]
+
+
+def _recorded(record: pa.Table, trial: pd.Series) -> list[list[int]]:
+    """The actions of each attempt of a trial that is on record."""
+    import pyarrow.compute as pc
+
+    # Numbers first: they leave few rows, in which names are cheap to compare.
+    here = pc.and_(*(pc.equal(record[name], int(trial[name])) for name in ("subject", "trial")))
+    others = (*CELL, "phase", "loop")
+    few = record.filter(here).select([*others, "attempt", "actions"]).to_pylist()
+    mine = [row for row in few if all(row[name] == trial[name] for name in others)]
+    return [row["actions"] for row in sorted(mine, key=lambda row: row["attempt"])]

@@ -1,0 +1,63 @@
+"""Small results that were really played, in memory, for tests and examples of figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import pyarrow as pa
+
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.contract.registry import create
+from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Protocol
+from causal_openlock.experiment.session import Session
+
+SHORT = replace(
+    PROTOCOLS["rl"],
+    name="short",
+    attempt_limit=20,
+    **{size: 1 for size in vars(PROTOCOLS["rl"]) if size.endswith("_loops")},
+)
+"""A protocol that goes on when a trial is solved, and is over soon."""
+
+
+def played(
+    learners: Sequence[str],
+    conditions: Sequence[str] = PAPER_CONDITIONS,
+    subjects: int = 3,
+    protocol: Protocol | None = None,
+) -> Material:
+    """Learners in conditions, under their own protocol or another."""
+    changes = Changes(conditions, learners, None, subjects, 6)
+    experiment = read_experiment(find_experiment("default"), changes)
+    if protocol is not None:
+        specs = tuple(replace(one, protocol=protocol) for one in experiment.learners)
+        experiment = replace(experiment, learners=specs)
+    record = pa.concat_tables(
+        Session(condition, spec.protocol, subjects, seed=6, learner=spec.name).play(
+            create(spec.learner, spec.parameters)
+        )
+        for spec in experiment.learners
+        for condition in experiment.conditions
+    )
+    return Material.of(record, experiment)
+
+
+@cache
+def results() -> Material:
+    """Two learners that played as people did; the first of them is not the first by alphabet."""
+    return played(["random", "oracle"])
+
+
+@cache
+def trained() -> Material:
+    """One learner under a protocol with many attempts."""
+    return played(["random"], protocol=SHORT)
+
+
+@cache
+def believed() -> Material:
+    """One learner that holds beliefs."""
+    return played(["bayes"], ["CC3"], 2)
