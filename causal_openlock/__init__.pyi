@@ -3,6 +3,8 @@
 # here, and docs/api/public.rst says what each is for.
 
 # Schemas and rooms
+from .envs.playable import room as room
+from .formats.declared import schema as schema
 from .formats.graphs import export_schema as export_schema
 from .formats.graphs import import_schema as import_schema
 from .formats.graphs import to_bayesian_network as to_bayesian_network
@@ -95,6 +97,7 @@ from .analysis.results.summary import summary_table as summary_table
 from .analysis.statistics import mean_interval as mean_interval
 
 # Pictures, films and people
+from .play.background import play_room as play_room
 from .play.people import People as People
 from .play.reactions import read_reactions as read_reactions
 from .play.server import PlayServer as PlayServer
@@ -103,6 +106,7 @@ from .render.graph import draw_schema as draw_schema
 from .render.panel import Panel as Panel
 from .render.filmed_trial import play_trial as play_trial
 from .render.room import draw_room as draw_room
+from .render.watch import watch as watch
 
 __version__: str
 ENV_ID: str

@@ -13,6 +13,7 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.wording import counted
@@ -23,7 +24,11 @@ if TYPE_CHECKING:
     from causal_openlock.analysis.report.writing import Report
     from causal_openlock.comparison.results import Results
     from causal_openlock.contract.learner import Learner
+    from causal_openlock.envs.playable import Picture, PlayableRoom
     from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+    from causal_openlock.play.background import OpenedRoom
+    from causal_openlock.render.film import Shot
+    from causal_openlock.render.watch import WatchedTrial
     from causal_openlock.world.room import Room
     from causal_openlock.world.schema import Schema
 
@@ -31,9 +36,13 @@ MOST_SOLUTIONS = 12
 ENDS = 5
 """How many rows of a long record are shown at its beginning, and at its end."""
 
+MOST_MOMENTS = 60
+"""How many pictures a strip has at most, which keeps it below a megabyte."""
+
 CONSTANTS = ("experiment", "learner", "condition", "protocol", "seed")
 SHOWN = ("subject", "phase", "loop", "trial", "schema", "layout", "attempt")
 _CARD = "display:inline-block;background:#fff;color:#000;padding:0.6em;max-width:100%"
+_ROW = "display:flex;flex-wrap:wrap;gap:0.5em;align-items:flex-start"
 _LEFT = "text-align:left;vertical-align:top"
 
 
@@ -58,6 +67,93 @@ def room_html(room: Room) -> str:
     places = room.layout.as_mapping(room.schema).items()
     listed = ", ".join(f"{lever} {place}" for lever, place in places)
     return _card(title, _inline(room_svg(look, title=title)), f"<div>{escape(listed)}</div>")
+
+
+def picture_html(shown: Picture, title: str = "") -> str:
+    """A room and its console; of :class:`Seen`, also what was done and what came of it."""
+    from causal_openlock.render.scene import Look
+    from causal_openlock.render.svg import room_svg
+
+    look = Look.of_observation(shown.observation, len(shown.observation) // 2 - 1)
+    title = title or getattr(shown, "title", "A room")
+    return _card(title, _inline(room_svg(look, shown.panel, title)))
+
+
+def playable_html(room: PlayableRoom) -> str:
+    """A room to try out, as it is now, and how to act in it."""
+    card = picture_html(room.picture, f"{room.schema.name} in {room.layout.name}")
+    names = ", ".join(name.removeprefix("push ") for name in room.actions[: room.positions])
+    return card.removesuffix("</div>") + f"<div>push or pull {names}; or push door</div></div>"
+
+
+def opened_html(opened: OpenedRoom) -> str:
+    """The link of a room that is open in the browser."""
+    url = escape(opened.url)
+    return _card(repr(opened).strip("<>"), f'<div><a href="{url}" target="_blank">{url}</a></div>')
+
+
+def watched_html(watched: WatchedTrial) -> str:
+    """A trial as a strip of pictures, one after each action; of a long one the first."""
+    shots = [shot for shot in watched.shots if shot.action or shot is watched.shots[0]]
+    body = "".join(_moment(watched, shot, small=True) for shot in shots[:MOST_MOMENTS])
+    if more := len(shots) - MOST_MOMENTS:
+        body += f"<div>and {counted(more, 'more action')}</div>" * (more > 0)
+    return _card(watched.title, f'<div style="{_ROW}">{body}</div>', _legend(watched))
+
+
+def watched_widgets(watched: WatchedTrial) -> dict[str, Any] | None:
+    """A trial with a slider over its moments, and a button that plays them.
+
+    Returns:
+        What a notebook shows, by media type; ``None`` without ipywidgets, or outside of a notebook.
+    """
+    from IPython.core.getipython import get_ipython
+
+    try:
+        widgets: Any = import_module("ipywidgets")
+    except ImportError:
+        return None
+    if not hasattr(get_ipython(), "kernel"):
+        return None
+    pictures = [
+        widgets.HTML(_card(watched.title, _moment(watched, shot), _legend(watched)))
+        for shot in watched.shots
+    ]
+    # Linked in the browser, so that the slider moves in saved pages and without a kernel too.
+    stack = widgets.Stack(pictures, selected_index=0)
+    last = len(pictures) - 1
+    slider = widgets.IntSlider(0, 0, last, description="moment", layout={"width": "30em"})
+    player = widgets.Play(min=0, max=last, interval=800, show_repeat=False)
+    widgets.jslink((player, "value"), (slider, "value"))
+    widgets.jslink((slider, "value"), (stack, "selected_index"))
+    whole = widgets.VBox([widgets.HBox([player, slider]), stack])
+    bundle: dict[str, Any] = whole._repr_mimebundle_()
+    return {**bundle, "text/plain": repr(watched)}
+
+
+def _legend(watched: WatchedTrial) -> str:
+    words = "Arrows are what it believes, the darker the more probable; dashed: the true schema."
+    return f"<small>{words}</small>" if watched.trace else ""
+
+
+def _moment(watched: WatchedTrial, shot: Shot, small: bool = False) -> str:
+    """A moment of a trial: the room, and what the learner believes."""
+    from causal_openlock.belief.trace import belief_in_words
+    from causal_openlock.render.svg import room_svg
+    from causal_openlock.render.watch import belief_svg, in_words
+
+    parts = [_inline(room_svg(shot.look, None if small else shot.panel, in_words(shot)))]
+    words = in_words(shot)
+    if (belief := watched.belief(shot)) and watched.trace:
+        parts.append(_inline(belief_svg(belief, watched.trace)))
+        words += f"; {belief_in_words(belief)}"
+    pictures = f'<div style="{_ROW}">{"".join(parts)}</div>'
+    if small:
+        size = r'width="[\d.]+in" height="[\d.]+in"'
+        pictures = re.sub(size, 'style="width:11em;height:auto"', pictures)
+    caption = f"<figcaption>{escape(words)}</figcaption>"
+    style = f"margin:0.3em;width:{12 * len(parts)}em;font-size:80%" if small else "margin:0"
+    return f'<figure style="{style}">{pictures}{caption}</figure>'
 
 
 def record_html(record: pa.Table) -> str | None:
@@ -184,6 +280,10 @@ def report_html(report: Report) -> str:
 SHOWN_AS = {
     ("causal_openlock.world.schema", "Schema"): schema_html,
     ("causal_openlock.world.room", "Room"): room_html,
+    ("causal_openlock.envs.playable", "PlayableRoom"): playable_html,
+    ("causal_openlock.envs.playable", "Picture"): picture_html,
+    ("causal_openlock.play.background", "OpenedRoom"): opened_html,
+    ("causal_openlock.render.watch", "WatchedTrial"): watched_html,
     ("causal_openlock.experiment.experiment", "Experiment"): experiment_html,
     ("causal_openlock.contract.learner", "Learner"): learner_html,
     ("causal_openlock.comparison.results", "Results"): results_html,
@@ -202,6 +302,8 @@ def register_formatters() -> None:
         html = shell.display_formatter.formatters["text/html"]
         for (module, name), formatter in SHOWN_AS.items():
             html.for_type_by_name(module, name, formatter)
+        bundles = shell.display_formatter.mimebundle_formatter
+        bundles.for_type_by_name("causal_openlock.render.watch", "WatchedTrial", watched_widgets)
 
 
 # -- pieces of HTML -------------------------------------------------------------------------------

@@ -17,10 +17,10 @@ from causal_openlock.cli.options import (
     one_trial,
 )
 from causal_openlock.cli.terminal import say
-from causal_openlock.errors import LayoutError, OpenLockError
+from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
-from causal_openlock.wording import counted, nearest
+from causal_openlock.wording import counted
 
 
 def room(
@@ -44,27 +44,12 @@ def room(
     """Draw a room as in the paper's Figure 2: at first, or after or amid some actions."""
     from causal_openlock.formats.schema_file import find_schema
     from causal_openlock.render.room import look_after, save_still
-    from causal_openlock.world.room import (
-        Layout,
-        Room,
-        action_names,
-        positions_for,
-        published_layouts,
-    )
+    from causal_openlock.world.room import Room, action_index, first_layout
 
     found = find_schema(schema)
-    published = published_layouts(found)
-    if layout is None:
-        places = Layout(tuple(range(len(found.levers))), positions_for(found))
-        chosen = Room.of(found, published[0] if published else places)
-    else:
-        chosen = Room.of(found, layout)
-    names = action_names(chosen.positions)
-    for name in after or []:
-        if name not in names:
-            raise LayoutError(f"there is no action {name!r}; {nearest(name, names)}")
+    chosen = Room.of(found, layout or first_layout(found))
     path = out or Path(f"room_{found.name}.svg")
-    actions = [names.index(name) for name in after or []]
+    actions = [action_index(name, chosen.positions) for name in after or []]
     title = ", ".join([f"{found.name} in {chosen.layout.name}", *(after or [])])
     save_still(look_after(chosen, actions, part), path, size, title=title)
     say(f"{path} written")

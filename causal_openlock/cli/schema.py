@@ -179,14 +179,14 @@ def new(
     out: Output = None,
 ) -> None:
     """Begin a schema of one's own: a commented file to change."""
-    from causal_openlock.formats.schema_file import dump_schema, schema_from_dict
+    from causal_openlock.formats.schema_file import schema_from_dict
 
     path = out or Path(f"{name}.yaml")
     if path.exists():
         raise OpenLockError(f"{path} exists already; choose another name, or remove it first")
     start = _read(like)
     schema = schema_from_dict({**start.as_dict(), "name": name, "title": f"{name}, after {like}"})
-    write_text(path, _GUIDE + dump_schema(schema))
+    write_text(path, _GUIDE + schema.to_yaml())
     say(f"{path} written; change it, then try:")
     say(f"  causal-openlock schema check {path}")
     say(f"  causal-openlock schema show {path}")

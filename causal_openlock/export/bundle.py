@@ -49,7 +49,6 @@ from causal_openlock.export.local_modules import local_modules
 from causal_openlock.files.atomic import replacing, write_bytes
 from causal_openlock.files.module_source import module_source
 from causal_openlock.files.yaml_file import dump_yaml
-from causal_openlock.formats.schema_file import dump_schema
 from causal_openlock.play.person import LEARNER as PERSON
 from causal_openlock.version import __version__
 from causal_openlock.world.reward_code import OwnReward
@@ -134,7 +133,7 @@ def _experiment(
     contents: Contents = {}
     for condition in experiment.conditions:
         for schema in condition.schemas:
-            contents[f"schemas/{schema.name}.yaml"] = dump_schema(schema).encode()
+            contents[f"schemas/{schema.name}.yaml"] = schema.to_yaml().encode()
     learners, moved, cautions = [], False, []
     places = _places(experiment)
     for spec in experiment.learners:

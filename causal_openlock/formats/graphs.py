@@ -7,7 +7,8 @@ attributes, and each graph format writes that graph:
 * of a node: ``kind`` (lever or door), and ``gate`` (``any``, ``all``, ``at_least 2``) if it has
   causes; of an edge: ``strength``.
 
-YAML, node-link JSON, GML and DOT lose nothing. A file from other software may lack any of these
+YAML, the line of text (:mod:`~causal_openlock.formats.one_line`), node-link JSON, GML and DOT lose
+nothing. A file from other software may lack any of these
 attributes: levers then have the order of its nodes, gates are ``any``, strengths 1, and no lever is
 inert. The node ``door`` is the door.
 
@@ -36,15 +37,11 @@ from causal_openlock.errors import OpenLockError, SchemaError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.yaml_file import MAX_BYTES, read_text
 from causal_openlock.formats.dot import dagitty_text, dot_text, parse_graph
-from causal_openlock.formats.schema_file import (
-    dump_schema,
-    parse_schema,
-    read_schema,
-    schema_from_dict,
-)
+from causal_openlock.formats.one_line import one_line, parse_line
+from causal_openlock.formats.schema_file import parse_schema, read_schema, schema_from_dict
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import FloatArray, gate_chance
-from causal_openlock.world.schema import DOOR, NAME, Schema
+from causal_openlock.world.schema import DOOR, NAME, Gate, Schema
 
 if TYPE_CHECKING:
     from pgmpy.factors.discrete import TabularCPD
@@ -171,8 +168,8 @@ def _plain_graph(schema: Schema) -> nx.DiGraph:
     return graph
 
 
-def _schema_of(graph: nx.DiGraph, format: str, name: str) -> Schema:
-    """The schema that a graph from a file holds.
+def schema_of_graph(graph: nx.DiGraph, format: str, name: str) -> Schema:
+    """The schema that a graph holds, from a file or from networkx.
 
     Raises:
         SchemaError: If it holds none; the message names the format.
@@ -201,11 +198,9 @@ def _schema_of(graph: nx.DiGraph, format: str, name: str) -> Schema:
             if effects
         },
         "gates": {
-            node: {"at_least": _number(gate.removeprefix("at_least "), int)}
-            if isinstance(gate, str) and gate.startswith("at_least ")
-            else gate
+            node: _gate(gate)
             for node, gate in graph.nodes(data="gate")
-            if gate is not None
+            if gate not in (None, Gate())
         },
         "inert": _names(about.get("inert", [])),
     }
@@ -221,6 +216,14 @@ def _schema_of(graph: nx.DiGraph, format: str, name: str) -> Schema:
 def _names(value: Any) -> Any:
     """A list of names, which most formats hold as one text."""
     return value.split() if isinstance(value, str) else value
+
+
+def _gate(value: Any) -> Any:
+    """A gate as a schema file has it, from ``at_least 2`` or a :class:`Gate`."""
+    text = str(value).replace("at least", "at_least") if isinstance(value, Gate) else value
+    if isinstance(text, str) and text.startswith("at_least "):
+        return {"at_least": _number(text.removeprefix("at_least "), int)}
+    return text
 
 
 def _number(value: Any, kind: type[int] | type[float]) -> Any:
@@ -255,7 +258,7 @@ def _read_node_link(text: str, name: str) -> Schema:
         raise _no_graph("node-link", f"the key {error} is missing", remedy) from None
     except _UNREADABLE as error:
         raise _no_graph("node-link", error, remedy) from None
-    return _schema_of(graph, "node-link", name)
+    return schema_of_graph(graph, "node-link", name)
 
 
 def _text_graph(schema: Schema) -> nx.DiGraph:
@@ -276,7 +279,7 @@ def _read_gml(text: str, name: str) -> Schema:
     if "title" in graph.graph:
         # networkx takes the texts "()" and "[]" for empty lists.
         graph.graph["title"] = str(graph.graph["title"])
-    return _schema_of(graph, "gml", name)
+    return schema_of_graph(graph, "gml", name)
 
 
 def _write_bif(schema: Schema) -> str:
@@ -294,7 +297,7 @@ def _read_dagitty(text: str, name: str) -> Schema:
     graph.graph |= {key: of_graph[key] for key in ("title", "levers", "inert") if key in of_graph}
     for *_, edge in graph.edges(data=True):
         edge["strength"] = edge.get("beta", 1.0)
-    return _schema_of(graph, "dagitty", name)
+    return schema_of_graph(graph, "dagitty", name)
 
 
 def to_bayesian_network(
@@ -363,14 +366,16 @@ def binary_cpd(node: str, chance: FloatArray, causes: Sequence[str] = ()) -> Tab
 FORMATS: dict[str, Format] = {
     format.name: format
     for format in (
-        Format("yaml", (".yaml", ".yml"), "the toolkit's own schema file", dump_schema,
+        Format("yaml", (".yaml", ".yml"), "the toolkit's own schema file", Schema.to_yaml,
                lambda text, _: parse_schema(text)),
+        Format("line", (".txt",), "one line of text: A -> B, C; B | C -> door",
+               lambda schema: one_line(schema) + "\n", parse_line),
         Format("node-link", (".json",), "networkx node-link JSON, also for D3",
                _write_node_link, _read_node_link),
         Format("gml", (".gml",), "Graph Modelling Language: networkx, Gephi, igraph, yEd",
                lambda schema: "\n".join(nx.generate_gml(_text_graph(schema))) + "\n", _read_gml),
         Format("dot", (".dot", ".gv"), "Graphviz", lambda schema: dot_text(_text_graph(schema)),
-               lambda text, name: _schema_of(parse_graph(text, "dot"), "dot", name)),
+               lambda text, name: schema_of_graph(parse_graph(text, "dot"), "dot", name)),
         Format("dagitty", (".dagitty",), "DAGitty in the browser and in R",
                lambda schema: dagitty_text(_text_graph(schema)), _read_dagitty),
         Format("bif", (".bif",), "Bayesian network: pgmpy, bnlearn", _write_bif),

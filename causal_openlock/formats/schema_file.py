@@ -31,11 +31,9 @@ from causal_openlock.files.atomic import write_text
 from causal_openlock.files.validation import StrictModel, described, sentence
 from causal_openlock.files.yaml_file import (
     Document,
-    dump_yaml,
     parse_document,
     read_document,
     rewritten,
-    styled,
 )
 from causal_openlock.wording import nearest
 from causal_openlock.world.schema import MAX_LEVERS, NAME, Gate, Schema
@@ -200,7 +198,7 @@ def write_schema(schema: Schema, path: Path | str) -> None:
     """
     path = Path(path)
     if not path.exists():
-        write_text(path, dump_schema(schema))
+        write_text(path, schema.to_yaml())
         return
     document = read_document(path)
     before = _schema_of(document)
@@ -211,12 +209,7 @@ def write_schema(schema: Schema, path: Path | str) -> None:
         faithful = parse_schema(text) == schema
     except FileError:
         faithful = False
-    write_text(path, text if faithful else dump_schema(schema))
-
-
-def dump_schema(schema: Schema) -> str:
-    """A schema as YAML text in block style, with lists of names on one line."""
-    return dump_yaml(styled(schema.as_dict()))
+    write_text(path, text if faithful else schema.to_yaml())
 
 
 # -- where schemas are found --------------------------------------------------------------------

@@ -89,6 +89,22 @@ def shots(
             yield still((END if last else BETWEEN) if ended else AFTER, number, index, panel)
 
 
+def stills(trial: FilmedTrial, attempts: int | None = None) -> Iterator[Shot]:
+    """A trial as pictures: one before each attempt and one after each action, the arm at rest."""
+    room, shown = trial.room, trial.attempts[:attempts]
+    console = _Console(trial, room)
+    for number, attempt in enumerate(shown, 1):
+        state, last = 0, number == len(shown)
+        for done in range(len(attempt.actions) + 1):
+            if done and attempt.moved[done - 1]:
+                state = int(room.next_state[state, attempt.actions[done - 1]])
+            panel = console.panel(number, done)
+            if last and done == len(attempt.actions):
+                panel = replace(panel, remark=console.remark(number))
+            look = Look.of_observation(room.observation[state], room.positions)
+            yield Shot(look, panel, 1, number, done, moving=False)
+
+
 class _Console:
     """What the console shows at each point of a trial."""
 
@@ -129,19 +145,11 @@ class _Console:
 
     def _outcomes(self, attempt: FilmedAttempt) -> list[ShownAction]:
         """What came of each action, and whether it was progress."""
-        fsm, state, shown = self._room.fsm, 0, []
+        seen, state, shown = self._room.observation, 0, []
         for action, moved in zip(attempt.actions, attempt.moved, strict=True):
             before, state = state, int(self._room.next_state[state, action]) if moved else state
-            outcome, good = "the lever moves", False
-            if before == state:
-                outcome = "nothing moves"
-            elif fsm.opened[state]:
-                outcome = f"the door opens: {'a new solution' if attempt.new else 'nothing new'}"
-                good = attempt.new
-            elif fsm.unlocked[state] != fsm.unlocked[before]:
-                good = bool(fsm.unlocked[state])
-                outcome = "the door unlocks" if good else "the door locks again"
-            shown.append(ShownAction(self._names[action], outcome, good))
+            name = self._names[action]
+            shown.append(ShownAction.of(name, seen[before], seen[state], attempt.new))
         return shown
 
     def remark(self, shown: int) -> str:

@@ -11,6 +11,7 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from causal_openlock.render.raster import Bytes, paint, room_pixels
 from causal_openlock.render.scene import Colour, Frame, Look, Shape, rod
@@ -50,6 +51,16 @@ class ShownAction:
     name: str
     outcome: str = ""
     good: bool = False
+
+    @classmethod
+    def of(cls, name: str, before: ArrayLike, after: ArrayLike, new: bool = False) -> ShownAction:
+        """An action that led from one observation to another, and perhaps to a new solution."""
+        was, now = np.asarray(before), np.asarray(after)
+        if now[-1] and not was[-1]:
+            return cls(name, f"the door opens: {'a new solution' if new else 'nothing new'}", new)
+        if now[-2] != was[-2]:
+            return cls(name, f"the door {'locks again' if now[-2] else 'unlocks'}", not now[-2])
+        return cls(name, "the lever moves" if (was != now).any() else "nothing moves")
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,30 @@ def action_names(positions: int) -> tuple[str, ...]:
     return (*moves, "push_door")
 
 
+def action_index(action: str | int, positions: int) -> int:
+    """An action by its index or its name; a position alone, and the door, are pushed.
+
+    Raises:
+        LayoutError: If there is no such action; the message names the nearest.
+
+    Example:
+        >>> action_index("push_UPPER", 7), action_index("pull UPPER", 7), action_index("door", 7)
+        (1, 8, 14)
+    """
+    names = action_names(positions)
+    if isinstance(action, str):
+        known = {name.lower(): place for place, name in enumerate(names)}
+        asked = "_".join(action.lower().split())
+        for name in (asked, f"push_{asked}"):
+            if name in known:
+                return known[name]
+        shown = nearest(action, [name.replace("_", " ") for name in names])
+        raise LayoutError(f"there is no action {action!r}; {shown}")
+    if not isinstance(action, int | np.integer) or not 0 <= action < len(names):
+        raise LayoutError(f"there is no action {action!r}; actions are 0 to {len(names) - 1}")
+    return int(action)
+
+
 def position_coordinates(positions: int) -> NDArray[np.float64]:
     """``[P, 2]`` centre of each lever in units of one arm link, the arm's base at (0, 0), y up.
 
@@ -250,6 +274,13 @@ class Layout:
         seen[:, -2] = ~fsm.unlocked[states]
         seen[:, -1] = fsm.opened[states]
         return seen
+
+
+def first_layout(schema: Schema) -> Layout:
+    """The first published layout that fits, or else the levers in their order."""
+    for name in published_layouts(schema):
+        return Layout.of(schema, name)
+    return Layout(tuple(range(len(schema.levers))), positions_for(schema))
 
 
 def published_layouts(schema: Schema) -> list[str]:

@@ -24,6 +24,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import networkx as nx
@@ -39,6 +40,11 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 GATES = ("any", "all", "at_least")
 NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
 """Not allowed in titles: control characters and lone surrogates, which files cannot hold."""
+
+
+def _public(name: str) -> Any:
+    """A function of the public API; it is defined above this package, which imports none of it."""
+    return getattr(import_module("causal_openlock"), name)
 
 
 @dataclass(frozen=True)
@@ -340,6 +346,31 @@ class Schema:
         if self.inert:
             data["inert"] = list(self.inert)
         return data
+
+    def to_yaml(self) -> str:
+        """The text of a schema file, in block style with lists of names on one line.
+
+        >>> print(Schema("one", ["A"], {"A": ["door"]}).to_yaml(), end="")
+        name: one
+        levers: [A]
+        edges:
+          A: [door]
+        """
+        from causal_openlock.files.yaml_file import dump_yaml, styled
+
+        return dump_yaml(styled(self.as_dict()))
+
+    def to_text(self) -> str:
+        """The schema as one line, which ``causal_openlock.schema`` reads.
+
+        >>> Schema("two", ["A", "B"], {"A": ["B"], "B": ["door"]}).to_text()
+        'two: A -> B; B -> door'
+        """
+        return str(_public("export_schema")(self, "line")).rstrip("\n")
+
+    def play(self, **options: Any) -> Any:
+        """Open a room of this schema in the browser; ``causal_openlock.play_room`` has options."""
+        return _public("play_room")(self, **options)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Schema) and self.as_dict() == other.as_dict()

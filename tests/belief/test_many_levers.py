@@ -19,7 +19,6 @@ from causal_openlock.cli import main
 from causal_openlock.experiment.expected_cost import Cost, cost_cautions, expected_cost
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
-from causal_openlock.formats.schema_file import dump_schema
 from causal_openlock.world.schema import Schema
 from learners.bayes import Bayes, BayesParameters
 
@@ -173,7 +172,7 @@ def test_it_is_said_that_the_ideal_observer_cannot_list_what_it_would_have_to() 
 
 
 def test_compare_says_what_will_be_dear(tmp_path: Any) -> None:
-    (tmp_path / "pairs12.yaml").write_text(dump_schema(TWELVE), encoding="utf-8")
+    (tmp_path / "pairs12.yaml").write_text(TWELVE.to_yaml(), encoding="utf-8")
     file = tmp_path / "mine.yaml"
     file.write_text(
         "name: mine\nseed: 1\nsubjects: 1\nprotocol: human\n"
@@ -188,7 +187,7 @@ def test_schema_check_says_what_learners_will_cost(
     tmp_path: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "pairs12.yaml"
-    path.write_text(dump_schema(TWELVE), encoding="utf-8")
+    path.write_text(TWELVE.to_yaml(), encoding="utf-8")
     monkeypatch.setattr("sys.argv", ["causal-openlock", "schema", "check", str(path), "CC4"])
     run: Callable[[], None] = main
     with pytest.raises(SystemExit) as ended:

@@ -279,7 +279,6 @@ def test_a_learner_that_is_another_now_is_named(made: Path) -> None:
 @pytest.mark.parametrize("name", ["default", "bayes", "own_schemas"])
 def test_bundled_experiments_survive_being_described(name: str, tmp_path: Path) -> None:
     from causal_openlock.files.yaml_file import dump_yaml
-    from causal_openlock.formats.schema_file import dump_schema
 
     known = ["oracle", "random", "bayes", "ddqn"]
     experiment = read_experiment(find_experiment(name), Changes(learners=known))
@@ -288,7 +287,7 @@ def test_bundled_experiments_survive_being_described(name: str, tmp_path: Path) 
     (tmp_path / "schemas").mkdir()
     for condition in experiment.conditions:
         for schema in condition.schemas:
-            (tmp_path / "schemas" / f"{schema.name}.yaml").write_text(dump_schema(schema))
+            (tmp_path / "schemas" / f"{schema.name}.yaml").write_text(schema.to_yaml())
     (tmp_path / "again.yaml").write_text(dump_yaml(experiment_file(kept)))
     assert read_experiment(tmp_path / "again.yaml").identity == experiment.identity
 

@@ -19,7 +19,6 @@ from causal_openlock.files.yaml_file import MAX_BYTES
 from causal_openlock.formats.schema_file import (
     bundled,
     bundled_schemas,
-    dump_schema,
     json_schema,
     parse_schema,
     read_schema,
@@ -384,7 +383,7 @@ def parsed(text: str) -> Schema | FileError:
 def check(text: str) -> None:
     found = parsed(text)
     if isinstance(found, Schema):
-        assert parse_schema(dump_schema(found)) == found
+        assert parse_schema(found.to_yaml()) == found
         return
     lines = len(text.splitlines()) + 1
     assert found.faults

@@ -19,7 +19,6 @@ from causal_openlock.files.yaml_file import dump_yaml, parse_document, styled
 from causal_openlock.formats.schema_file import (
     bundled,
     bundled_schemas,
-    dump_schema,
     find_schema,
     json_schema,
     parse_schema,
@@ -66,14 +65,14 @@ gates:
 
 @pytest.mark.parametrize("schema", BUNDLED.values(), ids=list(BUNDLED))
 def test_a_bundled_schema_survives_being_dumped(schema: Schema) -> None:
-    assert parse_schema(dump_schema(schema)) == schema
+    assert parse_schema(schema.to_yaml()) == schema
     assert schema_from_dict(schema.as_dict()) == schema
 
 
 @settings(max_examples=80, deadline=None)
 @given(schema=schemas(max_levers=12, stochastic=True, titles=TITLES))
 def test_any_schema_survives_being_dumped(schema: Schema) -> None:
-    back = parse_schema(dump_schema(schema))
+    back = parse_schema(schema.to_yaml())
     assert back == schema
     assert back.as_dict() == schema.as_dict()
     assert schema_from_dict(schema.as_dict()) == schema
@@ -86,7 +85,7 @@ def test_any_schema_survives_being_dumped(schema: Schema) -> None:
 def test_any_title_comes_back_whatever_its_length_and_spaces(title: str) -> None:
     if not NO_TEXT.search(title):
         schema = Schema("X", ["A"], {"A": [DOOR]}, title=title)
-        assert parse_schema(dump_schema(schema)) == schema
+        assert parse_schema(schema.to_yaml()) == schema
     inside = {"conditions": [{"name": title, "train": [title] * 3}]}
     for text in (dump_yaml(inside), dump_yaml(styled(inside))):
         assert parse_document(text).data == inside
@@ -95,7 +94,7 @@ def test_any_title_comes_back_whatever_its_length_and_spaces(title: str) -> None
 @pytest.mark.parametrize("name", ["null", "true", "False", "on", "no", "y", "Inf", "e1", "NaN"])
 def test_a_lever_may_be_called_like_a_value_of_yaml(name: str, tmp_path: Path) -> None:
     schema = Schema(name, [name, "L1"], {name: {"L1": 0.5}, "L1": [DOOR]}, title=name)
-    assert parse_schema(dump_schema(schema)) == schema
+    assert parse_schema(schema.to_yaml()) == schema
     path = tmp_path / "x.yaml"
     write_schema(BUNDLED["CC3"], path)
     write_schema(schema, path)
@@ -107,7 +106,7 @@ def test_a_dumped_schema_reads_like_one_written_by_hand() -> None:
         "S", ["A", "B"], {"A": {"B": 0.5, DOOR: 1.0}, "B": [DOOR]},
         gates={DOOR: Gate("at_least", 2)}, title="Two",
     )  # fmt: skip
-    assert dump_schema(schema) == (
+    assert schema.to_yaml() == (
         "name: S\ntitle: Two\nlevers: [A, B]\nedges:\n  A: {B: {strength: 0.5}, door: {}}\n"
         "  B: [door]\ngates:\n  door: {at_least: 2}\n"
     )
@@ -188,7 +187,7 @@ def test_only_what_changed_is_rewritten(
 
 @settings(max_examples=80, deadline=None)
 @given(old=schemas(stochastic=True, titles=TITLES), new=schemas(stochastic=True, titles=TITLES))
-@example(old=parse_schema(COMMENTED), new=parse_schema(dump_schema(BUNDLED["seven"])))
+@example(old=parse_schema(COMMENTED), new=parse_schema(BUNDLED["seven"].to_yaml()))
 @example(  # a space to Python and a letter to YAML
     old=Schema("x", ["A"], {"A": ["door"]}, title="\xa0"),
     new=Schema("x", ["A"], {"A": ["door"]}, title="0"),
@@ -197,7 +196,7 @@ def test_any_schema_can_be_written_over_any_other(
     old: Schema, new: Schema, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.mktemp("over") / "x.yaml"
-    path.write_text("# Head.\n" + dump_schema(old) + "# Tail.\n", encoding="utf-8")
+    path.write_text("# Head.\n" + old.to_yaml() + "# Tail.\n", encoding="utf-8")
     write_schema(new, path)
     assert read_schema(path) == new
     text = path.read_text(encoding="utf-8")

@@ -1,0 +1,125 @@
+"""One way to declare a schema wherever one is needed: :func:`schema`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+
+from causal_openlock.errors import OpenLockError, SchemaError
+from causal_openlock.formats.graphs import FORMATS, read_schema_as, schema_of_graph
+from causal_openlock.formats.one_line import parse_line
+from causal_openlock.formats.schema_file import find_schema, schema_from_dict
+from causal_openlock.wording import nearest
+from causal_openlock.world.schema import Gate, Schema
+
+Edges = Mapping[str, Iterable[str] | Mapping[str, float]] | Iterable[tuple[str, str]]
+
+
+def schema(
+    source: str | os.PathLike[str] | Schema | nx.DiGraph | Edges,
+    *,
+    name: str | None = None,
+    gates: Mapping[str, str | Gate] | None = None,
+    strengths: Mapping[tuple[str, str], float] | None = None,
+    inert: Iterable[str] = (),
+) -> Schema:
+    """A schema from a line of text, a graph, edges, or its name.
+
+    Args:
+        source: One of these:
+
+            * a text with an arrow, such as ``A -> B, C; B | C -> door``
+              (:mod:`causal_openlock.formats.one_line`);
+            * any other text: the name of a schema, or the path of a file;
+            * a directed graph of networkx; a node can have the attribute ``gate`` and an edge
+              ``strength``;
+            * edges, as pairs ``(cause, effect)``, as ``{cause: [effects]}``, or as
+              ``{cause: {effect: strength}}``.
+
+            Levers have the order in which they first appear; the node ``door`` is the door.
+        name: Another name; by default that of the source, or ``schema``.
+        gates: For a graph or edges, ``{node: gate}``: ``any``, ``all``, ``at_least 2`` or a Gate.
+        strengths: For a graph or edges, ``{(cause, effect): strength}``; others are 1.
+        inert: For a graph or edges, levers that are on no path to the door on purpose.
+
+    Raises:
+        SchemaError: If it declares no schema; for a text, the message names the column.
+        OpenLockError: If there is no schema of this name, or arguments do not go together.
+
+    Example:
+        >>> edges = {"A": ["B", "C"], "B": ["door"], "C": ["door"]}
+        >>> schema("A -> B, C; B | C -> door") == schema(edges)
+        True
+        >>> schema([("A", "door"), ("B", "door")], gates={"door": "all"}).solutions
+        (('A', 'B'),)
+    """
+    if isinstance(source, str | os.PathLike | Schema):
+        if gates or strengths or inert:
+            raise OpenLockError(
+                "gates, strengths and inert go with a graph or edges; a text has them in it, as in "
+                "A & B (0.8) -> door; inert C"
+            )
+        found = _found(source)
+    else:
+        graph = source.copy() if isinstance(source, nx.Graph) else _graph(source)
+        _add(graph.nodes, "gate", gates or {})
+        _add(graph.edges, "strength", strengths or {})
+        if inert := [*inert]:
+            graph.graph["inert"] = inert
+        found = schema_of_graph(graph, "networkx", "schema")
+    return found if name is None else schema_from_dict({**found.as_dict(), "name": name})
+
+
+def _found(source: str | os.PathLike[str] | Schema) -> Schema:
+    if isinstance(source, str) and "->" in source:
+        return parse_line(source)
+    suffixes = {suffix for format in FORMATS.values() for suffix in format.suffixes}
+    if not isinstance(source, Schema):
+        suffix = Path(source).suffix.lower()
+        if suffix in suffixes and suffix not in FORMATS["yaml"].suffixes:
+            return read_schema_as(Path(source))
+    return find_schema(source)
+
+
+def _graph(source: Any) -> nx.DiGraph:
+    """Edges as a graph."""
+    graph = nx.DiGraph()
+    if isinstance(source, Mapping):
+        source = [
+            (cause, effect, *([effects[effect]] if isinstance(effects, Mapping) else []))
+            for cause, effects in source.items()
+            for effect in (effects if _several(effects) else [effects])
+        ]
+    for edge in source if _several(source) else [source]:
+        if isinstance(edge, str) or not isinstance(edge, Sequence) or len(edge) not in (2, 3):
+            raise SchemaError(
+                f"{edge!r} is no edge; write (cause, effect), or declare the schema with a text "
+                'such as "A -> B, C; B | C -> door"'
+            )
+        if graph.has_edge(*edge[:2]):
+            raise SchemaError(
+                f"the edge {edge[0]} -> {edge[1]} is listed twice; remove one of them"
+            )
+        graph.add_edge(*edge[:2], **({"strength": edge[2]} if len(edge) == 3 else {}))
+    return graph
+
+
+def _several(value: Any) -> bool:
+    return isinstance(value, Iterable) and not isinstance(value, str)
+
+
+def _add(parts: Any, attribute: str, values: Mapping[Any, Any]) -> None:
+    """Set an attribute of nodes or edges of a graph."""
+
+    def written(part: Any) -> str:
+        return " -> ".join(map(str, part)) if isinstance(part, tuple) else str(part)
+
+    for part, value in values.items():
+        if part not in parts:
+            known = nearest(written(part), map(written, parts))
+            raise SchemaError(f"{written(part)!r} has a {attribute} and is not there; {known}")
+        parts[part][attribute] = value

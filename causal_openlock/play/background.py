@@ -1,0 +1,89 @@
+"""A room in the browser, served from a notebook or a script while that goes on."""
+
+from __future__ import annotations
+
+import atexit
+import threading
+import webbrowser
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from causal_openlock.experiment.protocol import Condition, Trials, find_protocol
+from causal_openlock.formats.declared import schema as declared
+from causal_openlock.play.people import People
+from causal_openlock.play.server import PlayServer
+
+
+class OpenedRoom:
+    """A room that is open in the browser until :meth:`close`, or until Python ends.
+
+    Attributes:
+        url: Where it is, for this machine.
+        folder: Where what people do is kept.
+    """
+
+    def __init__(self, server: PlayServer, folder: Path, kept: TemporaryDirectory[str] | None):
+        self.url, self.folder = server.url, folder
+        self._server, self._kept, self._open = server, kept, True
+        self._thread = threading.Thread(target=server.serve_forever, name="play", daemon=True)
+        self._thread.start()
+        atexit.register(self.close)
+
+    def close(self) -> None:
+        """Stop the server and complete the record; a temporary folder is deleted."""
+        if not self._open:
+            return
+        self._open = False
+        atexit.unregister(self.close)
+        self._server.shutdown()
+        self._thread.join()
+        self._server.finish()
+        if self._kept is not None:
+            self._kept.cleanup()
+
+    def __enter__(self) -> OpenedRoom:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<OpenedRoom at {self.url}>" if self._open else "<OpenedRoom, closed>"
+
+
+def play_room(
+    schema: Any,
+    *,
+    out: Path | str | None = None,
+    protocol: str = "human",
+    seed: int = 0,
+    practice: bool = False,
+    browser: bool = True,
+) -> OpenedRoom:
+    """Open rooms of a schema in the browser, to play oneself; other machines cannot connect.
+
+    Args:
+        schema: Anything that :func:`~causal_openlock.formats.declared.schema` takes.
+        out: Folder for what is done, which is results as ``compare`` has them; by default a
+            temporary one.
+        protocol: The budgets.
+        seed: Seed of layouts and of luck.
+        practice: Whether a practice room comes first.
+        browser: Whether to open the page; otherwise follow the link.
+
+    Returns:
+        What shows the link, and closes the room.
+
+    Raises:
+        OpenLockError: If there is no such schema, or the folder cannot be used.
+    """
+    found = declared(schema)
+    condition, budgets = Condition(found.name, (Trials(found),)), find_protocol(protocol)
+    kept = TemporaryDirectory(prefix="causal_openlock_") if out is None else None
+    folder = Path(kept.name if kept else out or "")
+    people = People(folder, [condition], budgets, seed=seed, practice=practice)
+    opened = OpenedRoom(PlayServer(people), folder, kept)
+    if browser:
+        webbrowser.open(opened.url)
+    return opened

@@ -1,0 +1,227 @@
+"""A trial to look at, moment by moment, with what the learner believes beside it.
+
+A :class:`WatchedTrial` holds what is shown; a notebook shows it with a slider, or as a strip of
+pictures (:mod:`causal_openlock.notebook`), and :meth:`WatchedTrial.save` makes a film of it.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from causal_openlock.belief.belief_learner import BeliefLearner
+from causal_openlock.belief.trace import Snapshot, Trace, trace_trial
+from causal_openlock.contract.learner import Learner
+from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
+from causal_openlock.contract.registry import create
+from causal_openlock.errors import ProtocolError
+from causal_openlock.experiment.file import LearnerFile
+from causal_openlock.experiment.protocol import Condition, Trials, find_protocol
+from causal_openlock.formats.declared import schema as declared
+from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.render.film import Shot, save_film, stills
+from causal_openlock.render.filmed_trial import FilmedTrial, play_trial
+from causal_openlock.world.room import Layout, position_coordinates
+from causal_openlock.world.schema import DOOR
+
+FAINTEST = 0.02
+"""Arrows that are less probable are not drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedTrial:
+    """A trial to look at; see :func:`watch`.
+
+    Attributes:
+        trial: What was played.
+        trace: The beliefs in it, if the learner holds any.
+        attempts: How many attempts are shown at most.
+    """
+
+    trial: FilmedTrial
+    trace: Trace | None
+    attempts: int | None = None
+
+    @cached_property
+    def shots(self) -> tuple[Shot, ...]:
+        """What is shown: a picture before each attempt, and one after each action."""
+        return tuple(stills(self.trial, self.attempts))
+
+    def belief(self, shot: Shot) -> Snapshot | None:
+        """What the learner believes at a moment."""
+        before = sum(len(one.actions) for one in self.trial.attempts[: shot.attempt - 1])
+        return self.trace.snapshots[before + shot.action] if self.trace else None
+
+    @property
+    def title(self) -> str:
+        """Who plays what."""
+        trial = self.trial
+        return (
+            f"{trial.learner} in {trial.condition}, trial {trial.trial} of {trial.trials} "
+            f"({trial.schema.name} in {trial.layout.name}), subject {trial.subject}"
+        )
+
+    def save(self, path: Path | str, **options: Any) -> int:
+        """Write a film of the room and its console, or its last moment; see ``save_film``.
+
+        Raises:
+            OpenLockError: If the suffix is none of ``.gif``, ``.mp4``, ``.png`` and ``.svg``, or
+                the file cannot be written.
+        """
+        return save_film(self.trial, path, **{"attempts": self.attempts, **options})
+
+    def __repr__(self) -> str:
+        return "\n".join([self.title, *(in_words(shot) for shot in self.shots if shot.action)])
+
+
+def in_words(shot: Shot) -> str:
+    """The moment that a shot shows: ``attempt 1, push UPPER: the lever moves``."""
+    done = (shot.panel.actions or ())[-1:]
+    return f"attempt {shot.attempt}" + "".join(f", {one.name}: {one.outcome}" for one in done)
+
+
+def watch(
+    learner: str | type | Learner | LearnerFile,
+    condition: Any,
+    *,
+    layout: str | Mapping[str, str] | Layout | None = None,
+    trial: int = 1,
+    attempts: int | None = 10,
+    protocol: str = "human",
+    subject: int = 0,
+    seed: int = 0,
+) -> WatchedTrial:
+    """Let a learner play up to the end of a trial, and look at this trial moment by moment.
+
+    Args:
+        learner: A learner by name or class, one that has not begun, or an entry of an experiment
+            with its parameters.
+        condition: ``CC4``, ``CC3-CC4``, a :class:`Condition`, or anything that
+            :func:`~causal_openlock.formats.declared.schema` takes.
+        layout: A layout for all trials of a condition of one schema, such as ``trial7``.
+        trial: Number of the trial in the whole condition, from 1.
+        attempts: How many attempts to show at most; the trial itself is played to its end.
+        protocol: The budgets.
+        subject: Number of the subject.
+        seed: Seed of the experiment: the same as in ``compare`` gives the same trial.
+
+    Raises:
+        OpenLockError: If there is no such learner, schema, layout or trial.
+
+    Example:
+        >>> shown = watch("oracle", "CC3", layout="trial1")
+        >>> print(shown)
+        oracle in CC3, trial 1 of 1 (CC3 in trial1), subject 0
+        attempt 1, push UPPERRIGHT: the lever moves
+        ...
+    """
+    who, label = _learner(learner)
+    place = (_condition(condition, layout), find_protocol(protocol))
+    about: Any = {"trial": trial, "subject": subject, "seed": seed, "label": label}
+    # Played twice, the same way: a trace is of beliefs alone, and only some learners have them.
+    again = copy.deepcopy(who) if isinstance(who, BeliefLearner) else None
+    played = play_trial(who, *place, **about)
+    return WatchedTrial(played, trace_trial(again, *place, **about) if again else None, attempts)
+
+
+def _learner(learner: str | type | Learner | LearnerFile) -> tuple[Learner, str]:
+    """A learner, and its label."""
+    if isinstance(learner, str):
+        return create(learner), learner
+    if isinstance(learner, LearnerFile):
+        return create(learner.learner, learner.parameters), learner.name or learner.learner
+    if isinstance(learner, type) and issubclass(learner, OneSubjectLearner):
+        return PerSubjectAdapter(learner, learner.Parameters()), learner.__name__
+    made: Any = learner() if isinstance(learner, type) else learner
+    return made, type(made).__name__
+
+
+def _condition(condition: Any, layout: Any) -> Condition:
+    if isinstance(condition, str) and "->" not in condition:
+        condition = Condition.named(condition, find_schema)
+    elif not isinstance(condition, Condition):
+        found = declared(condition)
+        condition = Condition(found.name, (Trials(found),))
+    if layout is None:
+        return condition
+    if len(condition.train) > 1 or condition.test:
+        raise ProtocolError(
+            f"{condition.name} has rooms of several kinds, and the layout {layout} is for one; "
+            "leave it out, or watch one schema"
+        )
+    (trials,) = condition.train
+    place = Layout.of(trials.schema, layout)
+    return replace(condition, train=(replace(trials, layouts=(place,), number=None),))
+
+
+# -- a belief as a picture ------------------------------------------------------------------------
+
+LINK, HIGH, LETTER = 100, 22, 6.2
+"""In the picture's units: an arm link, half the height of a name's box, half a letter's width."""
+BELIEVED, TRUE = "#00427A", "#009E73"
+
+
+def belief_svg(belief: Snapshot, trace: Trace) -> str:
+    """The levers in their places, and the arrows between them, the darker the more probable.
+
+    A dashed green line runs along the arrows of the true schema; inactive levers are faint.
+    """
+    places: Any = position_coordinates(len(belief.edges)) * [LINK, -LINK]
+    spots = np.vstack([places, [places[:, 0].max() + 1.5 * LINK, 0.0]])
+    half = np.array([[LETTER * len(name) + 10, HIGH] for name in trace.nodes])
+    low, high = (spots - half).min(axis=0) - 4, (spots + half).max(axis=0) + 4
+    wide, tall = high - low
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{3.3 * wide / tall:.2f}in" '
+        f'height="3.3in" viewBox="{low[0]:.0f} {low[1]:.0f} {wide:.0f} {tall:.0f}" role="img">',
+        "<title>What the learner believes</title>",
+    ]
+    arrows = [(float(chance), edge) for edge, chance in np.ndenumerate(belief.edges)]
+    for chance, (cause, effect) in sorted(arrows):
+        if chance >= FAINTEST:
+            line, tip = _curve(spots[cause], spots[effect], half[cause], half[effect])
+            lines.append(
+                f'<g opacity="{chance:.2f}" stroke="{BELIEVED}"><path d="{line}" fill="none" '
+                f'stroke-width="6"/><path d="{tip}" fill="{BELIEVED}"/></g>'
+            )
+    for ends in trace.truth.graph.edges:
+        cause, effect = map(trace.nodes.index, ends)
+        line, _ = _curve(spots[cause], spots[effect], half[cause], half[effect])
+        lines.append(
+            f'<path d="{line}" fill="none" stroke="{TRUE}" stroke-width="2.5" '
+            'stroke-dasharray="9 6"/>'
+        )
+    for (x, y), (across, up), name in zip(spots, half, trace.nodes, strict=True):
+        active = name in trace.truth.graph
+        lines.append(
+            f'<g opacity="{1.0 if active else 0.45}"><rect x="{x - across:.0f}" y="{y - up:.0f}" '
+            f'width="{2 * across:.0f}" height="{2 * up:.0f}" rx="{6 if name == DOOR else up}" '
+            f'fill="{"#DDD" if active else "#FFF"}" stroke="#222" stroke-width="2"/>'
+            f'<text x="{x:.0f}" y="{y + 6:.0f}" font-size="17" font-family="sans-serif" '
+            f'text-anchor="middle">{name}</text></g>'
+        )
+    return "\n".join([*lines, "</svg>"])
+
+
+def _curve(start: Any, end: Any, around: Any, about: Any) -> tuple[str, str]:
+    """A slightly bent arrow between two boxes, as two paths: its line, and its head."""
+    across = np.array([start[1] - end[1], end[0] - start[0]]) * 0.12
+    middle = (start + end) / 2 + across
+    ends = []
+    for box, centre in ((around, start), (about, end)):
+        way = middle - centre
+        ends.append(centre + way * min(np.divide(box, np.abs(way) + 1e-9)))
+    way = (ends[1] - middle) / math.dist(ends[1], middle)
+    side, neck = np.array([-way[1], way[0]]) * 9, ends[1] - way * 20
+    line, head = (
+        " ".join(f"{x:.0f},{y:.0f}" for x, y in points)
+        for points in ((middle, neck), (ends[1], neck + side, neck - side))
+    )
+    return f"M{ends[0][0]:.0f},{ends[0][1]:.0f} Q{line}", f"M{head}Z"

@@ -1,0 +1,117 @@
+"""A room to try out by hand is the room that learners play, and shows itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import causal_openlock as ol
+from causal_openlock.envs.single import OpenLockEnv
+from causal_openlock.errors import LayoutError, OpenLockError
+from causal_openlock.world.room import action_index, action_names
+
+# Solutions of CC4 in trial7, and an attempt that finds nothing.
+FIRST = ("push LOWERLEFT", "push_upperright", "door")
+SECOND = ("LOWERLEFT", 6, "push door")
+THIRD = ("LOWERLEFT", "UPPERLEFT", "DOOR")
+NOTHING = ("pull LOWERLEFT", "UPPER", "door")
+
+
+def test_a_room_goes_as_the_environment_does() -> None:
+    room = ol.room("CC4", layout="trial7", attempt_limit=5)
+    env = OpenLockEnv("CC4", "trial7", reward="paper", episode="trial", attempt_limit=5)
+    env.reset(seed=0)
+    for action in (*NOTHING, *FIRST, *SECOND, *FIRST, *THIRD):
+        seen = room.step(action)
+        after, reward, solved, spent, info = env.step(action_index(action, 7))
+        np.testing.assert_array_equal(seen.observation, info.get("outcome", after))
+        assert (seen.reward, seen.attempt_over) == (reward, "outcome" in info)
+        assert seen.trial_over == (solved or spent) == room.over
+        assert seen.solutions_found == info["console"]["solutions_found"]
+    assert room.over
+    with pytest.raises(OpenLockError, match=r"the trial is over; begin another one with reset\(\)"):
+        room.step("door")
+    assert room.reset() is room
+    assert (room.over, room.solutions_found) == (False, ())
+
+
+def test_what_was_seen_is_said() -> None:
+    room = ol.room("CC4", layout="trial7")
+    seen = [room.step(action) for action in (*NOTHING, *FIRST, *FIRST, "LOWERLEFT")]
+    assert [one.outcome for one in seen] == [
+        *["nothing moves"] * 3,
+        *("the lever moves", "the door unlocks", "the door opens: a new solution"),
+        *("the lever moves", "the door unlocks", "the door opens: nothing new"),
+        "the lever moves",
+    ]
+    assert [one.attempts_used for one in seen] == [1, 1, 1, 2, 2, 2, 3, 3, 3, 4]
+    assert [one.lever for one in seen[:6]] == ["L0", "", "", "L0", "L1", ""]
+    assert [one.door_open for one in seen[3:6]] == [False, False, True]
+    assert [one.new_solution for one in seen].index(True) == 5
+    assert room.solutions_found == (("LOWERLEFT", "UPPERRIGHT"),)
+    assert repr(seen[4]).startswith("push UPPERRIGHT: the door unlocks (hidden from learners: ")
+    assert "door open, unlocked" in repr(seen[5])
+    assert "1 of 3 solutions found; 29 attempts and 0 actions left" not in repr(room)
+    assert "1 of 3 solutions found; 27 attempts and 2 actions left" in repr(room)
+    assert "4[#]" in repr(room)
+    assert "found: LOWERLEFT, UPPERRIGHT" in repr(room)
+
+
+def test_a_shown_attempt_holds_its_own_actions_only() -> None:
+    room = ol.room("CC4", layout="trial7")
+    *_, last = [room.step(action) for action in FIRST]
+    assert [one.name for one in last.panel.actions or ()] == [
+        "push LOWERLEFT",
+        "push UPPERRIGHT",
+        "push door",
+    ]
+    assert room.picture.panel.actions == ()
+    assert not room.picture.observation[:7].any()
+
+
+def test_rooms_of_chance_and_random_layouts_follow_their_seed() -> None:
+    def outcomes(seed: int) -> list[Any]:
+        room = ol.room("A (0.5) -> B -> door", layout="random", seed=seed)
+        places = dict(zip(("A", "B"), room.layout.name.split(), strict=True))
+        return [room.layout.name, *(room.step(places[x]).outcome for x in "ABABABAB")]
+
+    assert outcomes(1) == outcomes(1)
+    assert len({tuple(outcomes(seed)) for seed in range(6)}) == 6
+    room = ol.room("CC3", layout="random", seed=2)
+    assert len({room.reset().layout.name for _ in range(6)}) > 3
+
+
+def test_by_default_levers_are_where_the_authors_put_them_first() -> None:
+    assert ol.room("CC3").layout.name == "trial1"
+    assert ol.room("A -> door").layout.name == "UPPERRIGHT"
+    twelve = ol.room(" | ".join("ABCDEFGH") + " -> door")
+    assert twelve.step("P7").outcome == "the door unlocks"
+
+
+@pytest.mark.parametrize("positions", [7, 9])
+def test_actions_go_by_name_or_index(positions: int) -> None:
+    for index, name in enumerate(action_names(positions)):
+        forms = (name, name.replace("_", " "), name.upper(), name.removeprefix("push_"), index)
+        assert {action_index(form, positions) for form in forms} == {index}
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        ("UPER", "did you mean push UPPER?"),
+        ("pull door", "did you mean push door?"),
+        ("", "known: pull LEFT, "),
+        (15, "actions are 0 to 14"),
+        (-1, "actions are 0 to 14"),
+        (1.0, "actions are 0 to 14"),
+        (None, "there is no action None"),
+    ],
+)
+def test_an_unknown_action_changes_nothing(action: Any, words: str) -> None:
+    room = ol.room("CC4")
+    with pytest.raises(LayoutError) as caught:
+        room.step(action)
+    assert words in str(caught.value)
+    assert "30 attempts and 3 actions left" in repr(room)
