@@ -18,12 +18,13 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.report.cautions import warnings_of
 from causal_openlock.analysis.report.missing import missing_cells
 from causal_openlock.analysis.report.sections import columns_of
-from causal_openlock.analysis.results.pairwise import pairwise_table
 from causal_openlock.analysis.report.writing import Report, make_report
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.pairwise import pairwise_table
 from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.analysis.results.scores import scores_by_condition
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
+from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.store import LOCK, Store, check_inside
 from causal_openlock.experiment.stored import StoredExperiment
@@ -162,6 +163,11 @@ class Results(Material):
         known = {name: self.trials[name].dtype for name in [*SUBJECTS, *ROOM]}
         named = table.astype(known)
         return named.sort_values([*SUBJECTS, *VISIT, "attempt"], ignore_index=True)
+
+    @property
+    def plot(self) -> Plots:
+        """Its plots: ``results.plot.attempts()`` and so on."""
+        return Plots(self)
 
     # -- what is made of them -------------------------------------------------------------------
 

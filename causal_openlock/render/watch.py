@@ -22,7 +22,7 @@ from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import ProtocolError
-from causal_openlock.experiment.file import LearnerFile
+from causal_openlock.experiment.file_format import LearnerFile
 from causal_openlock.experiment.protocol import Condition, Trials, find_protocol
 from causal_openlock.formats.declared import schema as declared
 from causal_openlock.formats.schema_file import find_schema

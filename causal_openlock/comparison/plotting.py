@@ -1,0 +1,70 @@
+"""Plots of results, each one line: ``results.plot.attempts()``.
+
+They are the public functions of :mod:`causal_openlock.analysis.plots`, which draw the report's
+figures too, with the results as their first argument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial, update_wrapper
+from typing import Any
+
+from causal_openlock.analysis.plots.attempts import plot_attempts, plot_transfer
+from causal_openlock.analysis.plots.belief import plot_beliefs
+from causal_openlock.analysis.plots.categories import plot_categories
+from causal_openlock.analysis.plots.comparisons import plot_congruency, plot_pairs, plot_savings
+from causal_openlock.analysis.plots.cost import plot_cost
+from causal_openlock.analysis.plots.course import plot_course
+from causal_openlock.analysis.plots.likeness import plot_likeness
+from causal_openlock.analysis.plots.subjects import plot_subjects
+from causal_openlock.analysis.plots.survival import plot_survival
+from causal_openlock.analysis.results.material import Material
+
+
+class _Of:
+    """A plot function as a method: the results are its first argument."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+        self.__doc__ = function.__doc__
+
+    def __get__(self, plots: Plots | None, owner: type) -> Callable[..., Any]:
+        if plots is None:
+            return self.function
+        bound: Callable[..., Any] = update_wrapper(
+            partial(self.function, plots.results), self.function
+        )
+        return bound
+
+
+class Plots:
+    """Every plot of some results; each takes ``ax=`` and returns the axes that it drew into.
+
+    Example:
+        >>> from causal_openlock import compare
+        >>> results = compare("CC4", ["oracle", "random"], subjects=2, workers=1)
+        >>> axes = results.plot.survival()
+        >>> axes.get_xlabel()
+        'Attempts'
+    """
+
+    def __init__(self, results: Material) -> None:
+        self.results = results
+
+    attempts = _Of(plot_attempts)
+    transfer = _Of(plot_transfer)
+    course = _Of(plot_course)
+    categories = _Of(plot_categories)
+    survival = _Of(plot_survival)
+    cost = _Of(plot_cost)
+    likeness = _Of(plot_likeness)
+    congruency = _Of(plot_congruency)
+    savings = _Of(plot_savings)
+    pairs = _Of(plot_pairs)
+    subjects = _Of(plot_subjects)
+    beliefs = _Of(plot_beliefs)
+
+    def __dir__(self) -> list[str]:
+        """The plots, for completion."""
+        return [name for name, one in vars(type(self)).items() if isinstance(one, _Of)]
