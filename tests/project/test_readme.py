@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import pytest
 
+import causal_openlock as ol
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.schema_file import parse_schema
 from support.command import at_once, modules_of
 from support.documents import ROOT, broken_links, code, unknown_options, words_of
+from support.processes import start_prepared
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -53,17 +56,24 @@ def test_the_trial_can_be_traced_as_shown(folder: Path) -> None:
 
 def test_the_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    start_prepared(monkeypatch)
     block = code(README, "python")[1]
-    assert 'find_experiment("own_schemas")' in block
-    quick = block.replace('find_experiment("own_schemas")', '"quick.yaml"')
-    (tmp_path / "quick.yaml").write_text(
-        "name: quick\nsubjects: 2\nconditions: [CC3]\nlearners: [oracle]\n", encoding="utf-8"
-    )
-    names: dict[str, object] = {}
-    exec(quick, names)
-    assert len(names["trials"]) == 2 * 5  # type: ignore[arg-type]
-    env = names["env"]
-    assert isinstance(env, gymnasium.Env)
+    assert len(block.strip().splitlines()) <= 12
+    assert "subjects=20" in block
+    names: dict[str, Any] = {}
+    exec(block.replace("subjects=20", "subjects=1"), names)
+    results = names["results"]
+    assert results.learners == ("bayes", "rl2", "slow_ddqn")
+    assert len(results.trials) == 3 * (5 + 7 + 5)
+    (table,) = results.verdict
+    assert [name for name, _ in table.columns] == ["CC4", "CC3-CC4", "vault"]
+    assert table.beside["people"][:2] == (6.45, 5.525)
+    assert ol.open_results("results/vault").summary.equals(results.summary)
+
+
+def test_the_environment_is_made_as_shown() -> None:
+    (line,) = (line for line in README.split("`") if line.startswith("gymnasium.make"))
+    env = eval(line, {"gymnasium": gymnasium})
     assert env.reset(seed=0)[0].shape == (16,)
 
 
