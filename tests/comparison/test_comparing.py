@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -28,6 +29,16 @@ class Persistent(ol.OneSubjectLearner):
 
     def act(self, observation: Any) -> int:
         return self.brief.actions - 1
+
+
+class Recorded(Persistent):
+    """Notes in which process it acts."""
+
+    processes: ClassVar[set[int]] = set()
+
+    def act(self, observation: Any) -> int:
+        self.processes.add(os.getpid())
+        return super().act(observation)
 
 
 @pytest.fixture(autouse=True)
@@ -155,6 +166,12 @@ def test_a_file_a_folder_and_changes(tmp_path: Path, played: list[str]) -> None:
         ol.compare(ol.read_experiment(path), ["random"])
     with pytest.raises(ExperimentError, match="reward"):
         ol.compare(path, reward="basic")
+
+
+def test_no_workers_play_in_this_process() -> None:
+    results = ol.compare(["CC3", "CE3"], Recorded, subjects=1, workers=0)
+    assert Recorded.processes == {os.getpid()}
+    assert len(results.headline) == 2
 
 
 def test_stopping_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch, played: list[str]) -> None:

@@ -180,6 +180,8 @@ def settings() -> Iterator[None]:
         own: Any = current().rc
         mpl.rcParams.update(own)
         yield
+        interactive = mpl.is_interactive()
+    mpl.interactive(interactive)  # a notebook's first figure turns it on, for those that follow
 
 
 def sizes(rows: pd.DataFrame) -> str:
