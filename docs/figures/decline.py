@@ -53,7 +53,7 @@ def draw(found: dict[str, dict[str, list[float]]]) -> Figure:
     with style.settings():
         figure = Figure(figsize=(style.WIDTH, 2.6), layout="constrained")
         left, right = figure.subplots(1, 2)
-        for (rate, course), colour in zip(found.items(), style.OTHER, strict=False):
+        for (rate, course), colour in zip(found.items(), style.current().others, strict=False):
             for axes, name in ((left, "opened"), (right, "dead")):
                 means = np.array(course[name]).reshape(-1, 20).mean(axis=1)
                 attempts = (np.arange(len(means)) + 0.5) * 20 * 300 / 1000

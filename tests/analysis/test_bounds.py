@@ -10,13 +10,14 @@ import pyarrow as pa
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 import causal_openlock.analysis
-from causal_openlock.analysis.measures import attempts_to_solve, count
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.course import attempts_by_trial
-from causal_openlock.analysis.plots.figures import baseline_attempts, draw_all, transfer_attempts
-from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.plots.attempts import plot_transfer
+from causal_openlock.analysis.plots.course import plot_course
+from causal_openlock.analysis.report.all_figures import figures_of
+from causal_openlock.analysis.report.section import SectionPlot
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results import bounds
 from causal_openlock.analysis.results.bounds import (
@@ -25,6 +26,7 @@ from causal_openlock.analysis.results.bounds import (
     ideal_attempts,
     ideal_bounds,
 )
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.formats.schema_file import find_schema
@@ -133,62 +135,59 @@ def test_a_number_is_worked_out_once(tmp_path: Path) -> None:
 # -- the line -------------------------------------------------------------------------------------
 
 
+def named(plots: list[SectionPlot], name: str) -> SectionPlot:
+    (found,) = (plot for plot in plots if plot.name == name)
+    return found
+
+
+def keys(figure: Figure) -> list[str]:
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
 def test_figure_3_has_a_line_in_every_panel(tmp_path: Path) -> None:
-    found = ideal_bounds(described(tmp_path))
-    plot = baseline_attempts(attempts_to_solve(played()), bounds=found)
-    assert plot is not None
+    plot = named(figures_of(Material.of(played(), described(tmp_path))), "baseline_attempts")
     for axes in plot.figure.axes:
         ((height, start, end),) = lines(axes)
         assert (height, (start, end)) == (pytest.approx(3.75), axes.get_xlim())
-    assert Prose("figures").plot(plot).caption.endswith("3.75 in rooms of CC4 and CE4.")
-    (legend,) = plot.figure.legends
-    assert [text.get_text() for text in legend.get_texts()].count(style.IDEAL) == 1
+    assert plot.caption.endswith("3.75 in rooms of CC4 and CE4.")
+    assert keys(plot.figure).count(style.IDEAL) == 1
 
 
 def test_figure_4_has_a_line_for_each_test(tmp_path: Path) -> None:
-    found = dict(ideal_bounds(described(tmp_path)))
+    results = Material.of(played(), described(tmp_path))
+    known = dict(results.bounds)
     for condition in ("CC3-CE4", "CE3-CE4"):
-        found[condition, "human", "test"] = Bound("CE4", 5.0)
-    plot = transfer_attempts(attempts_to_solve(played()), bounds=found)
-    assert plot is not None
-    for axes in plot.figure.axes:
+        known[condition, "human", "test"] = Bound("CE4", 5.0)
+    for axes in plot_transfer(replace(results, bounds=known), ax=Figure()):
         assert lines(axes) == [(pytest.approx(3.75), -0.45, 0.45), (5.0, 0.55, 1.45)]
 
 
 def test_the_course_has_a_line_over_each_phase(tmp_path: Path) -> None:
-    found = ideal_bounds(described(tmp_path))
-    plot = attempts_by_trial(attempts_to_solve(played()), "human", bounds=found)
-    assert plot is not None
-    baseline, *transfers = [axes for axes in plot.figure.axes if axes.axison]
+    results = Material.of(played(), described(tmp_path))
+    baseline, *transfers = plot_course(results, ax=Figure())
     assert lines(baseline) == [(pytest.approx(3.75), 0.5, 2.5)]
     for axes in transfers:
         assert lines(axes) == [
             (pytest.approx(8 / 3), 0.5, 2.5),
             (pytest.approx(3.75), 2.5, 3.5),
         ]
-    assert plot.facts["ideal"] == "2.67 in rooms of CC3 and CE3, 3.75 in rooms of CC4 and CE4"
-    (legend,) = plot.figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [style.IDEAL]
+    plot = named(figures_of(results), "attempts_by_trial_human")
+    assert "2.67 in rooms of CC3 and CE3, 3.75 in rooms of CC4 and CE4" in plot.caption
+    assert keys(plot.figure) == [style.IDEAL]
 
 
 def test_a_line_above_all_data_lies_in_its_panel(tmp_path: Path) -> None:
-    found = ideal_bounds(described(tmp_path, "CC4"))
     quick = table(trial_rows([1, 2, 3], learner="random"))
-    plot = attempts_by_trial(attempts_to_solve(quick), "human", bounds=found)
-    assert plot is not None
-    (axes,) = [axes for axes in plot.figure.axes if axes.axison]
+    axes = plot_course(Material.of(quick, described(tmp_path, "CC4")), ax=Figure())
     assert axes.get_ylim()[1] > 3.75
 
 
 def test_without_a_number_there_is_no_line_and_no_word(tmp_path: Path) -> None:
-    for experiment in (None, described(tmp_path, "noisy_CC3")):
-        for plot in draw_all(count(played("CC4, noisy_CC3")), experiment=experiment):
-            assert not any(lines(axes) for axes in plot.figure.axes)
-            assert "ideal" not in Prose("figures").plot(plot).caption
-            assert not [
-                text for legend in plot.figure.legends for text in legend.get_texts()
-                if text.get_text() == style.IDEAL
-            ]  # fmt: skip
+    record = played("noisy_CC3")
+    for plot in figures_of(Material.of(record, described(tmp_path, "noisy_CC3"))):
+        assert not any(lines(axes) for axes in plot.figure.axes)
+        assert "ideal" not in plot.caption
+        assert style.IDEAL not in keys(plot.figure)
 
 
 # -- the row --------------------------------------------------------------------------------------

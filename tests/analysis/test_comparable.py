@@ -9,9 +9,9 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.measures import count
-from causal_openlock.analysis.plots.figures import draw_all
+from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import (
     PUBLISHED_COLUMNS,
     comparable,
@@ -126,12 +126,12 @@ def test_tables_and_figures_leave_out_what_does_not_compare(tmp_path: Path) -> N
     for column in PUBLISHED_COLUMNS:
         assert headline[column].isna().to_dict() == {"CC4": True, "CC3-CC4": False}
         assert set(summary.loc[summary[column].notna(), "condition"]) == {"CC3-CC4"}
-    assert [plot.name for plot in draw_all(count(played()), experiment=own)] == [
+    assert [plot.name for plot in figures_of(Material.of(played(), own))] == [
         "transfer_attempts",
         "attempts_by_trial_human",
     ]
     # The paper's DDQN has no place beside other rooms either.
-    assert [plot.name for plot in draw_all(count(played("rl")), experiment=own)] == [
+    assert [plot.name for plot in figures_of(Material.of(played("rl"), own))] == [
         "transfer_categories",
         "attempts_by_trial_rl",
     ]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 from scipy import stats
 
-from causal_openlock.analysis.plots.points import MOST_DRAWN, draw_points, signs
+from causal_openlock.analysis.plots.likeness import MOST_DRAWN, draw_points, plot_likeness, signs
 from causal_openlock.analysis.report.sections.human_likeness import section
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.material import Material
@@ -254,15 +255,18 @@ def test_without_all_six_conditions_or_another_protocol_there_is_no_section():
 
 
 def test_a_panel_is_drawn_for_the_nearest_learners_and_the_published_model():
-    everybody = [points_of(made_up(f"learner {i}", off=i)) for i in range(MOST_DRAWN + 2)]
-    drawing = draw_points([points_of_model(), *everybody])
-    titles = [axes.get_title(loc="left") for axes in drawing.figure.axes]
+    order = [*range(1, MOST_DRAWN + 2), 0]  # the nearest is the last of them
+    everybody = material(*(made_up(f"learner {i}", off=i) for i in order))
+    panels = plot_likeness(everybody, ax=Figure())
+    titles = [axes.get_title(loc="left") for axes in panels]
     assert titles == [*(f"learner {i}" for i in range(MOST_DRAWN)), PUBLISHED_MODEL]
+    (one, _) = plot_likeness(everybody, learners=["learner 6"], ax=Figure())
+    assert one.get_title(loc="left") == "learner 6"
 
 
 def test_what_is_drawn_are_the_means():
     points = points_of(made_up(off=30.0))
-    axes = draw_points([points]).figure.axes[0]
+    axes = draw_points({"a": points}, {"a": effects_of(points)}, Figure())
     drawn = sorted(y for line in axes.lines for y in line.get_ydata())
     for value in (*points["mean"], *points["people_mean"]):
         assert np.isclose(drawn, value).any()

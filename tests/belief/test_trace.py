@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from causal_openlock.analysis.plots.belief import draw_trace, save_trace_figure
+from causal_openlock.analysis.plots.belief import Part, plot_trace, save_trace_figure
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.structure_schemas import (
     behave_alike,
@@ -176,7 +176,7 @@ def test_a_lever_pulled_back_locks_the_door_again() -> None:
     assert {"unlocked", "locked"} <= {action.outcome for action in trace.actions}
     assert not trace.solved
     assert "Not solved: 0 of 3 solutions in 30 attempts" in " ".join(trace_text(trace))
-    figure = draw_trace(trace).figure
+    figure = drawn(trace)
     assert "locked again" in [text.get_text() for text in figure.legends[0].get_texts()]
     check_texts(figure)
 
@@ -293,6 +293,12 @@ def test_only_certainty_is_a_hundred_percent() -> None:
 # -- the picture ----------------------------------------------------------------------------------
 
 
+def drawn(trace: Trace, **most: int) -> Figure:
+    figure = Figure()
+    plot_trace(trace, ax=figure, **most)
+    return figure
+
+
 def visible_texts(figure: Figure) -> Iterator[Text]:
     hidden = set()
     for axes in figure.axes:
@@ -302,7 +308,8 @@ def visible_texts(figure: Figure) -> Iterator[Text]:
             hidden |= {
                 tick.label1
                 for tick in ticks
-                if not low - 1e-9 <= tick.get_loc() <= high + 1e-9 or not tick.label1.get_visible()
+                if not low - 1e-9 <= tick.get_loc() <= high + 1e-9
+                or not (tick.label1.get_visible() and axes.axison)
             }
     for text in figure.findobj(Text):
         if text.get_text().strip() and text.get_visible() and text not in hidden:
@@ -331,19 +338,19 @@ def check_texts(figure: Figure) -> None:
     [("CC4", 1, 36), ("CE4", 2, 36), ("noisy_CC3", 1, 36), ("eight", 1, 36), ("CC3-CC4", 7, 4)],
 )
 def test_nothing_is_clipped_and_nothing_overlaps(name: str, trial: int, actions: int) -> None:
-    check_texts(draw_trace(traced(name, trial), actions).figure)
+    check_texts(drawn(traced(name, trial), actions=actions))
 
 
 def test_long_names_and_many_columns_fit() -> None:
     trace = traced("CC4", learner=Undoing())
     name = "a_name_of_sixty_four_letters_".ljust(64, "x")
-    drawing = draw_trace(replace(trace, learner=name, condition=name), actions=75)
-    check_texts(drawing.figure)
-    assert "the first 75 of 90 actions" in drawing.facts["cut"]
+    trace = replace(trace, learner=name, condition=name)
+    check_texts(drawn(trace, actions=75))
+    assert "the first 75 of 90 actions" in Part.of(trace, 75).cut
 
 
 def test_panels_show_the_trace(cc4: Trace) -> None:
-    figure = draw_trace(cc4).figure
+    figure = drawn(cc4)
     panels = {axes.get_label(): axes for axes in figure.axes}
     assert {"timeline", "entropy", "gains", "arrows", "most probable", "truth"} <= set(panels)
     names = [label.get_text() for label in panels["timeline"].get_xticklabels()]
@@ -360,17 +367,16 @@ def test_panels_show_the_trace(cc4: Trace) -> None:
         np.testing.assert_allclose(row, cc4.edges[:, *at])
     arrows = {tuple(row) for row in rows[:6]}
     assert arrows == set(cc4.truth.graph.edges)  # the true ones come first
-    drawn = {text.get_text() for text in panels["truth"].texts}
-    assert drawn == {*cc4.truth.levers, DOOR}
+    named = {text.get_text() for text in panels["truth"].texts}
+    assert named == {*cc4.truth.levers, DOOR}
 
 
 def test_no_information_is_drawn_where_hypotheses_were_replaced(uncertain: Trace) -> None:
-    drawing = draw_trace(uncertain)
-    gains = next(axes for axes in drawing.figure.axes if axes.get_label() == "gains")
+    gains = next(axes for axes in drawn(uncertain).axes if axes.get_label() == "gains")
     (column,) = [i for i, a in enumerate(uncertain.actions, 1) if a.renewed == "noise"]
     obtained = [bar.get_x() + bar.get_width() / 2 for bar in gains.patches if not bar.get_hatch()]
     assert all(abs(x - (column + 0.2)) > 0.1 for x in obtained)
-    assert drawing.facts["renewed"]
+    assert Part.of(uncertain).renewed
 
 
 def test_a_long_trial_is_cut_at_an_attempt_and_the_picture_says_so(cc4: Trace) -> None:
@@ -379,11 +385,11 @@ def test_a_long_trial_is_cut_at_an_attempt_and_the_picture_says_so(cc4: Trace) -
     assert actions < len(cc4.actions)
     # One action short of the second attempt's end, the first alone is shown; then both.
     for most, shown in ((actions - 1, first), (actions, actions)):
-        drawing = draw_trace(cc4, actions=most, arrows=8)
-        texts = [text.get_text() for text in drawing.figure.texts]
+        figure = drawn(cc4, actions=most, arrows=8)
+        texts = [text.get_text() for text in figure.texts]
         said = f"Shown are the first {shown} of {len(cc4.actions)} actions and 8 of"
         assert any(text.startswith(said) for text in texts)
-        panels = {axes.get_label(): axes for axes in drawing.figure.axes}
+        panels = {axes.get_label(): axes for axes in figure.axes}
         assert len(panels["timeline"].get_xticklabels()) == 1 + shown
         assert len(panels["arrows"].get_yticklabels()) == 8
 

@@ -103,7 +103,7 @@ def material_of(record: pa.Table, experiment: StoredExperiment, **values: Any) -
     given: dict[str, Any] = {
         "trials": attempts_to_solve(record),
         "learners": tuple(one.name for one in experiment.learners),
-        "pairs": frozenset(),
+        "like_people": frozenset(),
         "bounds": {},
         **values,
     }

@@ -13,6 +13,8 @@ from causal_openlock.contract.registry import create
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Protocol
 from causal_openlock.experiment.session import Session
+from support.fabricated_records import table
+from support.made_up_experiments import NOBODY
 
 SHORT = replace(
     PROTOCOLS["rl"],
@@ -61,3 +63,9 @@ def trained() -> Material:
 def believed() -> Material:
     """One learner that holds beliefs."""
     return played(["bayes"], ["CC3"], 2)
+
+
+@cache
+def empty() -> Material:
+    """Nobody played."""
+    return Material.of(table([]), NOBODY)

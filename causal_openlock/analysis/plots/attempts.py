@@ -9,7 +9,7 @@ needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, mean_by_trial
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import chosen, in_rows, panels
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.bounds import bounds_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import did_what_people_did, model, people
@@ -32,8 +32,8 @@ _PAPER = {"train": BASELINES, "test": TRANSFERS}
 def means_like_people(
     results: Material,
     phase: str,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
 ) -> pd.DataFrame:
     """Means of what learners did as people had: the baselines (``train``) or the ``test``.
 
@@ -41,18 +41,16 @@ def means_like_people(
         As :func:`~causal_openlock.analysis.measures.mean_by_trial`; no rows if no one did.
     """
     trials = results.trials[did_what_people_did(results.trials, results.like_people)]
-    asked = chosen(results, learners, conditions)
-    trials = trials[trials["learner"].isin(asked["learner"])]
-    names = [name for name in _PAPER[phase] if name in asked["condition"]]
-    trials = trials[trials["condition"].isin(names) & (trials["phase"] == phase)]
+    trials = rows_of(results, trials, learners, conditions)
+    trials = trials[trials["condition"].isin(_PAPER[phase]) & (trials["phase"] == phase)]
     return mean_by_trial(trials, ["phase", "trial"] if phase == "train" else ["phase"])
 
 
 def plot_attempts(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
     published: bool = True,
     ax: Any = None,
 ) -> Any:
@@ -97,8 +95,8 @@ def plot_attempts(
 def plot_transfer(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
     published: bool = True,
     ax: Any = None,
 ) -> Any:

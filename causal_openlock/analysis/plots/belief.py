@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import WIDTH, Layout, panels
+from causal_openlock.analysis.plots.panels import Layout, panels
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import replayed
 from causal_openlock.belief.trace import Trace, TracedAction, agreement, percent, shown_name
@@ -241,7 +241,7 @@ class Part:
     @property
     def width(self) -> float:
         """Width of the figure in inches; wider than a page only where labels would overlap."""
-        return max(WIDTH, _LEFT + _RIGHT + _NARROWEST * (len(self.actions) + 1))
+        return max(style.WIDTH, _LEFT + _RIGHT + _NARROWEST * (len(self.actions) + 1))
 
     @property
     def column(self) -> float:

@@ -8,7 +8,7 @@ attempts in a trial, that is, all but ``human``.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -19,7 +19,7 @@ from matplotlib.patches import Patch
 
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import chosen, in_rows, panels
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import (
     HUMAN_PROTOCOL,
@@ -37,8 +37,8 @@ _OUTLINES = {"CE4": ":", "CC4": "-"}  # left to right, as in the paper's Figure 
 def counts_like_ddqn(
     results: Material,
     kind: str,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
 ) -> pd.DataFrame:
     """Counts of categories that can be compared with those of the paper's DDQN; perhaps none.
 
@@ -52,14 +52,12 @@ def counts_like_ddqn(
     if kind not in KINDS:
         raise OpenLockError(f"no categories of kind {kind}; {nearest(kind, KINDS)}")
     names, phase = KINDS[kind]
-    asked = chosen(results, learners, conditions)
-    alike = set(paper_conditions(results.experiment)) & set(names) & set(asked["condition"])
-    counts = results.counts.blocks
+    alike = set(paper_conditions(results.experiment)) & set(names)
+    counts = rows_of(results, results.counts.blocks, learners, conditions)
     return counts[
         (counts["protocol"] != HUMAN_PROTOCOL)
         & counts["condition"].isin(alike)
         & (counts["phase"] == phase)
-        & counts["learner"].isin(asked["learner"])
     ]
 
 
@@ -67,8 +65,8 @@ def plot_categories(
     results: Material,
     kind: Literal["baseline", "transfer"] = "baseline",
     *,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
     published: bool = True,
     ax: Any = None,
 ) -> Any:
@@ -79,22 +77,9 @@ def plot_categories(
     >>> axes.get_title(loc="left")
     'random'
 
-    Args:
-        results: What was played.
-        kind: The course of the baselines, or the test of the transfer conditions.
-        learners: Labels of the learners to draw; by default all that played under a protocol other
-            than ``human``. A learner has a panel for each protocol.
-        conditions: Conditions to draw; by default those of the paper's that were played.
-        published: Whether the paper's DDQN has a panel before the learners.
-        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
-            pyplot.
-
-    Returns:
-        ``[P]`` the axes of the panels; of a single panel its axes.
-
-    Raises:
-        NothingToDrawError: If no such learner played one of the conditions under such a protocol.
-        OpenLockError: If a learner, a condition or the kind does not exist, or ``ax`` does not fit.
+    A learner has a panel for each protocol other than ``human``. Arguments, what is returned and
+    errors are those of :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`;
+    ``published`` is about the paper's DDQN.
     """
     counts = counts_like_ddqn(results, kind, learners, conditions)
     if counts.empty:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,17 +16,17 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from causal_openlock.analysis.measures import BASELINES
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import (
-    WIDTH,
-    Panels,
-    chosen,
-    in_rows,
-    panels,
-    protocol_of,
-)
+from causal_openlock.analysis.plots.panels import Names, Panels, in_rows, panels, trials_under
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.pairwise import decided, ranking_of
-from causal_openlock.analysis.results.scores import CONGRUENCY, MODEL, PEOPLE, SAVINGS, scores_of
+from causal_openlock.analysis.results.scores import (
+    CONGRUENCY,
+    MODEL,
+    PEOPLE,
+    SAVINGS,
+    SCORE_COLUMNS,
+    scores_of,
+)
 from causal_openlock.errors import NothingToDrawError
 
 CONGRUENCY_TESTS = {"CC3-CC4": "Test of CC4", "CE3-CE4": "Test of CE4"}
@@ -39,8 +40,8 @@ _ROW = 0.21  # height of a learner's row, in inches
 def plot_pairs(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
     protocol: str | None = None,
     ax: Any = None,
 ) -> Axes:
@@ -54,23 +55,12 @@ def plot_pairs(
     >>> [text.get_text() for text in ol.plot_pairs(results).get_yticklabels()]
     ['oracle', 'random']
 
-    Args:
-        results: What was played.
-        learners: Labels of the learners to compare; by default all.
-        conditions: Conditions to compare them in; by default all.
-        protocol: By default ``human``, or else the first one by alphabet.
-        ax: Axes, or an empty figure; by default a new figure of pyplot.
-
-    Returns:
-        The axes.
-
-    Raises:
-        NothingToDrawError: If no two of the learners played a condition in common.
-        OpenLockError: If a learner, a condition or the protocol is not in the results, or ``ax``
-            does not fit.
+    The protocol is by default ``human``, or else the first by alphabet. The other arguments, what
+    is returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    asked, protocol = chosen(results, learners, conditions), protocol_of(results, protocol)
-    found = ranking_of(results, protocol, asked["learner"], asked["condition"])
+    protocol, trials = trials_under(results, protocol, learners, conditions)
+    found = ranking_of(replace(results, trials=trials), protocol)
     if found is None:
         raise NothingToDrawError(
             f"no two such learners played a condition in common under the protocol {protocol}"
@@ -83,7 +73,7 @@ def plot_pairs(
     values[at], sure[at] = pairs["probability"], decided(pairs)
     shown = [style.label(name, 22) for name in names]
     edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
-    cell = min(0.55, (WIDTH - edge - 0.5 * edge) / size)
+    cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
 
     def lay_out(figure: Figure) -> list[Axes]:
         figure.set_layout_engine("constrained")
@@ -120,7 +110,7 @@ def plot_pairs(
 def plot_congruency(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
+    learners: Names = None,
     protocol: str | None = None,
     ax: Any = None,
 ) -> Any:
@@ -133,18 +123,9 @@ def plot_congruency(
     >>> [axes.get_title(loc="left") for axes in ol.plot_congruency(results)]
     ['Test of CC4', 'Test of CE4']
 
-    Args:
-        results: What was played.
-        learners: Labels of the learners to draw; by default all that were tested so.
-        protocol: By default ``human``, or else the first one by alphabet.
-        ax: Two axes, or an empty figure; by default a new figure of pyplot.
-
-    Returns:
-        ``[2]`` the axes.
-
-    Raises:
-        NothingToDrawError: If no such learner played two conditions that can be compared.
-        OpenLockError: If a learner or the protocol is not in the results, or ``ax`` does not fit.
+    The protocol is by default ``human``, or else the first by alphabet. The other arguments, what
+    is returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     names, scores = _scores(results, CONGRUENCY, learners, protocol)
     with panels(ax, 2, _rows_of(names)) as at:
@@ -161,7 +142,7 @@ def plot_congruency(
 def plot_savings(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
+    learners: Names = None,
     protocol: str | None = None,
     ax: Any = None,
 ) -> Any:
@@ -196,13 +177,15 @@ def plot_savings(
 
 
 def _scores(
-    results: Material, kind: str, learners: Collection[str] | None, protocol: str | None
+    results: Material, kind: str, learners: Names, protocol: str | None
 ) -> tuple[list[str], pd.DataFrame]:
     """Names in their order, people and the published model first, and their scores."""
-    asked, protocol = chosen(results, learners)["learner"], protocol_of(results, protocol)
-    scores = scores_of(results).get(protocol, pd.DataFrame(columns=["learner", "score"]))
-    scores = scores[(scores["score"] == kind) & scores["learner"].isin([PEOPLE, MODEL, *asked])]
-    if not scores["learner"].isin(asked).any():
+    protocol, trials = trials_under(results, protocol, learners)
+    scores = scores_of(replace(results, trials=trials)).get(
+        protocol, pd.DataFrame(columns=SCORE_COLUMNS)
+    )
+    scores = scores[scores["score"] == kind]
+    if scores["learner"].isin([PEOPLE, MODEL]).all():
         raise NothingToDrawError(
             f"no such learner played conditions whose {kind} can be scored under the protocol "
             f"{protocol}: the paper's transfer conditions"
@@ -216,7 +199,7 @@ def _rows_of(names: Sequence[str]) -> Any:
 
     def lay_out(figure: Figure) -> list[Axes]:
         figure.set_layout_engine("constrained")
-        figure.set_size_inches(WIDTH, 1.15 + _ROW * len(names))
+        figure.set_size_inches(style.WIDTH, 1.15 + _ROW * len(names))
         return list(figure.subplots(1, 2, sharey=True, sharex=True))
 
     return lay_out
@@ -250,7 +233,7 @@ def plot_differences(table: pd.DataFrame, names: Sequence[str], ax: Any = None) 
     difference is ``sure``; names are those of the two results.
     """
     rows: list[Mapping[Any, Any]] = table.head(MOST_DRAWN).to_dict("records")
-    with panels(ax, 1, in_rows(1, 1, 0.19 * len(rows) + 0.5, WIDTH / 0.62)) as at:
+    with panels(ax, 1, in_rows(1, 1, 0.19 * len(rows) + 0.5, style.WIDTH / 0.62)) as at:
         (axes,) = at.axes
         for place, row in enumerate(rows):
             colour = style.current().other(2) if row["sure"] else "#666666"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import chosen, in_rows, panels
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.cost import WITHIN, cost_of_learning, median_cost
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError
@@ -24,8 +24,8 @@ _NEVER = "#F2F2F2"  # behind subjects that never came so far
 def plot_cost(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
     within: float = WITHIN,
     repeats: bool = False,
     ax: Any = None,
@@ -44,25 +44,11 @@ def plot_cost(
     >>> [label.get_text() for label in axes.get_yticklabels()]
     ['random', 'oracle']
 
-    Args:
-        results: What was played.
-        learners: Labels of the learners to draw; by default all.
-        conditions: Conditions to draw; by default all with a known ideal observer.
-        within: How well a room is to be solved, in attempts of the ideal observer.
-        repeats: Whether rooms count that the subject has visited before.
-        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
-            pyplot.
-
-    Returns:
-        ``[P]`` the axes of the panels; of a single panel its axes.
-
-    Raises:
-        NothingToDrawError: If of none of the conditions it is known what the ideal observer needs.
-        OpenLockError: If a learner or a condition is not in the results, or ``ax`` does not fit.
+    With ``repeats`` rooms count that the subject has visited before. The other arguments, what is
+    returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    asked, trials = chosen(results, learners, conditions), results.trials
-    for column, names in asked.items():
-        trials = trials[trials[column].isin(names)]
+    trials = rows_of(results, results.trials, learners, conditions)
     table = cost_of_learning(trials, results.bounds, within, repeats)
     if table.empty:
         raise NothingToDrawError(
@@ -70,7 +56,7 @@ def plot_cost(
             "known"
         )
     table = table.assign(row=_rows(table))
-    names = [name for learner in asked["learner"]
+    names = [name for learner in results.learners
              for name in ordered(table.loc[table["learner"] == learner, "row"])]  # fmt: skip
     shown = ordered(table["condition"].unique())
     finite = table.loc[np.isfinite(table["cost"]), "cost"]

@@ -9,7 +9,7 @@ where they coincide, as at the limit, both are still seen.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,10 +28,9 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import WIDTH, Layout, chosen, panels, protocol_of
+from causal_openlock.analysis.plots.panels import Layout, Names, panels, trials_under
 from causal_openlock.analysis.results.bounds import Bound, bounds_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.errors import NothingToDrawError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
@@ -64,22 +63,15 @@ class Course(NamedTuple):
 def course_of(
     results: Material,
     protocol: str | None = None,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
 ) -> Course:
     """The course of every condition under a protocol; arguments as in :func:`plot_course`.
 
     Raises:
         NothingToDrawError: If none of the learners played one of the conditions under it.
     """
-    asked, trials = chosen(results, learners, conditions), results.trials
-    protocol = protocol_of(results, protocol)
-    kept = (trials[name].isin(names) for name, names in asked.items())
-    shown = trials[np.logical_and.reduce([trials["protocol"] == protocol, *kept])]
-    if shown.empty:
-        raise NothingToDrawError(
-            f"no such learner played such a condition under the protocol {protocol}"
-        )
+    _, shown = trials_under(results, protocol, learners, conditions)
     subjects = shown.groupby([*CELL, *SUBJECT], observed=True, sort=False)
     shown = shown.assign(visit=subjects.cumcount() + 1)
     most = shown.groupby("condition", observed=True)["visit"].transform("max").astype(int)
@@ -96,8 +88,8 @@ def course_of(
 def plot_course(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
     protocol: str | None = None,
     ax: Any = None,
 ) -> Any:
@@ -110,21 +102,9 @@ def plot_course(
     >>> axes.get_title(loc="left"), axes.get_ylabel()
     ('oracle', 'Attempts')
 
-    Args:
-        results: What was played.
-        learners: Labels of the learners to draw; by default all.
-        conditions: Conditions to draw; by default all.
-        protocol: By default ``human``, or else the first one by alphabet.
-        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
-            pyplot.
-
-    Returns:
-        ``[P]`` the axes of the panels, row by row; of a single panel its axes.
-
-    Raises:
-        NothingToDrawError: If none of the learners played one of the conditions under it.
-        OpenLockError: If a learner, a condition or the protocol is not in the results, or ``ax``
-            does not fit.
+    The protocol is by default ``human``, or else the first by alphabet. The other arguments, what
+    is returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     course = course_of(results, protocol, learners, conditions)
     means, limit = course.means, course.limit
@@ -210,7 +190,7 @@ def _rows(
     def lay_out(figure: Figure) -> list[Axes]:
         figure.set_layout_engine("constrained")
         height = head + rows * _HEIGHT + 0.3 + 0.25 * ideal
-        figure.set_size_inches(WIDTH if columns > 1 else 0.62 * WIDTH, height)
+        figure.set_size_inches(style.WIDTH if columns > 1 else 0.62 * style.WIDTH, height)
         grid = figure.add_gridspec(rows + 1, columns, height_ratios=[head, *[_HEIGHT] * rows])
         for column, family in enumerate(families):
             key = figure.add_subplot(grid[0, column])

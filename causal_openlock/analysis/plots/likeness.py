@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from causal_openlock.analysis.measures import TRANSFERS
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import chosen, in_rows, panels
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.human_likeness import (
     PUBLISHED_MODEL,
@@ -35,7 +35,7 @@ _GREY = "#777777"
 def plot_likeness(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
+    learners: Names = None,
     ax: Any = None,
 ) -> Any:
     """People's means at the fourteen points, and one learner's beside them in each panel.
@@ -47,21 +47,11 @@ def plot_likeness(
     >>> [axes.get_title(loc="left") for axes in ol.plot_likeness(results, learners=["random"])]
     ['random', 'published model']
 
-    Args:
-        results: What was played.
-        learners: Labels of the learners to draw; by default the nearest :data:`MOST_DRAWN`.
-        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
-            pyplot.
-
-    Returns:
-        ``[P]`` the axes of the panels.
-
-    Raises:
-        NothingToDrawError: If no such learner played all six conditions as people did.
-        OpenLockError: If a learner is not in the results, or ``ax`` does not fit.
+    By default the nearest :data:`MOST_DRAWN` learners are drawn. Arguments, what is returned and
+    errors are those of :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    asked = chosen(results, learners)["learner"]
-    found = likeness(results.trials, results.like_people, asked)
+    trials = rows_of(results, results.trials, learners)
+    found = likeness(trials, results.like_people, results.learners)
     if found is None:
         raise NothingToDrawError(
             "no such learner played all six conditions of the paper as people did, in its rooms "

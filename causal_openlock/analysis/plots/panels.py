@@ -12,12 +12,13 @@ Every plot function takes ``ax``, which is one of three things:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -27,8 +28,8 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.wording import counted, nearest
 
-WIDTH = 7.2
-"""Width of a full figure in inches: two columns of a printed page."""
+Names = Collection[str] | None
+"""Labels of learners or conditions; None for all."""
 
 Layout = Callable[[Figure], Sequence[Axes]]
 """Gives a figure its size and its panels."""
@@ -110,7 +111,7 @@ def _flat(ax: Any) -> Iterator[Axes]:
         )
 
 
-def in_rows(count: int, columns: int, height: float, width: float = WIDTH) -> Layout:
+def in_rows(count: int, columns: int, height: float, width: float = style.WIDTH) -> Layout:
     """So many panels with a common y axis, wrapped over rows of at most ``columns``.
 
     A panel has a height in inches; only the first of a row has labels on its y axis.
@@ -131,41 +132,41 @@ def in_rows(count: int, columns: int, height: float, width: float = WIDTH) -> La
     return lay_out
 
 
-def chosen(results: Material, learners: Any, conditions: Any = None) -> dict[str, list[str]]:
-    """Which learners and conditions to draw, in the order of the tables; by default all.
-
-    Returns:
-        Names by column: ``learner`` and ``condition``.
+def rows_of(
+    results: Material, table: pd.DataFrame, learners: Names = None, conditions: Names = None
+) -> pd.DataFrame:
+    """The rows of these learners and conditions.
 
     Raises:
         OpenLockError: If one is not in the results.
     """
-    found = {}
     for column, asked in (("learner", learners), ("condition", conditions)):
-        first = (results.learners,) if column == "learner" else ()
-        known = ordered(results.trials[column].unique(), *first)
-        names = known if asked is None else (asked,) if isinstance(asked, str) else tuple(asked)
+        known = [str(name) for name in results.trials[column].unique()]
+        names = known if asked is None else [asked] if isinstance(asked, str) else list(asked)
         for name in names:
             if name not in known:
                 raise OpenLockError(f"no {column} {name} in these results; {nearest(name, known)}")
-        found[column] = [name for name in known if name in names]
-    return found
+        table = table[table[column].isin(names)]
+    return table
 
 
-def protocol_of(results: Material, protocol: str | None) -> str:
-    """The protocol to draw: by default the first one, which is ``human`` if somebody played it.
+def trials_under(
+    results: Material, protocol: str | None, learners: Names = None, conditions: Names = None
+) -> tuple[str, pd.DataFrame]:
+    """A protocol, by default ``human`` or else the first by alphabet, and the trials under it.
 
     Raises:
-        OpenLockError: If it is not in the results.
-        NothingToDrawError: If there is none.
+        OpenLockError: If the protocol, a learner or a condition is not in the results.
+        NothingToDrawError: If none of the learners played one of the conditions under it.
     """
     known = ordered(results.trials["protocol"].unique(), ("human",))
-    if not known:
-        raise NothingToDrawError("these results hold no trials")
-    if protocol is None:
-        return known[0]
-    if protocol not in known:
-        raise OpenLockError(
-            f"no protocol {protocol} in these results; {nearest(str(protocol), known)}"
+    name = known[0] if protocol is None and known else str(protocol)
+    if known and name not in known:
+        raise OpenLockError(f"no protocol {name} in these results; {nearest(name, known)}")
+    trials = rows_of(results, results.trials, learners, conditions)
+    trials = trials[trials["protocol"] == name]
+    if trials.empty:
+        raise NothingToDrawError(
+            f"no such learner played such a condition under the protocol {name}"
         )
-    return str(protocol)
+    return name, trials

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from causal_openlock.analysis.measures import by_subject, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import chosen, in_rows, panels
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.summary import judged
 from causal_openlock.errors import NothingToDrawError
@@ -25,8 +25,8 @@ _AREA = 420.0  # of a circle that is all subjects, in square points
 def plot_subjects(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
     ax: Any = None,
 ) -> Any:
     """Attempts of each subject in the trials that conditions are judged by.
@@ -39,33 +39,19 @@ def plot_subjects(
     >>> [label.get_text() for label in axes.get_xticklabels()][:2]
     ['CC4', 'CE4']
 
-    Args:
-        results: What was played.
-        learners: Labels of the learners to draw; by default all.
-        conditions: Conditions to draw; by default all.
-        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
-            pyplot.
-
-    Returns:
-        ``[P]`` the axes of the panels; of a single panel its axes.
-
-    Raises:
-        NothingToDrawError: If none of the learners played one of the conditions.
-        OpenLockError: If a learner or a condition is not in the results, or ``ax`` does not fit.
+    Arguments, what is returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    asked, trials = chosen(results, learners, conditions), results.trials
-    table = results.headline
-    for column, names in asked.items():
-        table = table[table[column].isin(names)]
+    trials, table = results.trials, rows_of(results, results.headline, learners, conditions)
     shown = [
         (name, protocol, own[own["protocol"] == protocol])
-        for name in asked["learner"]
+        for name in ordered(table["learner"], results.learners)
         for own in [table[table["learner"] == name]]
         for protocol in ordered(own["protocol"], ("human",))
     ]
     if not shown:
         raise NothingToDrawError("no such learner played such a condition")
-    values = by_subject(judged(trials[trials["learner"].isin(asked["learner"])]), ["phase"])
+    values = by_subject(judged(rows_of(results, trials, learners)), ["phase"])
     keys = [
         Line2D([], [], **_circle(), marker="o", ls="", ms=7, label="subjects"),
         Line2D([], [], color="black", lw=2, label="mean, 95% interval"),
@@ -96,7 +82,7 @@ def plot_subjects(
                 _circles(axes, place, mine.to_numpy(float), limit)
                 _means(axes, place, row)
             if len(shown) > 1:
-                title = protocol if len(asked["learner"]) == 1 else name
+                title = protocol if table["learner"].nunique() == 1 else name
                 style.panel_title(axes, title, style.sizes(own))
             _scale(axes, list(own["condition"]), limit)
         at.legend(keys, columns=2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import Any
 
 from matplotlib.lines import Line2D
@@ -10,10 +9,9 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import chosen, in_rows, panels, protocol_of
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.survival import unsolved_after
-from causal_openlock.errors import NothingToDrawError
 
 MOST_BANDS = 4
 """With more learners than this their bands would cover each other, and are not drawn."""
@@ -22,8 +20,8 @@ MOST_BANDS = 4
 def plot_survival(
     results: Material,
     *,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
+    learners: Names = None,
+    conditions: Names = None,
     protocol: str | None = None,
     ax: Any = None,
 ) -> Any:
@@ -39,32 +37,11 @@ def plot_survival(
     >>> [line.get_label() for line in axes.lines]
     ['random', 'oracle']
 
-    Args:
-        results: What was played.
-        learners: Labels of the learners to draw; by default all.
-        conditions: Conditions to draw; by default all.
-        protocol: By default ``human``, or else the first one by alphabet.
-        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
-            pyplot.
-
-    Returns:
-        ``[P]`` the axes of the panels; of a single panel its axes.
-
-    Raises:
-        NothingToDrawError: If none of the learners played one of the conditions under it.
-        OpenLockError: If a learner, a condition or the protocol is not in the results, or ``ax``
-            does not fit.
+    The protocol is by default ``human``, or else the first by alphabet. The other arguments, what
+    is returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    asked, trials = chosen(results, learners, conditions), results.trials
-    protocol = protocol_of(results, protocol)
-    trials = trials[trials["protocol"] == protocol]
-    for column, kept in asked.items():
-        trials = trials[trials[column].isin(kept)]
-    if trials.empty:
-        raise NothingToDrawError(
-            f"no such learner played such a condition under the protocol {protocol}"
-        )
-    table = unsolved_after(trials)
+    table = unsolved_after(trials_under(results, protocol, learners, conditions)[1])
     names = ordered(table["learner"].unique(), results.learners)
     # The first lines are broad and the next ones narrow: where they coincide, both are still seen.
     looks = {

@@ -9,7 +9,7 @@ interquartile mean over all its subjects in all its conditions.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from itertools import combinations
 from typing import NamedTuple
 
@@ -38,30 +38,10 @@ class Ranking(NamedTuple):
     pairs: pd.DataFrame
 
 
-def ranking_of(
-    results: Material,
-    protocol: str,
-    learners: Collection[str] | None = None,
-    conditions: Collection[str] | None = None,
-) -> Ranking | None:
-    """Learners compared under a protocol; None if no two of them can be compared.
-
-    Args:
-        results: What was played.
-        protocol: The protocol.
-        learners: Those to compare; by default all.
-        conditions: Those to compare them in; by default all.
-    """
+def ranking_of(results: Material, protocol: str) -> Ranking | None:
+    """Learners compared under a protocol; None if no two of them can be compared."""
     held = scores_by_condition(results.trials)
-    scores = {
-        name: {
-            condition: values
-            for condition, values in held[name, protocol].items()
-            if conditions is None or condition in conditions
-        }
-        for name in results.learners
-        if (name, protocol) in held and (learners is None or name in learners)
-    }
+    scores = {name: held[name, protocol] for name in results.learners if (name, protocol) in held}
     pairs = pairwise_table(scores)
     if pairs.empty:
         return None

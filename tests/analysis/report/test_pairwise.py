@@ -10,14 +10,15 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from scipy import stats
 
-from causal_openlock.analysis.plots.comparisons import draw_matrix
-from causal_openlock.analysis.plots.style import WIDTH
+from causal_openlock.analysis.plots.comparisons import plot_pairs
+from causal_openlock.analysis.plots.panels import WIDTH
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.sections import pairwise
-from causal_openlock.analysis.report.sections.pairwise import pairwise_table, ranking_table
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.pairwise import Scores, pairwise_table, ranking_table
 from support.fabricated_records import table
 from support.made_up_experiments import experiment_of, spec
 from support.paper_play import material, play, same, scattered
@@ -150,7 +151,7 @@ def said(ranks: pd.DataFrame, pairs: pd.DataFrame) -> str:
     return Prose("pairwise").sentence("compared", protocol="human", **found)
 
 
-def _ranked(scores: pairwise.Scores) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _ranked(scores: Scores) -> tuple[pd.DataFrame, pd.DataFrame]:
     pairs = pairwise_table(scores)
     return ranking_table(scores, pairs), pairs
 
@@ -180,18 +181,20 @@ def test_a_single_subject_of_each_decides_nothing() -> None:
 def test_the_matrix_shows_every_probability_and_fits_the_page(played: Material) -> None:
     scores = judged(played)
     pairs = pairwise_table(scores)
-    decided = (pairs["ci_low"] > 0.5) | (pairs["ci_high"] < 0.5)
-    (axes,) = draw_matrix(LEARNERS, pairs.assign(decided=decided)).figure.axes
+    axes = plot_pairs(played, ax=Figure())
+    order = [label.get_text() for label in axes.get_yticklabels()]
+    assert order == ["perfect", "quick", "slow", "random"]
     shown = {
         (round(text.get_position()[1]), round(text.get_position()[0])): text for text in axes.texts
     }
     assert len(shown) == 16
     for row in pairs.to_dict("records"):
-        text = shown[LEARNERS.index(row["learner"]), LEARNERS.index(row["other"])]
+        text = shown[order.index(row["learner"]), order.index(row["other"])]
         assert text.get_text() == f"{row['probability']:.2f}"
         sure = row["ci_low"] > 0.5 or row["ci_high"] < 0.5
         assert (text.get_fontweight() == "bold") == sure
     names = tuple(f"a learner whose name is long {i}" for i in range(12))
-    many = {name: {"CC4": np.arange(i, i + 4.0)} for i, name in enumerate(names)}
-    figure = draw_matrix(names, pairwise_table(many).assign(decided=False)).figure
+    rows = [row for i, name in enumerate(names) for row in play(name, same(3 + i), 1, ("CC4",))]
+    figure = Figure()
+    plot_pairs(material(rows, names), ax=figure)
     assert figure.get_figwidth() <= WIDTH + 1e-9

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.figures import draw_all
+from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import OpenLockError
 from support.fabricated_records import random_cells, table, trial_rows
 from support.figures import KINDS, drawn
@@ -61,7 +61,7 @@ def test_a_figure_drawn_again_is_the_same_file_of_every_kind(tmp_path: Path) -> 
     record = random_cells(1, conditions=("CC4",), subjects=2)[0]
     with drawn(*KINDS):
         for name in ("once", "twice"):
-            (plot, *_) = draw_all(count(record))
+            (plot, *_) = figures_of(Material.of(record, experiment_of(record)))
             style.save(plot.figure, tmp_path / name)
     kinds = {path.suffix for path in tmp_path.glob("once.*")}
     assert kinds == {".svg", ".png", ".pdf"}

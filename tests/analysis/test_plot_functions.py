@@ -1,0 +1,270 @@
+"""What every plot function keeps to, whatever it draws; and the style that all share."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from itertools import combinations
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+import causal_openlock as ol
+from causal_openlock.analysis.measures import TRANSFERS
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.errors import NothingToDrawError, OpenLockError
+from causal_openlock.experiment.record import CATEGORIES
+from support import played_results
+
+PLOTS: dict[str, tuple[Callable[[], Material], dict[str, Any]]] = {
+    "plot_attempts": (played_results.results, {}),
+    "plot_transfer": (played_results.results, {}),
+    "plot_course": (played_results.results, {}),
+    "plot_categories": (played_results.trained, {}),
+    "plot_survival": (played_results.results, {}),
+    "plot_cost": (played_results.results, {}),
+    "plot_likeness": (played_results.results, {}),
+    "plot_pairs": (played_results.results, {}),
+    "plot_congruency": (played_results.results, {}),
+    "plot_savings": (played_results.results, {}),
+    "plot_subjects": (played_results.results, {}),
+    "plot_beliefs": (played_results.believed, {}),
+}
+EVERY = pytest.mark.parametrize("name", PLOTS)
+
+
+@pytest.fixture(autouse=True)
+def _figures_are_closed() -> Iterator[None]:
+    yield
+    plt.close("all")
+
+
+def draw(name: str, **options: Any) -> list[Axes]:
+    results, given = PLOTS[name]
+    return list(np.ravel(getattr(ol, name)(results(), **given, **options)))
+
+
+def test_all_plot_functions_are_kept_to_it() -> None:
+    public = {name for name in dir(ol) if name.startswith("plot_")}
+    assert public - set(PLOTS) == {"plot_style", "plot_trace"}
+
+
+@EVERY
+def test_it_makes_a_figure_of_pyplot_or_fills_one_that_is_empty(name: str) -> None:
+    axes = draw(name)
+    assert plt.get_fignums() == [1]
+    assert {one.figure.number for one in axes} == {1}
+    figure = Figure()
+    assert len(draw(name, ax=figure)) == len(axes)
+    assert plt.get_fignums() == [1]
+    assert set(draw(name, ax=(other := Figure()))) <= set(other.axes)
+
+
+@EVERY
+def test_it_draws_in_axes_that_are_given_and_nowhere_else(name: str) -> None:
+    count = len(draw(name, ax=Figure()))
+    figure = Figure(layout="constrained", figsize=(8, 4 * count))
+    aside, *rows = figure.subplots(count + 1, 1)
+    before = figure.get_size_inches().tolist()
+    axes = draw(name, ax=[rows[:1], rows[1:]] if count > 1 else rows[0])
+    assert axes == rows
+    assert figure.axes == [aside, *rows]
+    drawn_aside = [*aside.get_children()[:-11], *aside.texts, *figure.texts, *figure.legends]
+    assert drawn_aside == []
+    assert figure.get_size_inches().tolist() == before
+    assert all(one.has_data() or one.patches for one in rows)
+    figure.draw_without_rendering()
+
+
+@EVERY
+def test_too_few_or_too_many_axes_are_refused_with_what_would_do(name: str) -> None:
+    count = len(draw(name, ax=Figure()))
+    one_more = plt.subplots(1, count + 1)[1]
+    with pytest.raises(
+        OpenLockError, match=rf"{count} panels?, and ax holds {count + 1} axes"
+    ) as e:
+        draw(name, ax=one_more)
+    shown = str(e.value)
+    call = shown[shown.index("plt.subplots(") : shown.index("[1]") + 3]
+    draw(name, ax=eval(call, {"plt": plt}))
+    with pytest.raises(OpenLockError, match="and not str"):
+        draw(name, ax="axes")
+
+
+@EVERY
+def test_it_leaves_settings_alone_and_needs_no_argument_but_results(name: str) -> None:
+    with mpl.rc_context({"font.size": 31, "axes.grid": False}):
+        before = dict(mpl.rcParams)
+        draw(name)
+        assert dict(mpl.rcParams) == before
+    first, *others = inspect.signature(getattr(ol, name)).parameters.values()
+    assert first.name == "results"
+    assert all(one.default is not inspect.Parameter.empty for one in others)
+    assert others[-1].name == "ax"
+
+
+@EVERY
+def test_results_that_hold_nothing_for_it_are_named_in_a_sentence(name: str) -> None:
+    nothing = played_results.empty()
+    with pytest.raises(NothingToDrawError):
+        getattr(ol, name)(nothing)
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name for name in PLOTS if "learners" in inspect.signature(getattr(ol, name)).parameters],
+)
+def test_a_learner_that_is_not_there_has_a_nearest_name(name: str) -> None:
+    with pytest.raises(OpenLockError, match="did you mean random"):
+        draw(name, learners=["randm"])
+
+
+ORDER = ["random", "oracle"]  # of the experiment, not of the alphabet
+
+
+def test_learners_are_in_the_order_of_the_tables() -> None:
+    results = played_results.results()
+    assert list(results.learners) == ORDER
+
+    def titles(name: str) -> list[str]:
+        found = (axes.get_title(loc="left") for axes in draw(name))
+        return [title for title in found if title in ORDER]
+
+    for name in ("plot_attempts", "plot_transfer", "plot_course", "plot_subjects"):
+        assert titles(name) == ORDER, name
+    for name in ("plot_congruency", "plot_savings", "plot_cost"):
+        rows = [label.get_text() for label in draw(name)[0].get_yticklabels()]
+        assert [row for row in rows if row in ORDER] == ORDER
+    assert [line.get_label() for line in draw("plot_survival")[0].lines] == ORDER
+    (both,) = draw("plot_subjects", learners=["oracle"])
+    assert len(draw("plot_subjects", learners=["oracle", "random"])) == 2
+    assert both.get_ylim()[1] > 30  # the scale is that of all
+
+
+# -- values ---------------------------------------------------------------------------------------
+
+
+def test_bars_and_dots_are_the_numbers_of_the_tables() -> None:
+    results = played_results.results()
+    summary = results.summary.set_index(["learner", "condition", "phase", "trial"])["attempts"]
+    (axes,) = draw("plot_attempts", learners=["random"], conditions="CE4", published=False)
+    assert [bar.get_height() for bar in axes.patches] == [
+        summary["random", "CE4", "train", trial] for trial in range(1, 6)
+    ]
+    (axes,) = draw("plot_transfer", learners=["oracle"], published=False)
+    assert sorted(bar.get_height() for bar in axes.patches) == sorted(
+        summary["oracle", name, "test", 1] for name in TRANSFERS
+    )
+    (axes,) = draw("plot_course", learners=["random"], conditions=["CC3-CE4"])
+    train, test = (line.get_ydata().tolist() for line in axes.lines if line.get_zorder() == 3)
+    assert train == [summary["random", "CC3-CE4", "train", trial] for trial in range(1, 7)]
+    assert test == [summary["random", "CC3-CE4", "test", 1]]
+
+
+def test_the_line_of_survival_falls_where_trials_are_solved() -> None:
+    axes = draw("plot_survival", conditions=["CE3-CC4"])[0]
+    lines = {line.get_label(): line for line in axes.lines}
+    assert set(lines["random"].get_ydata()) == {1.0}  # censored, all of them
+    oracle = dict(zip(*lines["oracle"].get_data(), strict=True))
+    assert (oracle[2], oracle[3]) == (1.0, 0.0)
+
+
+def test_dots_of_cost_are_the_subjects_and_those_that_never_came_so_far_are_counted() -> None:
+    axes = draw("plot_cost", conditions=["CC4"])[0]
+    dots = [x for line in axes.lines if line.get_marker() == "o" for x in line.get_xdata()]
+    assert dots == [3, 3, 3]  # the oracle's; the random learner's are not within its five trials
+    (text,) = axes.texts
+    assert text.get_text().split() == ["3", "of", "3", "not", "within", "150"]
+    assert text.get_position()[1] == ORDER.index("random")
+
+
+# -- the style ------------------------------------------------------------------------------------
+
+
+def test_a_style_holds_for_a_while_or_from_now_on() -> None:
+    with ol.plot_style(common_cause="#010203", rc={"font.size": 17}):
+        (axes,) = draw("plot_attempts", learners=["random"], conditions=["CC4"], published=False)
+        assert to_rgb(axes.patches[0].get_facecolor()) == to_rgb("#010203")
+        assert axes.xaxis.label.get_fontsize() == 17
+        assert style.current().rc["axes.grid"]  # what is not changed stays
+    assert style.current() == ol.PlotStyle()
+    try:
+        ol.plot_style(others=("#111111",))
+        assert style.current().others == ("#111111",)
+    finally:
+        ol.plot_style(ol.PlotStyle())
+    assert style.current() == ol.PlotStyle()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"common_caus": "red"}, "no common_caus; did you mean common_cause"),
+        ({"common_cause": "reddish"}, "'reddish' is not a colour"),
+        ({"rc": {"font.sise": 3}}, "no setting font.sise; did you mean font.size"),
+        ({"categories": ("red",)}, "5 in categories"),
+    ],
+)
+def test_a_style_that_cannot_be_is_refused_and_changes_nothing(
+    changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(OpenLockError, match=message):
+        ol.plot_style(**changes)
+    assert style.current() == ol.PlotStyle()
+
+
+# Machado, Oliveira & Fernandes (2009), severity 1: linear RGB as it is seen without one kind of
+# cone.
+SEEN = {
+    "all": np.eye(3),
+    "protanopia": np.array([[0.152286, 1.052583, -0.204868],
+                            [0.114503, 0.786281, 0.099216],
+                            [-0.003882, -0.048116, 1.051998]]),
+    "deuteranopia": np.array([[0.367322, 0.860646, -0.227968],
+                              [0.280085, 0.672501, 0.047413],
+                              [-0.011820, 0.042940, 0.968881]]),
+    "tritanopia": np.array([[1.255528, -0.076749, -0.178779],
+                            [-0.078411, 0.930809, 0.147602],
+                            [0.004733, 0.691367, 0.303900]]),
+}  # fmt: skip
+XYZ = np.array([[0.4124564, 0.3575761, 0.1804375],
+                [0.2126729, 0.7151522, 0.0721750],
+                [0.0193339, 0.1191920, 0.9503041]])  # fmt: skip
+
+
+def lab(colour: str, seen: str) -> np.ndarray:
+    """A colour in CIELAB (D65), as somebody sees it."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    t = XYZ @ np.clip(SEEN[seen] @ linear, 0, 1) / XYZ.sum(axis=1)
+    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t * (29 / 6) ** 2 / 3 + 4 / 29)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+def test_white_and_red_have_the_coordinates_of_the_textbook() -> None:
+    assert lab("white", "all") == pytest.approx([100, 0, 0], abs=0.01)
+    assert lab("#FF0000", "all") == pytest.approx([53.24, 80.09, 67.20], abs=0.02)
+
+
+@pytest.mark.parametrize("seen", SEEN)
+def test_colours_are_told_apart_without_one_kind_of_cone(seen: str) -> None:
+    own = ol.PlotStyle()
+
+    def least(*colours: str) -> float:
+        places = [lab(colour, seen) for colour in colours]
+        return min(float(np.linalg.norm(a - b)) for a, b in combinations(places, 2))
+
+    assert least(own.common_cause, own.common_effect) > 50
+    assert least(*own.others) > 15
+    assert least(*own.categories) > 8
+    lightness = [lab(colour, seen)[0] for colour in own.categories]
+    assert lightness == sorted(lightness, reverse=True)  # on a black-and-white printer, too
+    assert len(own.categories) == len(CATEGORIES)
