@@ -120,7 +120,7 @@ def watched_widgets(watched: WatchedTrial) -> dict[str, Any] | None:
         for shot in watched.shots
     ]
     # Linked in the browser, so that the slider moves in saved pages and without a kernel too.
-    stack = widgets.Stack(pictures, selected_index=0)
+    stack = widgets.Stack(pictures, selected_index=0, layout={"min_height": "26em"})
     last = len(pictures) - 1
     slider = widgets.IntSlider(0, 0, last, description="moment", layout={"width": "30em"})
     player = widgets.Play(min=0, max=last, interval=800, show_repeat=False)
