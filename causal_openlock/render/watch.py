@@ -118,6 +118,8 @@ def watch(
         attempt 1, push UPPERRIGHT: the lever moves
         ...
     """
+    if attempts is not None and attempts < 1:
+        raise ProtocolError(f"attempts is how many attempts to show, at least 1, not {attempts}")
     if isinstance(condition, str) and "->" in condition:
         condition = schema(condition)
     experiment = make_experiment([condition], [learner], seed=seed, protocol=protocol, subjects=1)
