@@ -18,6 +18,7 @@ from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.render.film import shots
 from causal_openlock.render.watch import BELIEVED, TRUE, WatchedTrial, belief_svg
+from causal_openlock.world.room import position_coordinates
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,10 @@ class Lockward(ol.Learner):
         return np.zeros(self.subjects, dtype=np.int64)
 
 
-def test_moments_are_those_at_which_a_film_rests(watched: WatchedTrial) -> None:
+@pytest.mark.parametrize("chance", [False, True])
+def test_moments_are_those_at_which_a_film_rests(watched: WatchedTrial, chance: bool) -> None:
+    if chance:  # some actions fail
+        watched = ol.watch("oracle", "A (0.4) -> B, C -> door", seed=1, attempts=8)
     film = [shot for shot in shots(watched.trial) if not shot.moving]
     assert len(film) == len(watched.shots)
     for moment, shot in zip(watched.shots, film, strict=True):
@@ -89,6 +93,12 @@ def test_arrows_are_as_dark_as_they_are_probable(watched: WatchedTrial) -> None:
         shades = [float(x) for x in re.findall(f'opacity="([0-9.]+)" stroke="{BELIEVED}"', svg)]
         expected = sorted(p for p in belief.edges.flat if p >= 0.02)
         np.testing.assert_allclose(shades, expected, atol=0.00501)
+        darkest = re.findall(r'd="M(\S+),(\S+) Q\S+ (\S+),(\S+)" fill="none" stroke-width="6"', svg)
+        ends = np.array(darkest[-1], float).reshape(2, 2)
+        spots = position_coordinates(7) * [100, -100]
+        spots = np.vstack([spots, [spots[:, 0].max() + 150, 0]])
+        nearest = [int(np.hypot(*(spots - end).T).argmin()) for end in ends]
+        assert belief.edges[tuple(nearest)] == belief.edges.max()
         assert svg.count(TRUE) == len(watched.trace.truth.graph.edges)
 
 
