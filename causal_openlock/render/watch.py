@@ -112,11 +112,11 @@ def watch(
         OpenLockError: If there is no such learner, schema, layout or trial.
 
     Example:
-        >>> shown = watch("oracle", "CC3", layout="trial1")
-        >>> print(shown)
+        >>> watch("oracle", "CC3", layout="trial1", attempts=1)
         oracle in CC3, trial 1 of 1 (CC3 in trial1), subject 0
         attempt 1, push UPPERRIGHT: the lever moves
-        ...
+        attempt 1, push LOWERLEFT: the door unlocks
+        attempt 1, push door: the door opens: a new solution
     """
     if attempts is not None and attempts < 1:
         raise ProtocolError(f"attempts is how many attempts to show, at least 1, not {attempts}")
