@@ -9,6 +9,7 @@ import time
 import warnings
 import xml.etree.ElementTree as ET
 from collections import Counter
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +25,7 @@ from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.notebook import (
     ENDS,
-    MOST_MOMENTS,
+    LARGEST,
     experiment_html,
     learner_html,
     opened_html,
@@ -146,18 +147,31 @@ def test_a_watched_trial_is_a_strip_without_scripts(learner: str, attempts: int)
     assert not [name for _, pairs in page.tags for name in pairs if name.startswith("on")]
     moments = 1 + sum(len(attempt.actions) for attempt in watched.trial.attempts[:attempts])
     shown = [tag for tag, _ in page.tags].count("figure")
-    assert shown == min(moments, MOST_MOMENTS)
-    assert ("and 31 more actions" in page.text) == (learner == "random")
+    assert shown == moments
     assert page.text.count(" bits left, ") == (shown if learner == "bayes" else 0)
     assert ("dashed: the true schema" in page.text) == (learner == "bayes")
+
+
+def test_a_long_strip_is_cut_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = ol.watch("bayes", "seven", attempts=4)
+    one_attempt = watched_html(replace(watched, attempts=1))
+    assert LARGEST + len(one_attempt) < 1_000_000  # there is one picture more than fits
+    monkeypatch.setattr("causal_openlock.notebook.LARGEST", 1)
+    page = read(watched_html(watched))
+    actions = sum(len(attempt.actions) for attempt in watched.trial.attempts[:4])
+    assert [tag for tag, _ in page.tags].count("figure") == 1
+    assert f"and {actions} more actions" in page.text
 
 
 def test_a_moment_is_drawn_in_less_than_50_milliseconds() -> None:
     watched = ol.watch("bayes", "CC4")
     watched_html(watched)
-    began = time.perf_counter()
-    watched_html(watched)
-    assert time.perf_counter() - began < 0.05 * len(watched.shots)
+    seconds = []
+    for _ in range(3):
+        began = time.perf_counter()
+        watched_html(watched)
+        seconds.append(time.perf_counter() - began)
+    assert min(seconds) < 0.05 * len(watched.shots)
 
 
 IN_A_KERNEL = """
