@@ -36,8 +36,8 @@ MOST_SOLUTIONS = 12
 ENDS = 5
 """How many rows of a long record are shown at its beginning, and at its end."""
 
-MOST_MOMENTS = 60
-"""How many pictures a strip has at most, which keeps it below a megabyte."""
+LARGEST = 600_000
+"""Characters of a strip of pictures after which no more pictures are added to it."""
 
 CONSTANTS = ("experiment", "learner", "condition", "protocol", "seed")
 SHOWN = ("subject", "phase", "loop", "trial", "schema", "layout", "attempt")
@@ -95,9 +95,12 @@ def opened_html(opened: OpenedRoom) -> str:
 def watched_html(watched: WatchedTrial) -> str:
     """A trial as a strip of pictures, one after each action; of a long one the first."""
     shots = [shot for shot in watched.shots if shot.action or shot is watched.shots[0]]
-    body = "".join(_moment(watched, shot, small=True) for shot in shots[:MOST_MOMENTS])
-    if more := len(shots) - MOST_MOMENTS:
-        body += f"<div>and {counted(more, 'more action')}</div>" * (more > 0)
+    body, shown = "", 0
+    while shown < len(shots) and len(body) < LARGEST:
+        body += _moment(watched, shots[shown], small=True)
+        shown += 1
+    if more := len(shots) - shown:
+        body += f"<div>and {counted(more, 'more action')}</div>"
     return _card(watched.title, f'<div style="{_ROW}">{body}</div>', _legend(watched))
 
 
@@ -120,7 +123,7 @@ def watched_widgets(watched: WatchedTrial) -> dict[str, Any] | None:
         for shot in watched.shots
     ]
     # Linked in the browser, so that the slider moves in saved pages and without a kernel too.
-    stack = widgets.Stack(pictures, selected_index=0)
+    stack = widgets.Stack(pictures, selected_index=0, layout={"min_height": "26em"})
     last = len(pictures) - 1
     slider = widgets.IntSlider(0, 0, last, description="moment", layout={"width": "30em"})
     player = widgets.Play(min=0, max=last, interval=800, show_repeat=False)

@@ -5,15 +5,19 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import time
 import warnings
 import xml.etree.ElementTree as ET
 from collections import Counter
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import matplotlib as mpl
 import pyarrow as pa
 import pytest
 
+import causal_openlock as ol
 from causal_openlock import Condition, Gate, Protocol, Room, Schema, Session, find_schema
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
@@ -21,11 +25,17 @@ from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.notebook import (
     ENDS,
+    LARGEST,
     experiment_html,
     learner_html,
+    opened_html,
+    picture_html,
+    playable_html,
     record_html,
     room_html,
     schema_html,
+    watched_html,
+    watched_widgets,
 )
 from causal_openlock.world.room import position_names
 from support.html_page import Page
@@ -102,6 +112,114 @@ def test_a_room_shows_its_levers_in_their_colours_and_where_each_stands() -> Non
     assert "L0 LOWERLEFT, L1 UPPERRIGHT, L2 LOWERRIGHT, L3 UPPERLEFT" in read(html).text
 
 
+def test_a_room_to_try_out_shows_its_console_and_what_can_be_done() -> None:
+    room = ol.room("CC4", layout="trial7")
+    room.step("LOWERLEFT")
+    page = read(playable_html(room))
+    assert page.text.startswith("CC4 in trial7")
+    assert "push LOWERLEFT" in page.text
+    assert "the lever moves" in page.text
+    assert page.text.endswith(f"push or pull {', '.join(position_names(7))}; or push door")
+    *_, seen = [room.step(action) for action in ("UPPERRIGHT", "door")]
+    html = picture_html(seen)
+    assert read(html).text.startswith("push door: the door opens: a new solution")
+    assert {text.text for text in picture(html).iter(f"{SVG}text")} >= {"LOWERLEFT, UPPERRIGHT"}
+    levers = [group[-1].attrib for group in picture(html).iter(f"{SVG}g")][1:8]
+    pushed = [group[-1].attrib for group in picture(playable_html(room)).iter(f"{SVG}g")][1:8]
+    assert [a != b for a, b in zip(levers, pushed, strict=True)] == [
+        name in ("LOWERLEFT", "UPPERRIGHT") for name in position_names(7)
+    ]
+
+
+def test_an_opened_room_shows_its_link() -> None:
+    with ol.play_room("CC3", browser=False) as opened:
+        page = read(opened_html(opened))
+    assert ("a", {"href": opened.url, "target": "_blank"}) in page.tags
+
+
+@pytest.mark.parametrize(("learner", "attempts"), [("bayes", 10), ("random", 30)])
+def test_a_watched_trial_is_a_strip_without_scripts(learner: str, attempts: int) -> None:
+    watched = ol.watch(learner, "CC4", attempts=attempts)
+    html = watched_html(watched)
+    page = read(html)
+    assert len(html) < 1_000_000
+    assert not {"script", "style", "img", "link"} & {tag for tag, _ in page.tags}
+    assert not [name for _, pairs in page.tags for name in pairs if name.startswith("on")]
+    moments = 1 + sum(len(attempt.actions) for attempt in watched.trial.attempts[:attempts])
+    shown = [tag for tag, _ in page.tags].count("figure")
+    assert shown == moments
+    assert page.text.count(" bits left, ") == (shown if learner == "bayes" else 0)
+    assert ("dashed: the true schema" in page.text) == (learner == "bayes")
+
+
+def test_a_long_strip_is_cut_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = ol.watch("bayes", "seven", attempts=4)
+    one_attempt = watched_html(replace(watched, attempts=1))
+    assert LARGEST + len(one_attempt) < 1_000_000  # there is one picture more than fits
+    monkeypatch.setattr("causal_openlock.notebook.LARGEST", 1)
+    page = read(watched_html(watched))
+    actions = sum(len(attempt.actions) for attempt in watched.trial.attempts[:4])
+    assert [tag for tag, _ in page.tags].count("figure") == 1
+    assert f"and {actions} more actions" in page.text
+
+
+def test_a_moment_is_drawn_in_less_than_50_milliseconds() -> None:
+    watched = ol.watch("bayes", "CC4")
+    watched_html(watched)
+    seconds = []
+    for _ in range(3):
+        began = time.perf_counter()
+        watched_html(watched)
+        seconds.append(time.perf_counter() - began)
+    assert min(seconds) < 0.05 * len(watched.shots)
+
+
+IN_A_KERNEL = """
+import sys
+import time
+from types import SimpleNamespace
+from IPython.core.interactiveshell import InteractiveShell
+shell = InteractiveShell.instance()
+import causal_openlock as ol
+watched = ol.watch("oracle", "CC3")
+VIEW = "application/vnd.jupyter.widget-view+json"
+for kernel, there in ((False, True), (True, False), (True, True)):
+    if kernel:
+        shell.kernel = None
+    hidden = {} if there else {"ipywidgets": None}
+    with __import__("unittest.mock").mock.patch.dict(sys.modules, hidden):
+        shown = shell.display_formatter.format(watched)[0]
+    print(VIEW in shown, shown["text/html"].count("<figure"), shown["text/plain"][:13])
+"""
+
+
+def test_sliders_where_they_can_be_and_a_strip_everywhere() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_KERNEL], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.splitlines() == [
+        "False 7 oracle in CC3",
+        "False 7 oracle in CC3",
+        "True 7 oracle in CC3",
+    ], done.stderr
+
+
+def test_the_slider_goes_over_all_moments_in_the_browser(monkeypatch: pytest.MonkeyPatch) -> None:
+    links: list[Any] = []
+    monkeypatch.setattr("ipywidgets.jslink", lambda *ends: links.append(ends))
+    monkeypatch.setattr("IPython.core.getipython.get_ipython", lambda: SimpleNamespace(kernel=None))
+    watched = ol.watch("oracle", "CC3")
+    assert watched_widgets(watched)
+    ((player, _), (slider, _)), ((_, moment), (stack, index)) = links
+    assert (moment, index) == ("value", "selected_index")
+    assert (slider.min, slider.max) == (player.min, player.max) == (0, len(watched.shots) - 1)
+    assert stack.selected_index == slider.value == 0
+    for shot, picture_there in zip(watched.shots, stack.children, strict=True):
+        text = read(picture_there.value).text
+        assert f"Attempt {shot.attempt} of at most 30" in text
+        assert f"Actions left: {shot.panel.actions_left}" in text
+
+
 def test_a_record_shows_its_first_and_last_attempts() -> None:
     record = played("CC3", "CE4")
     page = read(str(record_html(record)))
@@ -149,6 +267,7 @@ for shown in (session.play(learner), pa.table({"a": [1]}), schema, learner):
 """
 ELSEWHERE = """
 import sys
+import time
 import causal_openlock, causal_openlock.experiment.session, causal_openlock.experiment.store
 print({"IPython", "matplotlib", "pandas", "pyarrow", "torch"} & set(sys.modules))
 """

@@ -19,6 +19,8 @@ With ``physics=True`` a single room is simulated: an action is a whole movement 
 :class:`MixedRoomsEnv` has rooms of several kinds, one of them in each trial, as exported data sets
 of transfers need.
 
+:func:`~causal_openlock.envs.playable.room` gives a room to try out by hand.
+
 ``reset(seed=...)`` and ``reset(options={"new_trial": True})`` always begin a new trial. ``info``
 holds the console, which people see too, and under the key ``"latent"``, for analysis only, what
 learners must not see. On the console, the present attempt counts as left until the trial is over.

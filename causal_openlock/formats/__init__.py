@@ -2,6 +2,8 @@
 
 =============== ===================================================================================
 ``schema_file`` YAML in and out, with the line of every fault; schemas by name.
+``one_line``    A schema as one line: ``A -> B, C; B | C -> door``.
+``declared``    A schema from any of these, a graph or edges, in Python.
 ``graphs``      All formats (``FORMATS``): JSON, GML, DOT, DAGitty, BIF; networks of pgmpy.
 ``dot``         The text of DOT and DAGitty.
 =============== ===================================================================================

@@ -146,9 +146,13 @@ class _Reader:
         self.at += found
         return found
 
+    def need(self, mark: str, possible: str = "") -> None:
+        if not self.take_if(mark):
+            self.take("", possible or repr(mark))
+
     def end_of_statement(self, possible: str) -> None:
-        if self.tokens[self.at].kind != "end" and not self.take_if(";", "\n"):
-            self.take("", possible)
+        if self.tokens[self.at].kind != "end" and not self.take_if("\n"):
+            self.need(";", possible)
 
     # -- the grammar ------------------------------------------------------------------------------
 
@@ -163,8 +167,7 @@ class _Reader:
                     self.title = str(json.loads(token.text))
                 except ValueError as error:
                     raise self.fault(token.at, f"the title is no JSON string: {error}") from None
-            if not self.take_if(":"):
-                self.take("", "':' after name and title")
+            self.need(":", "':' after name and title")
         while self.tokens[self.at].kind != "end":
             if not self.take_if(";", "\n"):
                 self.statement()
@@ -173,7 +176,10 @@ class _Reader:
     def statement(self) -> None:
         if self.next_is("inert") and self.tokens[self.at + 1].kind == "name":
             self.at += 1
-            self.inert += [token.text for token in self.names("a lever")[0]]
+            names, _, strengths = self.names("a lever", ",")
+            if strengths:
+                raise self.fault(names[0].at, "after inert are levers alone, without strengths")
+            self.inert += [token.text for token in names]
             self.end_of_statement("',', ';' or a new line")
             return
         sides = [self.side()]
@@ -208,16 +214,14 @@ class _Reader:
             return _Side(names, gate, mark, strengths)
         if start.text in ("any", "all"):
             gate = Gate(start.text)
-        elif start.text.isdigit():
+        elif start.text.isdigit() and len(start.text) < 4:
             gate = Gate("at_least", int(start.text))
         else:
             raise self.fault(start.at, f"before 'of' is {start}; write any, all or a whole number")
         self.at += 2
-        if not self.take_if("("):
-            self.take("", "'('")
+        self.need("(")
         names, mark, strengths = self.names("a lever", ",")
-        if not self.take_if(")"):
-            self.take("", "',' or ')'")
+        self.need(")", "',' or ')'")
         return _Side(names, gate, "of", strengths)
 
     def names(
@@ -231,8 +235,7 @@ class _Reader:
                 self.levers.setdefault(token.text, token.at)
             if self.take_if("("):
                 strengths[token.text] = float(self.take("number", "a strength such as 0.8").text)
-                if not self.take_if(")"):
-                    self.take("", "')'")
+                self.need(")")
             here = self.tokens[self.at]
             if here.text not in (*marks,):
                 return names, mark, strengths

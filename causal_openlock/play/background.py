@@ -77,6 +77,11 @@ def play_room(
 
     Raises:
         OpenLockError: If there is no such schema, or the folder cannot be used.
+
+    Example:
+        >>> with play_room("CC3", browser=False) as opened:
+        ...     opened.url.startswith("http://127.0.0.1:")
+        True
     """
     found = declared(schema)
     condition, budgets = Condition(found.name, (Trials(found),)), find_protocol(protocol)

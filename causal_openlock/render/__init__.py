@@ -6,5 +6,6 @@
 ``scene``        What a picture consists of; ``raster`` makes pixels of it, ``panel`` the console.
 ``filmed_trial`` The trial that a film shows, played now or recorded.
 ``film``         A film of it, written by ``video``.
+``watch``        A trial moment by moment, with what the learner believes.
 ================ ==================================================================================
 """

@@ -6,7 +6,6 @@ pictures (:mod:`causal_openlock.notebook`), and :meth:`WatchedTrial.save` makes 
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -18,14 +17,11 @@ import numpy as np
 
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.trace import Snapshot, Trace, trace_trial
-from causal_openlock.contract.learner import Learner
-from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import ProtocolError
-from causal_openlock.experiment.file_format import LearnerFile
-from causal_openlock.experiment.protocol import Condition, Trials, find_protocol
-from causal_openlock.formats.declared import schema as declared
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.experiment.building import ConditionForm, LearnerForm, make_experiment
+from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.formats.declared import schema
 from causal_openlock.render.film import Shot, save_film, stills
 from causal_openlock.render.filmed_trial import FilmedTrial, play_trial
 from causal_openlock.world.room import Layout, position_coordinates
@@ -88,69 +84,60 @@ def in_words(shot: Shot) -> str:
 
 
 def watch(
-    learner: str | type | Learner | LearnerFile,
-    condition: Any,
+    learner: LearnerForm,
+    condition: ConditionForm,
     *,
     layout: str | Mapping[str, str] | Layout | None = None,
     trial: int = 1,
     attempts: int | None = 10,
-    protocol: str = "human",
+    protocol: str | Protocol = "human",
     subject: int = 0,
     seed: int = 0,
 ) -> WatchedTrial:
     """Let a learner play up to the end of a trial, and look at this trial moment by moment.
 
     Args:
-        learner: A learner by name or class, one that has not begun, or an entry of an experiment
-            with its parameters.
-        condition: ``CC4``, ``CC3-CC4``, a :class:`Condition`, or anything that
-            :func:`~causal_openlock.formats.declared.schema` takes.
+        learner: A learner by name or class, an instance, whose parameters count, or what
+            ``learner(NAME, parameter=value)`` returns.
+        condition: ``CC4``, ``CC3-CC4``, a schema, a :class:`Condition`, or a schema as a line of
+            text such as ``A -> B, C -> door``.
         layout: A layout for all trials of a condition of one schema, such as ``trial7``.
         trial: Number of the trial in the whole condition, from 1.
         attempts: How many attempts to show at most; the trial itself is played to its end.
         protocol: The budgets.
         subject: Number of the subject.
-        seed: Seed of the experiment: the same as in ``compare`` gives the same trial.
+        seed: Seed of the experiment; with that of a comparison it is the same trial as there.
 
     Raises:
         OpenLockError: If there is no such learner, schema, layout or trial.
 
     Example:
-        >>> shown = watch("oracle", "CC3", layout="trial1")
-        >>> print(shown)
+        >>> watch("oracle", "CC3", layout="trial1", attempts=1)
         oracle in CC3, trial 1 of 1 (CC3 in trial1), subject 0
         attempt 1, push UPPERRIGHT: the lever moves
-        ...
+        attempt 1, push LOWERLEFT: the door unlocks
+        attempt 1, push door: the door opens: a new solution
     """
-    who, label = _learner(learner)
-    place = (_condition(condition, layout), find_protocol(protocol))
-    about: Any = {"trial": trial, "subject": subject, "seed": seed, "label": label}
+    if attempts is not None and attempts < 1:
+        raise ProtocolError(f"attempts is how many attempts to show, at least 1, not {attempts}")
+    if isinstance(condition, str) and "->" in condition:
+        condition = schema(condition)
+    experiment = make_experiment([condition], [learner], seed=seed, protocol=protocol, subjects=1)
+    (spec,), (played,) = experiment.learners, experiment.conditions
+    if layout is not None:
+        played = _in_layout(played, layout)
+    where: Any = {"trial": trial, "subject": subject, "seed": seed, "reward": spec.reward}
     # Played twice, the same way: a trace is of beliefs alone, and only some learners have them.
-    again = copy.deepcopy(who) if isinstance(who, BeliefLearner) else None
-    played = play_trial(who, *place, **about)
-    return WatchedTrial(played, trace_trial(again, *place, **about) if again else None, attempts)
+    one, other = (create(spec.learner, spec.parameters) for _ in range(2))
+    film = play_trial(one, played, spec.protocol, label=spec.name, **where)
+    trace = None
+    if isinstance(other, BeliefLearner):
+        trace = trace_trial(other, played, spec.protocol, label=spec.name, **where)
+    return WatchedTrial(film, trace, attempts)
 
 
-def _learner(learner: str | type | Learner | LearnerFile) -> tuple[Learner, str]:
-    """A learner, and its label."""
-    if isinstance(learner, str):
-        return create(learner), learner
-    if isinstance(learner, LearnerFile):
-        return create(learner.learner, learner.parameters), learner.name or learner.learner
-    if isinstance(learner, type) and issubclass(learner, OneSubjectLearner):
-        return PerSubjectAdapter(learner, learner.Parameters()), learner.__name__
-    made: Any = learner() if isinstance(learner, type) else learner
-    return made, type(made).__name__
-
-
-def _condition(condition: Any, layout: Any) -> Condition:
-    if isinstance(condition, str) and "->" not in condition:
-        condition = Condition.named(condition, find_schema)
-    elif not isinstance(condition, Condition):
-        found = declared(condition)
-        condition = Condition(found.name, (Trials(found),))
-    if layout is None:
-        return condition
+def _in_layout(condition: Condition, layout: str | Mapping[str, str] | Layout) -> Condition:
+    """A condition of one schema in one layout."""
     if len(condition.train) > 1 or condition.test:
         raise ProtocolError(
             f"{condition.name} has rooms of several kinds, and the layout {layout} is for one; "

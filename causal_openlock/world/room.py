@@ -93,8 +93,8 @@ def action_index(action: str | int, positions: int) -> int:
         for name in (asked, f"push_{asked}"):
             if name in known:
                 return known[name]
-        shown = nearest(action, [name.replace("_", " ") for name in names])
-        raise LayoutError(f"there is no action {action!r}; {shown}")
+        written = names if "_" in action else [name.replace("_", " ") for name in names]
+        raise LayoutError(f"there is no action {action!r}; {nearest(action, written)}")
     if not isinstance(action, int | np.integer) or not 0 <= action < len(names):
         raise LayoutError(f"there is no action {action!r}; actions are 0 to {len(names) - 1}")
     return int(action)

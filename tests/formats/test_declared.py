@@ -5,16 +5,19 @@ That any schema survives as a line of text is tested with the other formats.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import networkx as nx
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import causal_openlock as ol
 from causal_openlock.errors import OpenLockError, SchemaError
 from causal_openlock.formats.declared import schema
+from causal_openlock.formats.one_line import parse_line
 from causal_openlock.formats.schema_file import bundled_schemas, parse_schema
 from causal_openlock.world.schema import DOOR, Gate, Schema
 from support.strategies import schemas
@@ -60,6 +63,8 @@ FAULTS = {
     "5 of (A, B) -> door": (7, "can never hold"),
     "A -> door; B": (1, "'A' is unknown here; known: B"),
     "A -> door; inert B, C, B": (None, "lever B is listed twice"),
+    "A -> door; inert B (0.5)": (18, "without strengths"),
+    "A -> door; inert B | C": (20, "'|' cannot come here"),
     "A (x) -> door": (4, "possible: a strength such as 0.8"),
     "A -> door -> B": (14, "the door is an effect"),
     'x "\\q": A -> door': (3, "the title is no JSON string"),
@@ -96,6 +101,24 @@ def test_a_fault_is_one_sentence_with_its_column(text: str) -> None:
 def test_of_several_lines_the_line_is_named_too() -> None:
     with pytest.raises(SchemaError, match=r"^line 2, column 6 of this schema: a new line cannot"):
         schema("A -> door\nB -> \nC -> door")
+
+
+PIECES = ["A", "B", "door", "->", ",", "|", "&", ";", "\n", "(", ")", "2", ".5", "9" * 5000, "of",
+          "all", "inert", ":", '"x"', "#", "-", "1e999", "ü"]  # fmt: skip
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.lists(st.sampled_from(PIECES), max_size=14))
+def test_any_text_is_a_schema_or_has_a_fault_with_a_place(pieces: list[str]) -> None:
+    found, said = None, ""
+    try:
+        found = parse_line(" ".join(pieces))
+    except SchemaError as error:
+        said = str(error)
+    if found is None:
+        assert re.match(r"(line \d+, )?column \d+ of this schema: [^\n]+$", said), said
+    else:
+        assert parse_line(found.to_text()) == found
 
 
 @settings(max_examples=60, deadline=None)

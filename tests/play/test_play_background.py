@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import json
+import os
 import subprocess
 import sys
 import urllib.error
-import urllib.request
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import causal_openlock as ol
 from causal_openlock.experiment.store import Store
 from causal_openlock.play.background import OpenedRoom
-
-
-def asked(opened: OpenedRoom, path: str, **sent: Any) -> Any:
-    """What the server answers."""
-    who = sent.pop("id", None)
-    body = json.dumps(sent).encode() if sent or path == "join" else None
-    headers = {"Authorization": f"Bearer {who}"} if who else {}
-    request = urllib.request.Request(opened.url + path, body, headers)
-    with urllib.request.urlopen(request, timeout=20) as answer:
-        return json.load(answer)
+from support.play_clients import asked, play_one_lever
 
 
 def test_a_schema_is_played_while_a_loop_runs_and_until_it_is_closed(tmp_path: Path) -> None:
@@ -35,18 +24,12 @@ def test_a_schema_is_played_while_a_loop_runs_and_until_it_is_closed(tmp_path: P
 
     opened = asyncio.run(in_a_notebook())
     assert repr(opened) == f"<OpenedRoom at {opened.url}>"
-    me = asked(opened, "join")["id"]
-    room = asked(opened, "state", id=me)
-    assert (room["stage"], room["room"]["solutions_left"]) == ("room", 1)
-    grey = room["room"]["observation"].index(1, 7) - 7
-    for turn, action in enumerate((grey, 14)):
-        after = asked(opened, "act", id=me, turn=turn, action=action, reaction=None)
-    assert after["new_solution"]
+    play_one_lever(opened.url)
     opened.close()
     opened.close()
     assert repr(opened) == "<OpenedRoom, closed>"
     with pytest.raises(urllib.error.URLError):
-        asked(opened, "brief")
+        asked(opened.url, "brief")
     assert Store(tmp_path / "mine").record()[0].num_rows == 1
 
 
@@ -55,20 +38,33 @@ def test_a_temporary_folder_is_gone_afterwards(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("webbrowser.open", pages.append)
     with ol.play_room("CC3") as opened:
         assert opened.folder.is_dir()
-        assert asked(opened, "brief")["positions"] == 7
+        assert asked(opened.url, "brief")["positions"] == 7
     assert not opened.folder.exists()
     assert pages == [opened.url]
 
 
 AT_THE_END = """
+import sys
 import causal_openlock as ol
-print(ol.schema("CC3").play(browser=False).folder)
+from support.play_clients import play_one_lever
+one, other = "A -> door", ol.schema("CC3")
+play_one_lever(ol.play_room(one, browser=False, out=sys.argv[1]).url)
+print(other.play(browser=False).folder)
 """
 
 
-def test_it_is_closed_when_python_ends() -> None:
+def test_it_is_closed_when_python_ends(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", AT_THE_END, str(tmp_path / "mine")]
+    tests = str(Path(__file__).parents[1])
+    paths = os.pathsep.join(filter(None, [tests, os.environ.get("PYTHONPATH")]))
     done = subprocess.run(
-        [sys.executable, "-c", AT_THE_END], capture_output=True, text=True, timeout=60, check=True
+        command,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        env={**os.environ, "PYTHONPATH": paths},
     )
     assert done.stderr == ""
     assert not Path(done.stdout.strip()).exists()
+    assert Store(tmp_path / "mine").record()[0].num_rows == 1
