@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import inspect
 import sys
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from docutils import nodes
 from sphinx.application import Sphinx
@@ -22,19 +23,33 @@ copyright = "2026, the causal_openlock authors"
 version = release = __version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "from_the_program",  # in _extensions: help texts, file formats, parameters
     "links_into_the_code",  # in _extensions: relative links of the Markdown pages
 ]
 exclude_patterns = ["_build", "_extensions", "example_play", "example_report", "figures"]
+exclude_patterns += ["lessons/template.ipynb"]  # nothing to read in it yet
 # Two modules may each have a class of one name, such as Table.
 suppress_warnings = ["ref.python"]
 
 # -- Markdown ---------------------------------------------------------------------------------
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
+
+# -- the lessons ------------------------------------------------------------------------------
+# The folder lessons is a link to notebooks, which are kept without outputs and run here. What a
+# lesson put out is kept until its text changes; after a change of the program, `make clean` first.
+nb_execution_mode = "cache"
+nb_execution_in_temp = True  # what lessons write is not kept
+nb_execution_timeout = 240  # seconds for a cell
+nb_execution_raise_on_error = nb_execution_show_tb = True
+nb_merge_streams = True
+# Nothing is loaded from elsewhere; a widget, which is dead without its kernel, shows as what it
+# shows where there are no widgets.
+nb_ipywidgets_js: dict[str, dict[str, str]] = {}
+nb_mime_priority_overrides = [("html", "application/vnd.jupyter.widget-view+json", None)]
 
 # -- the reference ----------------------------------------------------------------------------
 autodoc_default_options = {"members": True, "member-order": "bysource", "show-inheritance": True}
@@ -81,7 +96,13 @@ class FasterPythonDomain(PythonDomain):
 
 
 def setup(app: Sphinx) -> None:
-    """Leave out that a class without a base has one, and pass over what a module imports."""
+    """Connect what is above and below with the steps of Sphinx."""
+
+    def keep_outputs(app: Sphinx) -> None:
+        # With the other things that are kept for the next build, and not beside the site.
+        kept = app.doctreedir / "lessons"
+        folders = {"output_folder": f"{kept}/outputs", "execution_cache_path": f"{kept}/cache"}
+        app.env.mystnb_config = app.env.mystnb_config.copy(**folders)
 
     def drop(app: Sphinx, doctree: nodes.document) -> None:
         for paragraph in list(doctree.findall(nodes.paragraph)):
@@ -98,6 +119,14 @@ def setup(app: Sphinx) -> None:
         known = inspect.isroutine(member) or inspect.isclass(member)
         return True if known and member.__module__ not in (None, module) else None
 
+    def plain_types(app: Sphinx, function: Any, bound: bool) -> None:
+        # Of Annotated[Path, typer.Option(...)] the reference shows the type; help texts the rest.
+        if inspect.isfunction(function) and function.__module__.startswith("causal_openlock.cli"):
+            with suppress(NameError):  # no command, since types of commands are there at run time
+                function.__annotations__ = get_type_hints(function)
+
+    app.connect("builder-inited", keep_outputs, priority=900)  # after myst-nb itself
     app.connect("doctree-read", drop)
+    app.connect("autodoc-before-process-signature", plain_types)
     app.connect("autodoc-skip-member", imported)
     app.add_domain(FasterPythonDomain, override=True)
