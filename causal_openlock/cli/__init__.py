@@ -13,7 +13,17 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli import compare, export, fit, learners, pictures, play, report, schema
+from causal_openlock.cli import (
+    compare,
+    export,
+    fit,
+    learners,
+    notebook,
+    pictures,
+    play,
+    report,
+    schema,
+)
 from causal_openlock.cli.terminal import complain, say, write_anything
 from causal_openlock.errors import OpenLockError
 from causal_openlock.version import __version__
@@ -38,6 +48,7 @@ for _command in (
     pictures.film,
     pictures.room,
     play.play,
+    notebook.notebook,
 ):
     app.command()(_command)
 

@@ -216,7 +216,7 @@ def write_schema(schema: Schema, path: Path | str) -> None:
 
 
 def bundled(kind: str) -> Path:
-    """A folder of files that come with the package: ``schemas`` or ``experiments``.
+    """A folder of files that come with the package: ``schemas``, ``experiments`` or ``notebooks``.
 
     In a checkout it is beside the package, in an installed wheel inside it.
     """

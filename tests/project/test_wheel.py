@@ -19,6 +19,7 @@ assert causal_openlock.__file__.startswith(home), causal_openlock.__file__
 assert learners.__file__.startswith(home), learners.__file__
 assert str(bundled("schemas")).startswith(home)
 assert {"CC3", "CE3", "CC4", "CE4"} < set(bundled_schemas())
+assert (bundled("notebooks") / "template.ipynb").is_file()
 """
 
 

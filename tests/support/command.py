@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from causal_openlock.cli import main
-from causal_openlock.contract.registry import learner_class
+from causal_openlock.contract.registry import _learner_class
 from causal_openlock.experiment import runner
 from causal_openlock.experiment.workers import Given
 
@@ -50,7 +50,7 @@ def play_here(patches: pytest.MonkeyPatch) -> None:
 def modules_of(folder: Path) -> Iterator[None]:
     """Forget the modules that were imported from a folder when its test is over."""
     before = {*sys.modules}
-    learner_class.cache_clear()  # another test may have a learner of the same name
+    _learner_class.cache_clear()  # another test may have a learner of the same name
     try:
         yield
     finally:
@@ -58,7 +58,7 @@ def modules_of(folder: Path) -> Iterator[None]:
             where = getattr(sys.modules[name], "__file__", None)
             if where and Path(where).is_relative_to(folder):
                 del sys.modules[name]
-        learner_class.cache_clear()
+        _learner_class.cache_clear()
 
 
 @dataclass(frozen=True)

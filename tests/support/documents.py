@@ -19,12 +19,14 @@ from __future__ import annotations
 
 import contextlib
 import io
+import linecache
 import re
 import shlex
 import subprocess
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -164,7 +166,9 @@ class Reader:
 
     def __init__(self, folder: Path, patches: pytest.MonkeyPatch, *, reports: bool = False) -> None:
         self.folder = folder
-        self.names: dict[str, Any] = {"__name__": "__page__"}
+        page = ModuleType("__main__")  # as a notebook's: learners may be defined on a page
+        patches.setitem(sys.modules, "__main__", page)
+        self.names: dict[str, Any] = vars(page)
         self.printed = ""
         self.done: list[str] = []
         patches.chdir(folder)
@@ -199,9 +203,11 @@ class Reader:
             for command in typed(block.text):
                 self._type(command, more, refused=what == "refused")
         elif block.language == "python":
-            output = io.StringIO()
+            output, place = io.StringIO(), f"<page, {len(self.done)}>"
+            self.done.append(place)
+            linecache.cache[place] = (len(block.text), None, block.text.splitlines(True), place)
             with contextlib.redirect_stdout(output):
-                exec(compile(block.text, "<page>", "exec"), self.names)
+                exec(compile(block.text, place, "exec"), self.names)
             self.printed = output.getvalue()
         else:
             # What has no language is to be looked at; {toctree} and the like are the site's.

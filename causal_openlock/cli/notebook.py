@@ -1,0 +1,38 @@
+"""``causal-openlock notebook``: begin a notebook from the template, or from one of the lessons."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from causal_openlock.cli.terminal import say
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.atomic import write_text
+
+SUFFIX = ".ipynb"
+
+
+def notebook(
+    name: Annotated[str, typer.Argument(help="Its name; .ipynb is added.")],
+    lesson: Annotated[
+        int | None, typer.Option(help="Begin with this lesson, and not with the template.")
+    ] = None,
+) -> None:
+    """Begin a notebook: a comparison to fill in, or a copy of a lesson to change."""
+    from causal_openlock.formats.schema_file import bundled
+
+    path = Path(name if name.endswith(SUFFIX) else f"{name}{SUFFIX}")
+    if path.exists():
+        raise OpenLockError(f"{path} exists already; choose another name, or remove it first")
+    lessons = sorted(bundled("notebooks").glob(f"[0-9]*{SUFFIX}"))
+    if lesson is None:
+        source = bundled("notebooks") / f"template{SUFFIX}"
+    elif 1 <= lesson <= len(lessons):
+        source = lessons[lesson - 1]
+    else:
+        raise OpenLockError(f"there is no lesson {lesson}; there are lessons 1 to {len(lessons)}")
+    write_text(path, source.read_text(encoding="utf-8"))
+    say(f"{path} written; open it in an editor, or with: jupyter lab {shlex.quote(str(path))}")
