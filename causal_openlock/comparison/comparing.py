@@ -12,8 +12,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -68,9 +67,8 @@ def compare(
         seed: All randomness comes from it; by default 0, or as the file says.
         out: Folder for the results; one that holds a part of this comparison is completed. By
             default they are kept until Python ends, or :meth:`Results.save` keeps them.
-        workers: Number of processes; by default one for each core. With 0 everything is played in
-            this process, one cell after another, which saves small comparisons the seconds that a
-            process takes to start.
+        workers: Number of processes; by default one for each core. With 0 this process plays, one
+            cell after another: small comparisons need not wait for another one to start.
         checkpoint_every: Seconds between checkpoints inside a cell.
         time_limit: Seconds after which a cell is ended and counted as failed; by default never.
         tensorboard: Folder for TensorBoard's logs.
@@ -93,15 +91,12 @@ def compare(
     folder = _temporary_folder(experiment) if out is None else Path(out)
     done: list[Cell] = []
     try:
-        with ExitStack() as stack:
-            show = stack.enter_context(shown_here(experiment.name))
-            here = stack.enter_context(ThreadPoolExecutor(1)) if workers == 0 else None
+        with shown_here(experiment.name) as show:
             play(
                 experiment,
                 folder,
                 warn=_warn,
-                workers=workers or None,
-                executor=here,
+                workers=workers,
                 done=lambda cell, _: done.append(cell),
                 progress=show,
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),

@@ -17,10 +17,13 @@ from collections.abc import Iterable, Iterator
 from symtable import SymbolTable, symtable
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
+from uuid import uuid4
 
 from causal_openlock.errors import LearnerError
 
 SESSION = "__main__"
+_OWN = uuid4().hex
+"""Of this process, which has the classes that it packs."""
 
 
 def is_of_session(name: str) -> bool:
@@ -39,16 +42,18 @@ def packed(names: Iterable[str]) -> bytes:
     found: dict[str, Any] = {}
     for name in filter(is_of_session, names):
         _collect(name.partition(":")[2].partition(".")[0], found)
-    content: bytes = cloudpickle.dumps(found) if found else b""
+    content: bytes = cloudpickle.dumps((_OWN, found)) if found else b""
     return content
 
 
 def unpack(content: bytes) -> None:
-    """Define what was packed in this process's ``__main__``."""
+    """Define what was packed in this process's ``__main__``, unless it was packed here."""
     import cloudpickle
 
     if content:
-        vars(sys.modules[SESSION]).update(cloudpickle.loads(content))
+        where, found = cloudpickle.loads(content)
+        if where != _OWN:
+            vars(sys.modules[SESSION]).update(found)
 
 
 def session_source(name: str) -> str:

@@ -48,7 +48,8 @@ def run(
         experiment: The experiment.
         folder: The results folder; if it holds some of the results, the others are added.
         executor: Plays the cells; by default processes of this machine.
-        workers: The number of these processes; by default one for each core.
+        workers: The number of these processes; by default one for each core. With 0 this process
+            plays, one cell after another: small comparisons need not wait for another to start.
         done: Called with each finished cell, and whether it was finished before.
         failed: Called with each cell that failed, and a sentence with the reason.
         warn: Called with a sentence for each damaged file, whose cell is run again, and for each
@@ -57,7 +58,7 @@ def run(
         watching: How often checkpoints are taken inside a cell, and what is logged.
         time_limit: Seconds after which a cell is ended, counted from its start or continuation; by
             default there is no limit. The cell then counts as failed, and keeps its checkpoint.
-            It is ignored with an ``executor``, which cannot end a running cell.
+            It is ignored with an ``executor`` or without workers: nobody could end a cell.
 
     Raises:
         CellsFailed: If cells failed, after all others were played; the folder's ``errors`` has the
@@ -87,8 +88,8 @@ def run(
         require_tensorboard()
         # A worker may be in another directory.
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
-    if time_limit is not None and executor is not None:
-        warn("the time limit is ignored: a given executor cannot end a running cell")
+    if time_limit is not None and (executor is not None or workers == 0):
+        warn("the time limit is ignored: only processes of its own can be ended in a cell")
     definitions = packed(spec.learner for spec in experiment.learners)
     store = Store(folder)
     store.open(experiment)
@@ -106,8 +107,9 @@ def run(
                 missing[cell.file_name] = cell
                 if fault != "missing":
                     warn(f"{fault}; its cell is run again")
-        many = min(workers or available_cores(), max(1, len(missing)))
-        course = ProgressEstimator(experiment.cells(), many)
+        cores = available_cores() if workers is None else workers
+        many = min(cores, len(missing))
+        course = ProgressEstimator(experiment.cells(), max(1, many))
         for cell in experiment.cells():
             if cell.file_name not in missing:
                 course.ended(cell, 0.0)

@@ -172,14 +172,42 @@ class Given:
         return ""
 
 
+class Here(Given):
+    """This process plays, one job after the other; it cannot report on a job while it runs."""
+
+    def __init__(self) -> None:
+        self._free = True
+
+    def free(self) -> bool:
+        """Whether the last job was taken note of."""
+        return self._free
+
+    def submit(
+        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
+    ) -> Future[Result]:
+        """Do a job; ``alone`` is ignored."""
+        self._free = False
+        future: Future[Result] = Future()
+        try:
+            future.set_result(job(*arguments))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def done(self, future: Future[Any]) -> str:
+        """Take the next job."""
+        self._free = True
+        return ""
+
+
 Crew = Processes | Given
 
 
 @contextmanager
 def crew(executor: Executor | None, workers: int) -> Iterator[Crew]:
-    """The given executor, or processes of this machine with one thread each."""
-    if executor is not None:
-        yield Given(executor)
+    """The given executor, or so many processes with one thread each; without any, this one."""
+    if executor is not None or not workers:
+        yield Given(executor) if executor else Here()
         return
     with _one_thread():
         processes = Processes(workers)

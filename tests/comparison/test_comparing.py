@@ -13,7 +13,7 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.comparison import comparing
 from causal_openlock.errors import ExperimentError, Interrupted, LearnerError, OpenLockError
-from causal_openlock.experiment import runner
+from causal_openlock.experiment.workers import Here
 from support.processes import start_prepared
 
 VAULT = ol.Schema(
@@ -48,15 +48,15 @@ def prepared_workers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def played(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The cells that are played, in words."""
+    """The cells that this process plays, in words."""
     cells: list[str] = []
-    submit = runner.Crew.__args__[0].submit  # type: ignore[attr-defined]
+    submit = Here.submit
 
-    def noted(self: Any, job: Any, cell: Any, *rest: Any, **options: Any) -> Future[Any]:
+    def noted(self: Here, job: Any, cell: Any, *rest: Any, **options: Any) -> Future[Any]:
         cells.append(cell.in_words)
         return submit(self, job, cell, *rest, **options)
 
-    monkeypatch.setattr(runner.Crew.__args__[0], "submit", noted)  # type: ignore[attr-defined]
+    monkeypatch.setattr(Here, "submit", noted)
     return cells
 
 
@@ -142,8 +142,8 @@ def test_settings_are_checked(name: str, value: object) -> None:
 
 
 def test_what_was_played_is_not_played_again(played: list[str]) -> None:
-    one = ol.compare(["CC3"], ["oracle"], subjects=2, seed=71, workers=1)
-    two = ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=71, workers=1)
+    one = ol.compare(["CC3"], ["oracle"], subjects=2, seed=71, workers=0)
+    two = ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=71, workers=0)
     assert played == ["oracle in CC3, subjects 0-1", "random in CC3, subjects 0-1"]
     assert (labels(one), labels(two)) == (["oracle"], ["oracle", "random"])
     assert one.folders != two.folders
@@ -155,13 +155,13 @@ def test_what_was_played_is_not_played_again(played: list[str]) -> None:
 def test_a_file_a_folder_and_changes(tmp_path: Path, played: list[str]) -> None:
     path, out = tmp_path / "e.yaml", tmp_path / "out"
     path.write_text("name: e\nconditions: [CC3]\nsubjects: 2\nlearners: [oracle, random]\n")
-    ol.compare(path, out=out, workers=1)
+    ol.compare(path, out=out, workers=0)
     assert played == ["oracle in CC3, subjects 0-1", "random in CC3, subjects 0-1"]
     played.clear()
-    again = ol.compare(ol.read_experiment(path), out=out, workers=1)
+    again = ol.compare(ol.read_experiment(path), out=out, workers=0)
     assert played == []
     assert labels(again) == ["oracle", "random"]
-    assert labels(ol.compare(path, ["random"], workers=1)) == ["random"]
+    assert labels(ol.compare(path, ["random"], workers=0)) == ["random"]
     with pytest.raises(ExperimentError, match="make_experiment"):
         ol.compare(ol.read_experiment(path), ["random"])
     with pytest.raises(ExperimentError, match="reward"):
@@ -189,21 +189,47 @@ def test_stopping_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch, played: li
     with monkeypatch.context() as patch:
         patch.setattr(comparing, "run", stopped)
         with pytest.raises(Interrupted, match="1 of 2 cells are done and kept") as caught:
-            ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=72, workers=1)
+            ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=72, workers=0)
     assert caught.value._render_traceback_() == [str(caught.value)]
     played.clear()
-    ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=72, workers=1)
+    ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=72, workers=0)
     assert played == ["random in CC3, subjects 0-1"]
+
+
+class Stopped(ol.OneSubjectLearner):
+    """Somebody presses the stop button while it thinks, the first time."""
+
+    stops = 1
+
+    def act(self, observation: Any) -> int:
+        if Stopped.stops:
+            Stopped.stops -= 1
+            raise KeyboardInterrupt
+        return 0
+
+
+def test_a_cell_can_be_stopped_in_this_process(played: list[str]) -> None:
+    # The check of new learners comes before the cell.
+    with pytest.raises(Interrupted, match="0 of 1 cells"):
+        ol.compare(["CC3"], [Stopped], subjects=1, seed=73, workers=0)
+    assert len(ol.compare(["CC3"], [Stopped], subjects=1, seed=73, workers=0).trials) == 5
+
+
+def test_processes_play_by_default() -> None:
+    Recorded.processes.clear()
+    results = ol.compare(["CC3"], [Recorded], subjects=1, workers=1)
+    assert results.learners == ("Recorded",)
+    assert not Recorded.processes
 
 
 def test_cells_that_fail_are_warned_of_and_named(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="failed: ZeroDivisionError") as warned:
-        results = ol.compare(["CC3"], [Failing, "oracle"], subjects=2, workers=1)
+        results = ol.compare(["CC3"], [Failing, "oracle"], subjects=2, workers=0)
     assert {Path(one.filename).name for one in warned} == {Path(__file__).name}
     assert results.cautions[0].startswith("1 cell of 2 missing: the learner Failing in CC3")
     every = pytest.raises(LearnerError, match="every cell failed")
     with every, pytest.warns(UserWarning, match="failed"):
-        ol.compare(["CC3"], [Failing], subjects=2, workers=1)
+        ol.compare(["CC3"], [Failing], subjects=2, workers=0)
 
 
 class Failing(ol.OneSubjectLearner):

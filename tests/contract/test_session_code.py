@@ -13,6 +13,7 @@ from types import ModuleType
 import pytest
 
 import causal_openlock as ol
+from causal_openlock.contract import session_code
 from causal_openlock.contract.registry import learner_class, name_of, origin
 from causal_openlock.contract.session_code import packed, session_source, unpack
 from causal_openlock.errors import LearnerError, StoreError
@@ -101,6 +102,9 @@ def test_a_worker_defines_what_was_packed(run: Run, monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(sys.modules, "__main__", worker)
     with pytest.raises(LearnerError, match="cannot be imported"):
         ol.create(NAME)
+    unpack(content)
+    assert "Mine" not in vars(worker)  # nothing is done where it was packed
+    monkeypatch.setattr(session_code, "_OWN", "another process")
     unpack(content)
     assert {"Mine", "Node", "pick"} <= vars(worker).keys()
     assert "results" not in vars(worker)
