@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
 from causal_openlock.errors import OpenLockError
-from causal_openlock.world.batch import RoomBatch
+from causal_openlock.world.batch import RoomBatch, Spare
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout
 from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
@@ -99,6 +99,8 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             settings.attempt_limit,
             put_back=settings.whole_trial,
         )
+        self._whole_trial = settings.whole_trial
+        self._shape = (num_envs,)
         self._solutions = len(settings.schema.solutions)
         # Returned in info, so replaced instead of changed.
         self._left = np.zeros(num_envs, dtype=np.int16)
@@ -110,6 +112,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self._codes, self._rooms = _NONE, _NONE
         self._kept_choices = KEPT_CHOICES
         self._started = False
+        self._observations = Spare((num_envs, 2 * settings.positions + 2), np.dtype(np.int8))
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -126,11 +129,17 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         mask = (options or {}).get("reset_mask")
         if mask is None or not self._started:
             mask = np.ones(self.num_envs, dtype=bool)
+            # Here, since numba takes a while to load.
+            from causal_openlock.world.kernel import all_below
+
+            self._all_below = all_below
             self._started = True
         begun = np.flatnonzero(mask)
         self._begin_trials(begun)
         self._due = np.setdiff1d(self._due, begun)
-        return self._seen(), self._info(self._tables.status.take(self._batch.row) & ACTIONS_LEFT)
+        tables, row = self._tables, self._batch.row
+        actions_left = tables.status.take(row) & ACTIONS_LEFT
+        return tables.observation.take(row, axis=0), self._info(actions_left, self._attempts_left)
 
     def _begin_trials(self, rooms: NDArray[np.int64]) -> None:
         # If all rooms begin at once, a slice is faster than indices.
@@ -208,67 +217,62 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             actions[due] = self._tables.wait
             self._due = _NONE
         # Where an attempt is over, the step resets the room: that is the reset of NEXT_STEP.
-        taken = batch.step(actions, luck)
-        whole_trial = self._settings.whole_trial
-        terminated = taken.trial_over if whole_trial else taken.attempt_over
-        truncated = np.zeros(self.num_envs, dtype=bool)
+        seen = self._observations.array()
+        taken = batch.step(actions, luck, seen)
+        terminated = taken.trial_over if self._whole_trial else taken.attempt_over
+        truncated = np.zeros(self.num_envs, np.bool_)
+        # Until the reset, an attempt that has just ended counts as left.
+        shown = self._attempts_left
         if taken.any_new_solution:
             self._left = _read_only(self._left - taken.new_solution)
             self._found_count = _read_only(self._found_count + taken.new_solution)
-        shown = attempts_left = self._attempts_left
         if taken.any_attempt_over:
-            attempts_left = _read_only(attempts_left - taken.attempt_over)
+            self._attempts_left = _read_only(shown - taken.attempt_over)
         if taken.any_trial_over:
             self._due = np.flatnonzero(taken.trial_over)
-            shown, attempts_left = (
-                _read_only(np.where(taken.trial_over, 0, left)) for left in (shown, attempts_left)
-            )
-        if whole_trial:
-            shown = attempts_left
-            if taken.any_trial_over:
+            goes_on = ~taken.trial_over
+            shown = _read_only(shown * goes_on)
+            self._attempts_left = _read_only(self._attempts_left * goes_on)
+            if self._whole_trial:
                 truncated = terminated & (self._left > 0)
                 terminated = terminated & ~truncated
-        # Until the reset, an attempt that has just ended counts as left.
-        self._attempts_left = shown
-        info = self._info(taken.actions_left)
-        self._attempts_left = attempts_left
-        return self._seen(), taken.reward, terminated, truncated, info
+        if self._whole_trial:
+            shown = self._attempts_left
+        return seen, taken.reward, terminated, truncated, self._info(taken.actions_left, shown)
 
     def _checked(self, actions: Any) -> NDArray[np.int64]:
         actions = np.asarray(actions)
-        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
+        if actions.shape != self._shape or actions.dtype.kind not in "iu":
             raise InvalidAction(
                 f"step takes {self.num_envs} integers, one for each room, not "
                 f"{actions.dtype} of shape {actions.shape}"
             )
-        if actions.dtype != np.int64 or not actions.flags.carray:
+        if actions.dtype is not _INT64 or not actions.flags.carray:
             actions = actions.astype(np.int64)  # always a plain array, for the compiled step
-        # As unsigned numbers, negative ones are very large: one comparison finds both.
-        if np.maximum.reduce(actions.view(np.uint64)) >= self._tables.actions:
+        if not self._all_below(actions, self._tables.actions):
             raise InvalidAction(
                 f"an action is outside the space; actions are 0 to {self._tables.actions - 1}"
             )
         return actions
 
-    def _seen(self) -> NDArray[np.int8]:
-        return self._tables.observation.take(self._batch.row, axis=0)
-
-    def _info(self, actions_left: NDArray[np.uint8]) -> dict[str, Any]:
-        row = self._batch.row.view()
+    def _info(
+        self, actions_left: NDArray[np.uint8], attempts_left: NDArray[np.int32]
+    ) -> dict[str, Any]:
         return {
             "console": {
                 "solutions_left": self._left,
                 "solutions_found": self._found_count,
-                "attempts_left": self._attempts_left,
+                "attempts_left": attempts_left,
                 "actions_left": actions_left,
             },
-            "latent": {"tables": self._tables, "row": _read_only(row)},
+            "latent": {"tables": self._tables, "row": _read_only(self._batch.row.view())},
         }
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    array.flags.writeable = False
+    array.setflags(write=False)
     return array
 
 
+_INT64 = np.dtype(np.int64)
 _NONE = np.zeros(0, dtype=np.int64)

@@ -7,6 +7,8 @@ left; then the caller begins another one (:meth:`RoomBatch.begin_trials`).
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -26,8 +28,57 @@ from causal_openlock.world.tables import RoomTables
 
 _NO_LUCK: FloatArray = np.zeros(0)
 _NO_ROWS: IntArray = np.zeros(0, np.int64)
+_UNSEEN: NDArray[np.uint64] = np.zeros((0, 2), np.uint64)
 KEPT_REWARDS = 1 << 20
 """The most rewards that depend on the past to keep in memory: 8 MB."""
+
+KEPT_ARRAYS = 3
+"""How many spare arrays to keep: a step reads one and writes two."""
+LARGE = 1 << 15
+"""Arrays of so many bytes are used again: fresh memory for them can cost more than a step."""
+
+
+class Spare:
+    """Arrays of one shape for results, each used again when nobody refers to it any more.
+
+    The operating system hands out large pieces of memory page by page, as they are first written
+    to. So a new array of a few hundred kilobytes for each step takes longer than the step.
+
+    Args:
+        shape: Their shape.
+        dtype: Their type.
+
+    Example:
+        >>> spare = Spare((1 << 20,), np.dtype(float))
+        >>> first = spare.array()
+        >>> second = spare.array()
+        >>> np.shares_memory(first, second)
+        False
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        self._shape, self._dtype = shape, dtype
+        self._large = math.prod(shape) * dtype.itemsize >= LARGE
+        self._kept: list[NDArray[Any]] = []
+
+    def array(self) -> NDArray[Any]:
+        """An array of this shape, with whatever is in it."""
+        if not self._large:
+            return np.empty(self._shape, self._dtype)
+        # What is handed out are views, each of which refers to the array kept here.
+        for index in range(len(self._kept)):
+            if _references(self._kept, index) == _UNUSED:
+                return self._kept[index].view()
+        new = np.empty(self._shape, self._dtype)
+        self._kept = [new, *self._kept[: KEPT_ARRAYS - 1]]
+        return new.view()
+
+
+def _references(arrays: list[NDArray[Any]], index: int) -> int:
+    return sys.getrefcount(arrays[index])
+
+
+_UNUSED = _references([np.zeros(0)], 0)
 
 
 class BatchStep(NamedTuple):
@@ -113,6 +164,8 @@ class RoomBatch:
         self._counts = np.zeros((5, size), dtype=np.int64)
         self.attempt, self.found_count, self.solutions, self.previous, self.reward = self._counts
         self._judged = np.zeros((3, size), dtype=np.int64)
+        self._spare_rows = Spare((size,), np.dtype(np.int64))
+        self._spare_rewards = Spare((size,), np.dtype(np.float64))
 
     def use(self, tables: RoomTables) -> None:
         """Replace the tables of the rooms."""
@@ -143,81 +196,101 @@ class RoomBatch:
         if (most := int(self.tables.solutions.max(initial=0))) > known:
             self.found = np.hstack([self.found, np.zeros((size, most - known), dtype=bool)])
 
-    def step(self, action: IntArray, luck: FloatArray | None = None) -> BatchStep:
+    def step(
+        self,
+        action: IntArray,
+        luck: FloatArray | None = None,
+        seen: NDArray[np.int8] | None = None,
+    ) -> BatchStep:
         """Take one action in each room.
 
         Args:
             action: ``[B]`` actions; ``tables.wait`` leaves a room as it is.
             luck: ``[B]`` numbers in [0, 1), needed if ``tables.stochastic``: an action takes effect
                 if its chance is above its number.
+            seen: ``[B, 2P + 2]`` where to write what is seen at the rows of the next actions.
         """
         tables, row, size = self.tables, self.row, len(self.row)
         if tables.stochastic and luck is None:
             raise ValueError("these rooms are not deterministic; pass luck")
         if self._rooms < len(tables.rooms):
             self._add_rooms()
-        after = np.empty(size, np.int64)
-        next_row = np.empty(size, np.int64) if self.put_back else _NO_ROWS
-        actions_left = np.empty(size, np.uint8)
-        reward = np.empty(size)
-        attempt_over, trial_over = np.zeros(size, np.bool_), np.zeros(size, np.bool_)
-        new_solution = np.zeros(size, np.bool_)
-        outcome = self._kernel(
+        after, reward = self._spare_rows.array(), self._spare_rewards.array()
+        next_row = self._spare_rows.array() if self.put_back else _NO_ROWS
+        actions_left, attempt_over = np.empty(size, np.uint8), np.empty(size, np.bool_)
+        trial_over, new_solution = np.zeros(size, np.bool_), np.zeros(size, np.bool_)
+        ended, finished, found_new, unknown = self._kernel(
             row,
             action,
             _NO_LUCK if luck is None else luck,
-            self.room,
-            tables.start,
-            tables.shift,
-            tables.column,
-            tables.effect,
-            tables.chance,
-            tables.status,
-            tables.solution,
-            tables.begun,
-            self._paid,
-            self._matters,
-            self._case,
-            self._known,
-            self._counts,
-            self.found,
             after,
             next_row,
+            _UNSEEN if seen is None or not self._in_words else seen.view(np.uint64),
             actions_left,
             reward,
             attempt_over,
             trial_over,
             new_solution,
+            *self._arguments,
+        )
+        self.row = next_row if self.put_back else after
+        if unknown:
+            self._judge(unknown, row, action, after, new_solution, reward)
+        if seen is not None and not self._in_words:
+            tables.observation.take(self.row, axis=0, out=seen, mode="clip")
+        return BatchStep(
+            after,
+            actions_left,
+            reward,
+            attempt_over,
+            trial_over,
+            new_solution,
+            ended,
+            finished,
+            found_new,
+        )
+
+    def _add_rooms(self) -> None:
+        from causal_openlock.world.kernel import packed, step
+
+        self._kernel, tables = step, self.tables
+        self._widen()
+        for table in self._rewards:
+            table.fill()
+        paid = np.stack([table.paid for table in self._rewards])
+        matters = np.stack([table.matters for table in self._rewards])
+        self._in_words = tables.observation.shape[1] == _UNSEEN.itemsize * _UNSEEN.shape[1]
+        # For each action whose reward depends on the past, a place for each past.
+        remembered = (matters > 0) & (matters < ALWAYS)
+        each = PASTS * (self.found.shape[1] + 1)
+        if remembered.sum() * each > KEPT_REWARDS:
+            remembered[:] = False
+        case = np.where(remembered, (remembered.cumsum() - 1).reshape(remembered.shape), -1)
+        case *= np.where(remembered, each, 1)
+        self._known = np.full(remembered.sum() * each, np.nan)
+        self._rooms = len(tables.rooms)
+        self._arguments = (
+            self.room,
+            tables.start,
+            tables.shift,
+            tables.column,
+            packed(tables),
+            tables.chance,
+            tables.status,
+            tables.observation.view(np.uint64) if self._in_words else _UNSEEN,
+            tables.solution,
+            tables.begun,
+            paid,
+            matters,
+            case,
+            self._known,
+            self._counts,
+            self.found,
             self._judged,
             self.attempt_limit,
             self.stop_when_solved,
             self._history,
         )
-        self.row = next_row if self.put_back else after
-        *happened, unknown = outcome
-        if unknown:
-            self._judge(unknown, row, action, after, new_solution, reward)
-        trial = attempt_over, trial_over, new_solution
-        return BatchStep(after, actions_left, reward, *trial, *happened)
-
-    def _add_rooms(self) -> None:
-        from causal_openlock.world.kernel import step
-
-        self._kernel = step
-        self._widen()
-        for table in self._rewards:
-            table.fill()
-        self._paid = np.stack([table.paid for table in self._rewards])
-        self._matters = np.stack([table.matters for table in self._rewards])
-        # For each action whose reward depends on the past, a place for each past.
-        remembered = (self._matters > 0) & (self._matters < ALWAYS)
-        each = PASTS * (self.found.shape[1] + 1)
-        if remembered.sum() * each > KEPT_REWARDS:
-            remembered[:] = False
-        self._case = np.where(remembered, (remembered.cumsum() - 1).reshape(remembered.shape), -1)
-        self._case *= np.where(remembered, each, 1)
-        self._known = np.full(remembered.sum() * each, np.nan)
-        self._rooms = len(self.tables.rooms)
 
     def _judge(
         self,

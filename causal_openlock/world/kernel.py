@@ -1,11 +1,14 @@
 """One step of many rooms, compiled: the next rows, the rewards, the attempts and trials that end.
 
-Only :class:`causal_openlock.world.batch.RoomBatch` calls it, and imports this module at its first
-step, since numba takes a while to load. The argument types never change, so there is only one
-compiled version, cached on disk.
+Only :class:`causal_openlock.world.batch.RoomBatch` calls :func:`step`. Modules that need this one
+import it at the first step or reset, since numba takes a while to load. The argument types never
+change, so there is only one compiled version, cached on disk.
 
 Rooms are stepped in blocks that fit into the processor's first-level cache, and within a block one
-result after the other: writing to a single array at a time is twice as fast as to all of them.
+result after the other: writing to a single array at a time is twice as fast as to all of them. What
+takes time is to look up and store one value for each room. So the row after a move and its status
+are packed into one word (:func:`packed`), and the compiler turns the loop that takes these words
+apart, like all loops without look-ups, into vector instructions.
 """
 
 from __future__ import annotations
@@ -15,28 +18,51 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from causal_openlock.world.reward_table import ALWAYS, IF_FOUND, IF_REPEATED, PASTS
-from causal_openlock.world.tables import ACTIONS_LEFT, OPENED, UNLOCKED
+from causal_openlock.world.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
 
 Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
 ATTEMPT, FOUND, SOLUTIONS, PREVIOUS, REWARD = range(5)
 """Rows of ``counts``."""
 BLOCK = 256
+AFTER, OVER, STATUS = np.uint32((1 << 23) - 1), np.uint32(1 << 23), np.uint32(24)
+"""Of a packed word: the bits of the row, the bit for the end of the attempt, and where the bits of
+the status begin."""
+WITH_UNLOCKED, WITH_OPENED = int(UNLOCKED) << 24, int(OPENED) << 24
+"""Words from these up are those of an unlocked and of an open door."""
+
+
+def packed(tables: RoomTables) -> NDArray[np.uint32]:
+    """``[M * W]`` where each action leads: the listed row, whether it is the end, and the status.
+
+    Raises:
+        ValueError: If there are more than 2 ** 23 listed rows.
+    """
+    if len(tables.begun) > AFTER:
+        raise ValueError(f"rooms have {len(tables.begun):,} rows in all, more than {AFTER:,}")
+    # The status does not depend on the positions of the levers: that of any room of a list will do.
+    status = np.zeros(len(tables.begun), np.uint32)
+    status[tables.listed] = tables.status
+    words = np.arange(len(status), dtype=np.uint32) | status << STATUS
+    return (words | OVER * (status & ACTIONS_LEFT == 0))[tables.effect]
 
 
 def compiled(function: Compiled) -> Compiled:
     """Compile at the first call, once for each installation."""
-    return cast(Compiled, numba.njit(cache=True)(function))
+    return cast(Compiled, numba.njit(cache=True, error_model="numpy")(function))
 
 
-@numba.njit
-def look_up(table: Any, where: Any, out: Any) -> None:
-    """``out = table[where]``."""
-    for index in range(len(where)):
-        # Unsigned numbers as indices: signed ones could count from the end, which takes time.
-        out[index] = table[np.uint64(where[index])]
+@compiled
+def all_below(action: Any, limit: int) -> bool:
+    """Whether all of some actions, ``[B]``, are from 0 to ``limit`` - 1."""
+    outside: Any = False
+    for index in range(len(action)):
+        # As unsigned numbers, negative ones are very large: one comparison finds both.
+        outside |= np.uint64(action[index]) >= np.uint64(limit)
+    return not outside
 
 
 @compiled
@@ -44,13 +70,22 @@ def step(
     row: Any,
     action: Any,
     luck: Any,
+    after: Any,
+    next_row: Any,
+    seen: Any,
+    actions_left: Any,
+    reward: Any,
+    attempt_over: Any,
+    trial_over: Any,
+    new_solution: Any,
     room_of: Any,
     start: Any,
     shift: Any,
     column: Any,
-    effect: Any,
+    move: Any,
     chance: Any,
     status: Any,
+    observation: Any,
     solution: Any,
     begun: Any,
     paid: Any,
@@ -59,13 +94,6 @@ def step(
     known: Any,
     counts: Any,
     found: Any,
-    after: Any,
-    next_row: Any,
-    actions_left: Any,
-    reward: Any,
-    attempt_over: Any,
-    trial_over: Any,
-    new_solution: Any,
     judged: Any,
     attempt_limit: int,
     stop_when_solved: bool,
@@ -77,13 +105,23 @@ def step(
         row: ``[B]`` where each room is.
         action: ``[B]`` its action, an index of a column.
         luck: ``[B]`` numbers in [0, 1); empty if all rooms are deterministic.
+        after: ``[B]`` out: the row that the action led to.
+        next_row: ``[B]`` out: the row of the next action, after rooms whose attempt is over are
+            reset; empty if the next action does that.
+        seen: ``[B, 2]`` out: the observation at the row of the next action; empty if nobody asks.
+        actions_left: ``[B]`` out: how many actions are left at the row of the next action.
+        reward: ``[B]`` out: the reward, where it does not depend on an unknown past.
+        attempt_over: ``[B]`` out: whether the attempt is over.
+        trial_over: ``[B]`` of False; out: whether the trial is over.
+        new_solution: ``[B]`` of False; out: whether a new solution was found.
         room_of: ``[B]`` index of each room in the tables.
         start: ``[G]`` see ``RoomTables``.
         shift: ``[G]`` see there.
         column: ``[G * W]`` see there.
-        effect: ``[M * W]`` see there.
-        chance: ``[M * W]`` see there; empty if all rooms are deterministic.
+        move: ``[M * W]`` see :func:`packed`.
+        chance: ``[M * W]`` see ``RoomTables``; empty if all rooms are deterministic.
         status: ``[R]`` see there.
+        observation: ``[R, 2]`` see there; each as two words.
         solution: ``[R]`` see there.
         begun: ``[M, K]`` see there.
         paid: ``[F, M * W]`` the rewards; see ``RewardTable``.
@@ -93,14 +131,6 @@ def step(
         counts: ``[5, B]`` attempt, solutions found, solutions of the room, action before, and
             which of the F rewards is paid; changed.
         found: ``[B, K]`` which solutions are found; changed.
-        after: ``[B]`` out: the row that the action led to.
-        next_row: ``[B]`` out: the row of the next action, after rooms whose attempt is over are
-            reset; empty if the next action does that.
-        actions_left: ``[B]`` out: how many actions are left at the row of the next action.
-        reward: ``[B]`` out: the reward, where it does not depend on an unknown past.
-        attempt_over: ``[B]`` of False; out: whether the attempt is over.
-        trial_over: ``[B]`` of False; out: whether the trial is over.
-        new_solution: ``[B]`` of False; out: whether a new solution was found.
         judged: ``[3, B]`` out: rooms whose reward is not known, whether their action repeats the
             one before it, and the index of the reward in ``known``.
         attempt_limit: Attempts in a trial.
@@ -113,15 +143,21 @@ def step(
         are in ``judged``.
     """
     width = np.uint64(len(column) // len(shift))
-    failed = np.uint64(width - np.uint64(2))
+    failed = width - np.uint64(2)
     noisy, one_room, several = len(chance) > 0, len(shift) == 1, len(paid) > 1
+    put_back, looking = len(next_row) > 0, len(seen) > 0
     first_paid = paid[0]
-    choice_in_block = np.empty(BLOCK, np.uint32)
+    choice_in_block, word_in_block = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.uint32)
+    shift_in_block = np.empty(BLOCK, np.int64)
+    ended = finished = found_new = False
     judgements = 0
     for first in range(0, len(row), BLOCK):
         last = min(first + BLOCK, len(row))
         rows, actions, rooms = row[first:last], action[first:last], room_of[first:last]
-        afters, choices = after[first:last], choice_in_block[: last - first]
+        afters, lefts, overs = after[first:last], actions_left[first:last], attempt_over[first:last]
+        rewards = reward[first:last]
+        choices, words = choice_in_block[: last - first], word_in_block[: last - first]
+        # Unsigned numbers as indices: signed ones could count from the end, which takes time.
         if one_room:
             for i in range(last - first):
                 choices[i] = np.uint64(rows[i]) * width + np.uint64(actions[i])
@@ -129,93 +165,105 @@ def step(
             for i in range(last - first):
                 which = np.uint64(rooms[i])
                 own = column[which * width + np.uint64(actions[i])]
+                shift_in_block[i] = shift[which]
                 choices[i] = np.uint64(rows[i] + shift[which]) * width + own
         if noisy:
+            lucks = luck[first:last]
             for i in range(last - first):
-                odds = chance[choices[i]]
-                if (luck[first + i] >= odds) & (odds > 0.0):
-                    listed = np.uint64(rows[i] + shift[np.uint64(rooms[i])])
-                    choices[i] = listed * width + failed
-        look_up(effect, choices, afters)
-        if not one_room:
+                odds = chance[np.uint64(choices[i])]
+                if (lucks[i] >= odds) & (odds > 0.0):
+                    choices[i] += failed - choices[i] % width
+        for i in range(last - first):
+            words[i] = move[np.uint64(choices[i])]
+        if one_room:
             for i in range(last - first):
-                afters[i] -= shift[np.uint64(rooms[i])]
-        if several:
-            for i in range(last - first):
-                reward[first + i] = paid[counts[REWARD, first + i], choices[i]]
+                afters[i] = words[i] & AFTER
         else:
-            look_up(first_paid, choices, reward[first:last])
-        look_up(status, afters, actions_left[first:last])  # with its other bits, for now
-        if not history:
-            continue
-        if history == IF_FOUND:
-            seen = np.uint8(0)
-            for i in range(first, last):
-                seen |= actions_left[i]
-            if seen < UNLOCKED:
-                continue
-        for room in range(first, last):
-            if history == IF_FOUND and actions_left[room] < UNLOCKED:
-                continue
-            choice = choices[room - first]
-            same = action[room] == counts[PREVIOUS, room]
-            paid_by = counts[REWARD, room]
-            why = matters[paid_by, choice]
-            if (
-                why & ALWAYS
-                or (why & IF_FOUND and counts[FOUND, room] > 0)
-                or (why & IF_REPEATED and same)
-            ):
-                at = case[paid_by, choice]
-                if at >= 0:
-                    old = solution[np.uint64(after[room])]
-                    retraced = False
-                    for each in range(found.shape[1]):
-                        retraced |= found[room, each] and begun[effect[choice], each]
-                    past = 4 * same + 2 * (old >= 0 and found[room, old]) + retraced
-                    at += PASTS * counts[FOUND, room] + past
-                if at >= 0 and not np.isnan(known[at]):
-                    reward[room] = known[at]
-                else:
-                    judged[0, judgements] = room
-                    judged[1, judgements] = same
-                    judged[2, judgements] = at
-                    judgements += 1
-            if history & IF_REPEATED:
-                before = status[np.uint64(row[room])] & ACTIONS_LEFT
-                counts[PREVIOUS, room] = action[room] if before else -1
-    ended = finished = found_new = False
-    for room in range(len(row)):
-        ended |= actions_left[room] & ACTIONS_LEFT == 0
-    if ended:
-        attempt = counts[ATTEMPT]
-        for room in range(len(row)):
-            attempt_over[room] = actions_left[room] & ACTIONS_LEFT == 0
-        for room in range(len(row)):
-            trial_over[room] = attempt_over[room] & (attempt[room] >= attempt_limit)
-            finished |= trial_over[room]
-            attempt[room] += attempt_over[room]
-        for room in range(len(row)):
-            if actions_left[room] >= OPENED:
-                solution_now = solution[np.uint64(after[room])]
-                if solution_now >= 0 and not found[room, solution_now]:
-                    found[room, solution_now] = True
-                    counts[FOUND, room] += 1
-                    new_solution[room] = found_new = True
-                if stop_when_solved and counts[FOUND, room] == counts[SOLUTIONS, room]:
-                    trial_over[room] = finished = True
-        if history & IF_REPEATED:
-            for room in range(len(row)):
-                if attempt_over[room]:
-                    counts[PREVIOUS, room] = -1
-    if len(next_row):
-        for room in range(len(row)):
-            next_row[room] = after[room]
-        if ended:
-            for room in range(len(row)):
-                if attempt_over[room]:
-                    next_row[room] = start[np.uint64(room_of[room])]
-                    actions_left[room] = status[np.uint64(next_row[room])]
-    for room in range(len(row)):
-        actions_left[room] &= ACTIONS_LEFT
+            for i in range(last - first):
+                afters[i] = np.int64(words[i] & AFTER) - shift_in_block[i]
+        for i in range(last - first):
+            lefts[i] = words[i] >> STATUS  # with its other bits, for now
+        if several:
+            payers = counts[REWARD, first:last]
+            for i in range(last - first):
+                rewards[i] = paid[np.uint64(payers[i]), np.uint64(choices[i])]
+        else:
+            for i in range(last - first):
+                rewards[i] = first_paid[np.uint64(choices[i])]
+        for i in range(last - first):
+            overs[i] = lefts[i] & ACTIONS_LEFT == 0
+        bits = np.uint64(0)
+        for i in range(last - first):
+            bits |= words[i]
+        ends, unlocked, opened = bits & OVER, bits >= WITH_UNLOCKED, bits >= WITH_OPENED
+        if history & IF_REPEATED or (history and unlocked):
+            for i in range(last - first):
+                if history == IF_FOUND and lefts[i] < UNLOCKED:
+                    continue
+                room, choice = first + i, np.uint64(choices[i])
+                same = actions[i] == counts[PREVIOUS, room]
+                paid_by = np.uint64(counts[REWARD, room])
+                why = matters[paid_by, choice]
+                if (
+                    why & ALWAYS
+                    or (why & IF_FOUND and counts[FOUND, room] > 0)
+                    or (why & IF_REPEATED and same)
+                ):
+                    at = case[paid_by, choice]
+                    if at >= 0:
+                        old = solution[np.uint64(afters[i])]
+                        retraced = False
+                        for each in range(found.shape[1]):
+                            retraced |= (
+                                found[room, each] and begun[np.uint64(words[i] & AFTER), each]
+                            )
+                        past = 4 * same + 2 * (old >= 0 and found[room, old]) + retraced
+                        at += PASTS * counts[FOUND, room] + past
+                    if at >= 0 and not np.isnan(known[at]):
+                        rewards[i] = known[at]
+                    else:
+                        judged[0, judgements] = room
+                        judged[1, judgements] = same
+                        judged[2, judgements] = at
+                        judgements += 1
+                if history & IF_REPEATED:
+                    goes_on = status[np.uint64(rows[i])] & ACTIONS_LEFT and not overs[i]
+                    counts[PREVIOUS, room] = actions[i] if goes_on else -1
+        if ends:
+            ended = True
+            attempts, trials = counts[ATTEMPT, first:last], trial_over[first:last]
+            for i in range(last - first):
+                trials[i] = overs[i] & (attempts[i] >= attempt_limit)
+            for i in range(last - first):
+                attempts[i] += overs[i]
+            if opened:
+                for i in range(last - first):
+                    if lefts[i] >= OPENED:
+                        room, solved = first + i, solution[np.uint64(afters[i])]
+                        if solved >= 0 and not found[room, solved]:
+                            found[room, solved] = True
+                            counts[FOUND, room] += 1
+                            new_solution[room] = found_new = True
+                        if stop_when_solved and counts[FOUND, room] == counts[SOLUTIONS, room]:
+                            trials[i] = True
+            for i in range(last - first):
+                finished |= trials[i]
+        rows = afters
+        if put_back:
+            rows = next_row[first:last]
+            for i in range(last - first):
+                rows[i] = afters[i]
+            if ends:
+                for i in range(last - first):
+                    if overs[i]:
+                        rows[i] = start[np.uint64(rooms[i])]
+                        lefts[i] = status[np.uint64(rows[i])]
+        for i in range(last - first):
+            lefts[i] &= ACTIONS_LEFT
+        if looking:
+            looks = seen[first:last]
+            for i in range(last - first):
+                here = np.uint64(rows[i])
+                one, other = observation[here, 0], observation[here, 1]
+                looks[i, 0], looks[i, 1] = one, other
     return ended, finished, found_new, judgements

@@ -9,6 +9,7 @@ import pytest
 
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.world.batch import KEPT_ARRAYS, LARGE, Spare
 from causal_openlock.world.rewards import PRESETS
 from causal_openlock.world.room import Layout, Room
 from support.cc4_in_trial7 import DOOR, L0, L1, L2, NOTHING, SOLUTIONS, WHITE
@@ -195,3 +196,42 @@ def test_a_mask_over_rooms_that_have_ended_spares_the_others_their_reset() -> No
     env.reset(options={"reset_mask": np.array([True, False])})
     seen, *_ = env.step(np.full(2, L0))
     assert seen[:, L0].tolist() == [1, 0], "the second room takes this step to reset"
+
+
+@pytest.mark.parametrize("positions", [7, 9], ids=["seen in words", "seen in bytes"])
+@pytest.mark.parametrize("episode", EPISODES)
+def test_what_many_rooms_return_stays_as_it_is_however_long_it_is_kept(
+    positions: int, episode: Any
+) -> None:
+    many = LARGE // 8 + 1
+    env = OpenLockVectorEnv(many, "CC3", Layout((0, 1, 2), positions), "paper", episode, 2)
+    generator = np.random.default_rng(0)
+    env.reset(seed=0)
+    kept = []
+    for _ in range(12):
+        seen, *ends, info = env.step(generator.integers(2 * positions + 1, size=many))
+        np.testing.assert_array_equal(
+            seen, info["latent"]["tables"].observation[info["latent"]["row"]]
+        )
+        # A part of an array keeps all of it.
+        parts = [array[1:] for array in (seen, *ends, *info["console"].values())]
+        kept.append((parts, [array.copy() for array in parts]))
+        del seen, ends, info
+        for parts, copies in kept[-5:]:
+            for array, copy in zip(parts, copies, strict=True):
+                np.testing.assert_array_equal(array, copy)
+        if len(kept) == 8:
+            kept.clear()
+
+
+def test_large_arrays_are_used_again_only_once_nobody_refers_to_them() -> None:
+    spare = Spare((LARGE,), np.dtype(np.int8))
+    first, second = spare.array(), spare.array()
+    assert not np.shares_memory(first, second)
+    part, where = first[:1], first.ctypes.data
+    del first
+    assert not np.shares_memory(spare.array(), part)
+    del part
+    assert where in [array.ctypes.data for array in [spare.array() for _ in range(KEPT_ARRAYS)]]
+    kept = [spare.array() for _ in range(2 * KEPT_ARRAYS)]
+    assert len({array.ctypes.data for array in kept}) == len(kept)
