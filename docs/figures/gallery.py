@@ -1,6 +1,6 @@
 """Draw the pictures of docs/gallery.md: ``python docs/figures/gallery.py``.
 
-Two small comparisons are played: four learners as people played, and two under a shortened protocol
+Two small comparisons are played: four learners as people played, and one under a shortened protocol
 of the paper's networks. Takes about two minutes on two cores.
 """
 
@@ -28,8 +28,8 @@ def main() -> None:
     """Play, and draw every plot into a file of its name."""
     like_people = ol.learner("bayes", label="like_people", **LIKE_PEOPLE)
     learners = ["bayes", like_people, "random", "oracle"]
-    results = ol.compare([*PAPER_CONDITIONS], learners, subjects=20, seed=1)
-    trained = ol.compare(["CC4", "CE4"], ["ddqn", "random"], protocol=SHORT, subjects=4, seed=1)
+    results = ol.compare([*PAPER_CONDITIONS], learners, subjects=12, seed=1)
+    trained = ol.compare(["CC4", "CE4"], "random", protocol=SHORT, subjects=4, seed=1)
     plots = {
         name: (getattr(ol, f"plot_{name}"), results, {})
         for name in ("attempts", "transfer", "course", "survival", "cost", "likeness",
