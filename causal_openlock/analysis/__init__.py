@@ -8,7 +8,7 @@ it is of, one step after the other:
 ``effects``     How large an effect is, and how many subjects it takes to see it.
 ``measures``    What happened: attempts to solve each trial, and attempts in each category.
 ``results``     Tables of results, with people, a published model and chance beside them.
-``plots``       Figures in the form of the paper's, and the colours and panels that all share.
+``plots``       Every figure, as a function of results, and the style that all share.
 ``report``      All of it in one page, and as files; two reports against each other.
 =============== =================================================================================
 """

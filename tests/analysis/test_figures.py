@@ -19,7 +19,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.attempts import plot_attempts, plot_transfer
 from causal_openlock.analysis.plots.categories import plot_categories
 from causal_openlock.analysis.plots.course import plot_course
-from causal_openlock.analysis.plots.panels import WIDTH
+from causal_openlock.analysis.plots.style import WIDTH
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator
 from itertools import combinations
+from types import SimpleNamespace
 from typing import Any
 
 import matplotlib as mpl
@@ -18,7 +19,11 @@ from matplotlib.figure import Figure
 import causal_openlock as ol
 from causal_openlock.analysis.measures import TRANSFERS
 from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.report.all_figures import figures_of
+from causal_openlock.analysis.report.learner_pages import learner_pages
+from causal_openlock.analysis.report.sections import sections_of
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.record import CATEGORIES
 from support import played_results
@@ -184,6 +189,47 @@ def test_dots_of_cost_are_the_subjects_and_those_that_never_came_so_far_are_coun
     (text,) = axes.texts
     assert text.get_text().split() == ["3", "of", "3", "not", "within", "150"]
     assert text.get_position()[1] == ORDER.index("random")
+
+
+# -- the report -----------------------------------------------------------------------------------
+
+
+def shown_in(axes: list[Axes]) -> list[Any]:
+    """What is drawn in axes, as numbers and words."""
+    return [
+        (
+            [one.get_title(loc=side) for side in ("left", "center")],
+            [np.asarray(line.get_xydata()).tolist() for line in one.lines],
+            [patch.get_path().vertices.tolist() for patch in one.patches],
+            [text.get_text() for text in one.texts],
+            one.get_xlim(),
+            one.get_ylim(),
+        )
+        for one in axes
+    ]
+
+
+@pytest.mark.parametrize("made", ["results", "trained", "believed"])
+def test_the_line_under_a_figure_of_the_report_makes_it_again(made: str) -> None:
+    results = getattr(played_results, made)()
+    sections = [*sections_of(results), *learner_pages(results)]
+    plots = [*figures_of(results), *(plot for section in sections for plot in section.plots)]
+    assert plt.get_fignums() == []  # the report leaves no figure behind
+    kinds = set()
+    for plot in plots:
+        again = eval(plot.call, {"results": SimpleNamespace(plot=Plots(results))})
+        drawn = shown_in(list(np.ravel(again)))
+        assert all(one in shown_in(plot.figure.axes) for one in drawn), plot.call
+        kinds.add(plot.call.split("(")[0].removeprefix("results.plot."))
+    assert kinds >= REPORTED[made]
+
+
+REPORTED = {
+    "results": {"attempts", "transfer", "course", "likeness", "pairs", "congruency", "savings",
+                "subjects"},
+    "trained": {"categories"},
+    "believed": {"beliefs"},
+}  # fmt: skip
 
 
 # -- the style ------------------------------------------------------------------------------------

@@ -1,1 +1,7 @@
-"""Figures, most of them in the form of the paper's: data in, a matplotlib figure out."""
+"""Every figure, as a function: results in, matplotlib axes out.
+
+A plot function takes results (:class:`~causal_openlock.analysis.results.material.Material`) first
+and ``ax`` last (:mod:`~causal_openlock.analysis.plots.panels`), and draws in the style that is in
+use (:mod:`~causal_openlock.analysis.plots.style`). The report, the command line and notebooks call
+the same functions.
+"""

@@ -123,31 +123,16 @@ def plot_trace(
 
 def _looks() -> dict[str, tuple[str, dict[str, Any]]]:
     """What came of actions: distinct in form too, as an empty ring, filled marks, a star."""
-    own = style.current()
+    own, edge = style.current(), {"mec": _INK, "mew": 0.8}
     return {
         "nothing": ("nothing", {"marker": "_", "mec": _FAINT, "mew": 1.6, "ms": 7}),
-        "moved": ("moved", {"marker": "o", "mfc": "white", "mec": _INK, "mew": 1.0, "ms": 6}),
-        "unlocked": (
-            "unlocked",
-            {
-                "marker": "D",
-                "mfc": own.other(3),
-                "mec": _INK,
-                "mew": 0.8,
-                "ms": 5.5,
-            },
-        ),
-        "locked": (
-            "locked again",
-            {"marker": "s", "mfc": _INK, "mec": _INK, "mew": 0.8, "ms": 5.5},
-        ),
-        "opened": (
-            "opened",
-            {"marker": "^", "mfc": own.other(1), "mec": _INK, "mew": 0.8, "ms": 7},
-        ),
+        "moved": ("moved", {"marker": "o", "mfc": "white", **edge, "ms": 6}),
+        "unlocked": ("unlocked", {"marker": "D", "mfc": own.other(3), **edge, "ms": 5.5}),
+        "locked": ("locked again", {"marker": "s", "mfc": _INK, **edge, "ms": 5.5}),
+        "opened": ("opened", {"marker": "^", "mfc": own.other(1), **edge, "ms": 7}),
         "new solution": (
             "new solution",
-            {"marker": "*", "mfc": own.common_cause, "mec": _INK, "mew": 0.7, "ms": 11},
+            {"marker": "*", "mfc": own.common_cause, **edge, "ms": 11},
         ),
     }
 

@@ -108,11 +108,7 @@ def plot_pairs(
 
 
 def plot_congruency(
-    results: Material,
-    *,
-    learners: Names = None,
-    protocol: str | None = None,
-    ax: Any = None,
+    results: Material, *, learners: Names = None, protocol: str | None = None, ax: Any = None
 ) -> Any:
     """What training with the structure of the test saves in the transfer test.
 
@@ -140,11 +136,7 @@ def plot_congruency(
 
 
 def plot_savings(
-    results: Material,
-    *,
-    learners: Names = None,
-    protocol: str | None = None,
-    ax: Any = None,
+    results: Material, *, learners: Names = None, protocol: str | None = None, ax: Any = None
 ) -> Any:
     """The share of attempts that training saves in the first room with four levers.
 

@@ -36,8 +36,8 @@ def plot_cost(
     :func:`~causal_openlock.analysis.results.cost.cost_of_learning`. A panel for each condition, a
     row for each learner, a dot for each subject, on a logarithmic axis; black: the median with its
     95% bootstrap interval. On the right, in grey, are subjects that never came so far, with how
-    many there are and within how many attempts. Training before the experiment, such as the
-    meta-training of ``rl2``, is not on record and does not count.
+    many there are, and the most attempts that one of them made. Training before the experiment,
+    such as the meta-training of ``rl2``, is not on record and does not count.
 
     >>> import causal_openlock as ol
     >>> axes = ol.plot_cost(results, conditions=["CC4"])

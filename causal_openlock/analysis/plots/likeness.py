@@ -32,12 +32,7 @@ _TESTS = dict(zip(TRANSFERS, (12.3, 14.1, 16.5, 18.3), strict=True))
 _GREY = "#777777"
 
 
-def plot_likeness(
-    results: Material,
-    *,
-    learners: Names = None,
-    ax: Any = None,
-) -> Any:
+def plot_likeness(results: Material, *, learners: Names = None, ax: Any = None) -> Any:
     """People's means at the fourteen points, and one learner's beside them in each panel.
 
     The learners stand in the order of their distance from people, the nearest first, and the

@@ -164,9 +164,8 @@ def trials_under(
     if known and name not in known:
         raise OpenLockError(f"no protocol {name} in these results; {nearest(name, known)}")
     trials = rows_of(results, results.trials, learners, conditions)
-    trials = trials[trials["protocol"] == name]
+    trials = trials[trials["protocol"] == name].astype({"learner": str})
     if trials.empty:
-        raise NothingToDrawError(
-            f"no such learner played such a condition under the protocol {name}"
-        )
+        under = f" under the protocol {name}" if known else ""
+        raise NothingToDrawError(f"no such learner played such a condition{under}")
     return name, trials

@@ -253,8 +253,8 @@ def _settle(figure: Figure) -> None:
         axes.set_position((left, bottom, width, height))
 
 
-def image(figure: Figure, kind: str) -> bytes:
-    """The figure as ``svg``, ``png`` (200 dots per inch) or ``pdf``, without a date.
+def image(figure: Figure, kind: str, dots: int = 200) -> bytes:
+    """The figure as ``svg``, ``png`` (so many dots per inch) or ``pdf``, without a date.
 
     It is drawn once; ``savefig`` would do it twice, in case the layout changes.
     """
@@ -262,7 +262,7 @@ def image(figure: Figure, kind: str) -> bytes:
     canvas: Any
     with settings():
         if kind == "png":
-            figure.set_dpi(200)
+            figure.set_dpi(dots)
             canvas = FigureCanvasAgg(figure)
             canvas.print_png(content, metadata={"Software": None})
         elif kind == "pdf":

@@ -23,11 +23,7 @@ _AREA = 420.0  # of a circle that is all subjects, in square points
 
 
 def plot_subjects(
-    results: Material,
-    *,
-    learners: Names = None,
-    conditions: Names = None,
-    ax: Any = None,
+    results: Material, *, learners: Names = None, conditions: Names = None, ax: Any = None
 ) -> Any:
     """Attempts of each subject in the trials that conditions are judged by.
 

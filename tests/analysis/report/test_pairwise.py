@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from causal_openlock.analysis.plots.comparisons import plot_pairs
-from causal_openlock.analysis.plots.panels import WIDTH
+from causal_openlock.analysis.plots.style import WIDTH
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.sections import pairwise
 from causal_openlock.analysis.results.material import Material

@@ -1,0 +1,48 @@
+"""Draw the pictures of docs/gallery.md: ``python docs/figures/gallery.py``.
+
+Two small comparisons are played: four learners as people played, and one under a shortened protocol
+of the paper's networks. Takes about two minutes on two cores.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+import causal_openlock as ol
+from causal_openlock.analysis.plots import style
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.files.atomic import write_bytes
+
+HERE = Path(__file__).parent / "gallery"
+SHORT = replace(ol.PROTOCOLS["rl"], name="short", attempt_limit=100, baseline_loops=8)
+LIKE_PEOPLE = {
+    **{"policy": "thompson", "forgets": "failures", "forgetting": 0.8, "concentration": 60.0},
+    **{"by_colour": 0.003, "directness": 1.1},
+}
+
+
+def main() -> None:
+    """Play, and draw every plot into a file of its name."""
+    like_people = ol.learner("bayes", label="like_people", **LIKE_PEOPLE)
+    learners = ["bayes", like_people, "random", "oracle"]
+    results = ol.compare([*PAPER_CONDITIONS], learners, subjects=12, seed=1)
+    trained = ol.compare(["CC4", "CE4"], "random", protocol=SHORT, subjects=4, seed=1)
+    plots = {
+        name: (getattr(ol, f"plot_{name}"), results, {})
+        for name in ("attempts", "transfer", "course", "survival", "cost", "likeness",
+                     "pairs", "congruency", "savings")
+    }  # fmt: skip
+    plots["categories"] = (ol.plot_categories, trained, {})
+    plots["subjects"] = (ol.plot_subjects, results, {"learners": ["like_people"]})
+    plots["beliefs"] = (ol.plot_beliefs, results, {"condition": "CC3-CC4", "trial": 7})
+    for name, (plot, drawn, options) in plots.items():
+        figure = Figure()
+        plot(drawn, **options, ax=figure)
+        write_bytes(HERE / f"{name}.png", style.image(figure, "png", dots=110))
+
+
+if __name__ == "__main__":
+    main()
