@@ -154,7 +154,7 @@ def export(
     name: SchemaName,
     format: Annotated[
         str | None,
-        typer.Option("--format", "-f", help="yaml, node-link, gml, dot, dagitty or bif."),
+        typer.Option("--format", "-f", help="yaml, line, node-link, gml, dot, dagitty or bif."),
     ] = None,
     out: Output = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,

@@ -125,7 +125,7 @@ class _Reader:
 
     def fault(self, at: int, problem: str) -> SchemaError:
         line, column = self.text.count("\n", 0, at) + 1, at - self.text.rfind("\n", 0, at)
-        where = f"line {line}, column {column}" if "\n" in self.text else f"column {column}"
+        where = f"line {line}, column {column}" if "\n" in self.text.strip() else f"column {column}"
         return SchemaError(f"{where} of this schema: {problem}")
 
     # -- tokens -----------------------------------------------------------------------------------
