@@ -25,7 +25,8 @@ LESSONS = sorted((ROOT / "notebooks").glob("0*.ipynb"))
 RUN = [
     path
     for path in PAGES
-    if path.parent.name == "howto" or path.stem in ("index", "tutorial", "reproduction")
+    if path.parent.name == "howto"
+    or path.stem in ("index", "notebooks", "tutorial", "reproduction")
 ]
 """Pages whose every block is run here; what the others show, tests of their own hold them to."""
 
