@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 import sys
-from contextlib import suppress
 from pathlib import Path
-from typing import Any, get_type_hints
 
-from docutils import nodes
 from sphinx.application import Sphinx
-from sphinx.domains.python import PythonDomain
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "_extensions")]
@@ -27,7 +22,8 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "from_the_program",  # in _extensions: help texts, file formats, parameters
-    "links_into_the_code",  # in _extensions: relative links of the Markdown pages
+    "links_into_the_code",  # in _extensions: relative links of the pages and lessons
+    "reference",  # in _extensions: what autodoc leaves out
 ]
 exclude_patterns = ["_build", "_extensions", "example_play", "example_report", "figures"]
 exclude_patterns += ["lessons/template.ipynb"]  # nothing to read in it yet
@@ -44,7 +40,7 @@ myst_heading_anchors = 3
 nb_execution_mode = "cache"
 nb_execution_in_temp = True  # what lessons write is not kept
 nb_execution_timeout = 240  # seconds for a cell
-nb_execution_raise_on_error = nb_execution_show_tb = True
+nb_execution_show_tb = True  # an error is a warning, and warnings end the build
 nb_merge_streams = True
 # Nothing is loaded from elsewhere; a widget, which is dead without its kernel, shows as what it
 # shows where there are no widgets.
@@ -76,57 +72,12 @@ html_show_sphinx = False
 html_theme_options = {"navigation_with_keys": True}
 
 
-class FasterPythonDomain(PythonDomain):
-    """Types such as ``str``, of which a signature names many, are not looked for among all names.
-
-    What it finds is the same; it takes a tenth of the time that the site takes to build.
-    """
-
-    def find_obj(self, env: Any, modname: str, classname: str, name: str, *rest: Any) -> Any:
-        """What a name may mean: only what ends in the same part."""
-        objects, last_parts = self._known
-        if objects != len(self.objects):
-            last_parts = {name.rpartition(".")[2] for name in self.objects}
-            self._known = (len(self.objects), last_parts)
-        if name.removesuffix("()").rpartition(".")[2] not in last_parts:
-            return []
-        return super().find_obj(env, modname, classname, name, *rest)
-
-    _known: tuple[int, set[str]] = (0, set())
-
-
 def setup(app: Sphinx) -> None:
-    """Connect what is above and below with the steps of Sphinx."""
+    """Keep what lessons put out with the other things that are kept for the next build."""
 
     def keep_outputs(app: Sphinx) -> None:
-        # With the other things that are kept for the next build, and not beside the site.
         kept = app.doctreedir / "lessons"
         folders = {"output_folder": f"{kept}/outputs", "execution_cache_path": f"{kept}/cache"}
         app.env.mystnb_config = app.env.mystnb_config.copy(**folders)
 
-    def drop(app: Sphinx, doctree: nodes.document) -> None:
-        for paragraph in list(doctree.findall(nodes.paragraph)):
-            if paragraph.astext() == "Bases: object":
-                paragraph.parent.remove(paragraph)
-
-    def imported(
-        app: Sphinx, kind: str, name: str, member: Any, skip: bool, options: Any
-    ) -> bool | None:
-        # autodoc leaves it out too, but only after it has read the sources of where it is from.
-        module = app.env.current_document.autodoc_module
-        if kind != "module" or name in getattr(sys.modules[module], "__all__", ()):
-            return None
-        known = inspect.isroutine(member) or inspect.isclass(member)
-        return True if known and member.__module__ not in (None, module) else None
-
-    def plain_types(app: Sphinx, function: Any, bound: bool) -> None:
-        # Of Annotated[Path, typer.Option(...)] the reference shows the type; help texts the rest.
-        if inspect.isfunction(function) and function.__module__.startswith("causal_openlock.cli"):
-            with suppress(NameError):  # no command, since types of commands are there at run time
-                function.__annotations__ = get_type_hints(function)
-
     app.connect("builder-inited", keep_outputs, priority=900)  # after myst-nb itself
-    app.connect("doctree-read", drop)
-    app.connect("autodoc-before-process-signature", plain_types)
-    app.connect("autodoc-skip-member", imported)
-    app.add_domain(FasterPythonDomain, override=True)

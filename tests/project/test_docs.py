@@ -9,6 +9,7 @@ import sys
 import zlib
 from pathlib import Path
 
+import nbformat
 import pytest
 
 import causal_openlock
@@ -20,36 +21,52 @@ PAGES = sorted(
     for path in DOCS.rglob("*.md")
     if not {"_build", "figures", "example_play"} & {*path.relative_to(DOCS).parts}
 )
+LESSONS = sorted((ROOT / "notebooks").glob("0*.ipynb"))
 RUN = [
     path
     for path in PAGES
-    if path.parent.name == "howto" or path.stem in ("index", "tutorial", "reproduction")
+    if path.parent.name == "howto"
+    or path.stem in ("index", "notebooks", "tutorial", "reproduction")
 ]
 """Pages whose every block is run here; what the others show, tests of their own hold them to."""
 
 called = {"ids": lambda path: path.relative_to(DOCS).as_posix()}
 
 
-def test_the_site_builds_without_a_warning_and_is_whole(tmp_path: Path) -> None:
-    """One test, so that the site is built once: that takes up to a minute of a core."""
+def build(site: Path, *options: str | Path, pages: Path = DOCS) -> None:
+    words = ["-W", "--keep-going", "-q", "-c", DOCS, *options, pages, site]
     done = subprocess.run(
-        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", str(DOCS), str(tmp_path)],
-        cwd=tmp_path,
+        [sys.executable, "-m", "sphinx", *map(str, words)],
+        cwd=site.parent,
         capture_output=True,
         text=True,
         check=False,
         timeout=600,
     )
     assert (done.returncode, done.stderr) == (0, "")
-    every_page_is_there(tmp_path)
-    every_module_is_in_the_reference(tmp_path)
-    the_program_speaks_for_itself(tmp_path)
-    nothing_is_loaded_from_elsewhere(tmp_path)
+
+
+def test_the_site_builds_without_a_warning_and_is_whole(tmp_path: Path) -> None:
+    """One test, so that the site is built once: that takes up to a minute of a core.
+
+    Lessons are run by tests of their own. Typographic quotes take a twentieth of the time.
+    """
+    site = tmp_path / "site"
+    build(site, "-Dnb_execution_mode=off", "-Dsmartquotes=0")
+    every_page_is_there(site)
+    every_module_is_in_the_reference(site)
+    the_program_speaks_for_itself(site)
+    nothing_is_loaded_from_elsewhere(site)
+    assert [*tmp_path.iterdir()] == [site]  # what notebooks put out is kept with the site
 
 
 def every_page_is_there(site: Path) -> None:
     for path in PAGES:
         assert (site / path.relative_to(DOCS).with_suffix(".html")).is_file(), path
+    listed = (site / "notebooks.html").read_text(encoding="utf-8")
+    for path in LESSONS:
+        assert (site / "lessons" / f"{path.stem}.html").is_file(), path
+        assert f'href="lessons/{path.stem}.html"' in listed
 
 
 def every_module_is_in_the_reference(site: Path) -> None:
@@ -77,8 +94,47 @@ def the_program_speaks_for_itself(site: Path) -> None:
 def nothing_is_loaded_from_elsewhere(site: Path) -> None:
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
-        loaded = re.findall(r"<(?:script|link|img)\b[^>]*\b(?:src|href)=\"(https?:[^\"]+)", text)
+        loaded = re.findall(
+            r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"(https?:[^\"]+)", text
+        )
         assert loaded == [], page
+        assert "object at 0x" not in text, page
+
+
+def test_a_widget_is_shown_as_what_there_is_without_widgets(tmp_path: Path) -> None:
+    """And nothing is loaded for it: by default that is done, from two places."""
+    widget = "application/vnd.jupyter.widget-view+json"
+    state = {"state": {"a": {"model_name": "IntSliderModel"}}, "version_major": 2}
+    shown = {widget: {"model_id": "a"}, "text/html": "<b>a strip</b>", "text/plain": "words"}
+    output = nbformat.v4.new_output("display_data", shown)
+    cell = nbformat.v4.new_code_cell("show()", outputs=[output])
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell("# Title"), cell])
+    notebook.metadata["language_info"] = {"name": "python"}
+    notebook.metadata["widgets"] = {"application/vnd.jupyter.widget-state+json": state}
+    pages, site = tmp_path / "pages", tmp_path / "site"
+    pages.mkdir()
+    nbformat.write(notebook, pages / "index.ipynb")
+    build(site, "-Dnb_execution_mode=off", "-Dextensions=myst_nb", pages=pages)
+    assert "<b>a strip</b>" in (site / "index.html").read_text(encoding="utf-8")
+    nothing_is_loaded_from_elsewhere(site)
+
+
+def test_tables_of_results_have_the_columns_that_the_reference_lists() -> None:
+    results = causal_openlock.compare("CC4", ["oracle", "random"], subjects=2, workers=0)
+    text = (DOCS / "api" / "results.rst").read_text(encoding="utf-8")
+    first, shared, *tables = re.split(r"^(?=.*\n-{5,}$)", text, flags=re.MULTILINE)
+
+    def listed(part: str) -> list[str]:
+        cells = re.findall(r"^   \* - (.*(?:\n       .*)*)", part, flags=re.MULTILINE)
+        return [name for cell in cells for name in re.findall(r"``(.+?)``", cell)]
+
+    of_a_trial = listed(shared)
+    for part in tables:
+        name = re.match(r"``results\.(\w+)``", part)[1]  # type: ignore[index]
+        own = listed(part) + of_a_trial * (name in ("trials", "attempts", "actions"))
+        assert sorted(own) == sorted(getattr(results, name).columns), name
+    public = {name for name in dir(results) if not name.startswith("_")}
+    assert {name.rstrip("()") for name in listed(first)} == public | {"+"}
 
 
 @pytest.mark.parametrize("path", PAGES, **called)
