@@ -253,7 +253,8 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
     collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
     for folder in [*folders, *collections]:
         if _is_file(folder / f"{text}.yaml"):
-            if folder == collections[-1] and NAME.fullmatch(text):
+            # In a checkout, the working directory may be where the bundled schemas are.
+            if folder.absolute() == collections[-1] and NAME.fullmatch(text):
                 return _bundled_schema(text)
             return read_schema(folder / f"{text}.yaml")
     known = {path.stem for folder in collections for path in folder.glob("*.yaml")}

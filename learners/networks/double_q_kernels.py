@@ -164,6 +164,13 @@ def slope_by(scratch: Scratch, turn: int, many: int, width: int) -> Floats:
 
 
 @inlined
+def copy(values: Floats, output: Floats) -> None:
+    """Set a vector; ``output[:] = values`` compiles what names the shapes that do not fit, too."""
+    for element in range(len(output)):
+        output[element] = values[element]
+
+
+@inlined
 def list_terms(values: Floats, filler: int, listed: Integers, factors: Floats) -> int:
     """List and count what is not zero of some values.
 
@@ -213,10 +220,13 @@ def evaluate(networks: Networks, agent: int, inputs: Floats, scratch: Scratch) -
     many, layers = len(inputs), len(networks.begins)
     listed, factors = scratch.listed, scratch.factors
     given = given_to(scratch, networks, 0, many)
-    given[:] = inputs
+    for row in range(many):
+        copy(inputs[row], given[row])
     for layer in range(layers):
         output = given_to(scratch, networks, layer + 1, many)
-        output[:] = biases_of(networks.flat, networks, layer, agent)[0]
+        biases = biases_of(networks.flat, networks, layer, agent)[0]
+        for row in range(many):
+            copy(biases, output[row])
         weights = weights_of(networks.flat, networks, layer, agent)
         for begin in range(0, len(weights), BLOCK):
             block = weights[begin : begin + BLOCK]
@@ -405,7 +415,7 @@ def look_up(batch: Batch, agent: int, table: TargetTable, scratch: Scratch) -> t
             column[row], rows[many] = many, row
             many += 1
     for observation in range(many):
-        scratch.inputs[observation] = table.rows[rows[observation]]
+        copy(table.rows[rows[observation]], scratch.inputs[observation])
     return acted_in, many
 
 
@@ -475,7 +485,8 @@ def update(
         for row in scratch.rows[:many]:
             if not table.is_known[agent, row]:
                 observation = table.rows[row : row + 1]
-                table.values[agent, row] = evaluate(target, agent, observation, scratch)
+                values = evaluate(target, agent, observation, scratch)
+                copy(values[0], table.values[agent, row])
                 table.is_known[agent, row] = True
         values = evaluate(online, agent, scratch.inputs[:many], scratch)
         td_errors(values, batch, agent, table, gamma, scratch, errors[agent])

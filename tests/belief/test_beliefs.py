@@ -92,7 +92,7 @@ def test_a_posterior_is_that_of_enumeration(schema, noise):
     played = Played(rooms_of(schema), replace(KNOWN, noise=noise, simplicity=0.4, free_form=0.3))
     sizes = []
     for moment, _ in enumerate(played.moments(30)):
-        if moment in (0, 1, 2, 4, 8, 29):
+        if moment in (0, 1, 4, 29):
             view = played.session.view.observation[0]
             grey = tuple(np.flatnonzero(view[7:14]).tolist())
             expected = enumerated(played, {grey: 1.0})

@@ -36,7 +36,6 @@ from support.belief_by_hand import (
 )
 from support.session_play import SCHEMAS
 
-KINDS = schema_classes()
 COMMON_CAUSE, COMMON_EFFECT = "A; A -> B+; B+ -> door", "A+; A+ -> B; B -> door"
 
 
@@ -56,7 +55,7 @@ def same(one: nx.DiGraph, other: nx.DiGraph) -> bool:
 def by_shape() -> dict[str, list[nx.DiGraph]]:
     """All classes as graphs, those together that could be the same."""
     shapes = defaultdict(list)
-    for kind in KINDS:
+    for kind in schema_classes():
         shapes[shape(graph_of(kind))].append(graph_of(kind))
     return shapes
 
@@ -74,7 +73,7 @@ def test_no_class_is_listed_under_two_names():
     for graphs in by_shape().values():
         for index, graph in enumerate(graphs):
             assert not any(same(graph, other) for other in graphs[:index])
-    assert len({str(kind) for kind in KINDS}) == len(KINDS)
+    assert len({str(kind) for kind in schema_classes()}) == len(schema_classes())
 
 
 @st.composite
@@ -105,7 +104,7 @@ def test_a_description_is_as_long_as_its_parts_and_the_prior_falls_with_it():
     lengths = [
         len(kind.roles)
         + sum(role.causes.bit_count() + (role.gate != "any") for role in (*kind.roles, kind.door))
-        for kind in KINDS
+        for kind in schema_classes()
     ]
     assert lengths == sorted(lengths)
     prior = class_prior(0.7, 0.1)
@@ -113,7 +112,7 @@ def test_a_description_is_as_long_as_its_parts_and_the_prior_falls_with_it():
     assert prior.sum() == pytest.approx(1.0)
     expected = np.exp(-0.7 * np.array(lengths))
     assert prior[:-1] == pytest.approx(0.9 * expected / expected.sum())
-    assert class_prior(0.0, 0.2)[:-1] == pytest.approx(0.8 / len(KINDS))
+    assert class_prior(0.0, 0.2)[:-1] == pytest.approx(0.8 / len(schema_classes()))
 
 
 @pytest.mark.parametrize("levers", [1, 2, 3, 4])
@@ -125,11 +124,11 @@ def test_a_class_generates_what_dealing_out_its_roles_gives(levers):
     ):
         ours[kind, plain] += chance
     # Dealing four levers out by hand takes long: every class of up to three, one in forty of four.
-    chosen = range(0, len(KINDS), 40 if levers == 4 else 1)
+    chosen = range(0, len(schema_classes()), 40 if levers == 4 else 1)
     expected = {
         (kind, plain): chance
         for kind in chosen
-        for plain, chance in generated(KINDS[kind], levers).items()
+        for plain, chance in generated(schema_classes()[kind], levers).items()
     }
     ours = {pair: chance for pair, chance in ours.items() if pair[0] in chosen}
     assert ours.keys() == expected.keys()
@@ -140,7 +139,7 @@ def test_a_class_generates_what_dealing_out_its_roles_gives(levers):
 @pytest.mark.parametrize("levers", [1, 2, 3, 4, 5])
 def test_what_a_class_generates_adds_up_to_one_where_it_can_have_so_many_levers(levers):
     whole = assigned(*outlines(levers))
-    total = np.bincount(whole.kind, whole.chance, minlength=len(KINDS))
+    total = np.bincount(whole.kind, whole.chance, minlength=len(schema_classes()))
     can = feasible(levers)
     # Of five levers the longest classes are not outlined.
     listed = can[:-1] if levers < 5 else can[:-1] & (total > 0)
@@ -150,7 +149,7 @@ def test_what_a_class_generates_adds_up_to_one_where_it_can_have_so_many_levers(
     assert can[:-1].tolist() == [
         len(kind.roles) == levers
         or (len(kind.roles) < levers and any(role.many for role in kind.roles))
-        for kind in KINDS
+        for kind in schema_classes()
     ]
 
 
@@ -174,7 +173,7 @@ def test_the_free_form_adds_up_to_one(levers):
     [("CC3", COMMON_CAUSE), ("CC4", COMMON_CAUSE), ("CE3", COMMON_EFFECT), ("CE4", COMMON_EFFECT)],
 )
 def test_one_class_generates_a_schema_of_the_paper_at_both_sizes(schema, name):
-    (kind,) = [kind for kind in KINDS if str(kind) == name]
+    (kind,) = [kind for kind in schema_classes() if str(kind) == name]
     own = SCHEMAS[schema]
     chances = generated(kind, len(own.levers))
     assert plain_of(own) in chances
@@ -204,7 +203,7 @@ def test_a_catalogue_lists_each_behaviour_once_with_all_that_stands_behind_it(
         for plain, chance in free_form(levers, simplicity).items()
         if fits_console(plain, solutions, action_limit)
     }
-    free = own.kind == len(KINDS)
+    free = own.kind == len(schema_classes())
     assert {members[i] for i in own.member[free]} == expected.keys()
     for member, chance in zip(own.member[free], own.chance[free], strict=True):
         assert chance == pytest.approx(expected[members[member]])
@@ -213,7 +212,7 @@ def test_a_catalogue_lists_each_behaviour_once_with_all_that_stands_behind_it(
     prior = class_prior(simplicity, 0.1) * feasible(levers)
     prior /= prior.sum()
     by_hand: dict[object, float] = defaultdict(float)
-    for kind, p in zip([*KINDS, None], prior, strict=True):
+    for kind, p in zip([*schema_classes(), None], prior, strict=True):
         chances = free_form(levers, simplicity) if kind is None else generated(kind, levers)
         for plain, chance in chances.items():
             if fits_console(plain, solutions, action_limit):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,16 +17,21 @@ from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.world.fsm import FloatArray
 from support.belief_by_hand import World
 
-ROOM = enumerate_space(RoomSight(7, 4, 3, 3), strengths(0.0, 1.0, 1.0, 1), math.log(2.0), 20_000)
-LONG = enumerate_space(RoomSight(7, 3, 1, 5), strengths(0.0, 1.0, 1.0, 1), math.log(2.0), 20_000)
+ROOM, LONG = RoomSight(7, 4, 3, 3), RoomSight(7, 3, 1, 5)
 START = Situation(pushed=0, unlocked=False, left=3, found=())
 
 
-def some(count: int, seed: int, space=ROOM) -> tuple[Hypotheses, FloatArray]:
+@cache
+def hypotheses_of(sight: RoomSight) -> Hypotheses:
+    return enumerate_space(sight, strengths(0.0, 1.0, 1.0, 1), math.log(2.0), 20_000).hypotheses
+
+
+def some(count: int, seed: int, sight: RoomSight = ROOM) -> tuple[Hypotheses, FloatArray]:
     """Some hypotheses about a room and how probable they are."""
+    every = hypotheses_of(sight)
     rng = np.random.default_rng(seed)
-    chosen = rng.choice(len(space.hypotheses), size=count, replace=False)
-    return space.hypotheses[np.sort(chosen)], rng.dirichlet(np.full(count, 0.7))
+    chosen = rng.choice(len(every), size=count, replace=False)
+    return every[np.sort(chosen)], rng.dirichlet(np.full(count, 0.7))
 
 
 def levers(mask: int) -> frozenset[int]:

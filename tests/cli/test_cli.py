@@ -32,7 +32,7 @@ seed: 11
 subjects: 6
 cell_size: 2
 protocol: long
-conditions: [CC3, CC4, noisy_CC3]
+conditions: [CC3, noisy_CC3]
 learners: [random, oracle]
 protocols:
   long: {based_on: rl, baseline_loops: 1, attempt_limit: 100}
@@ -288,27 +288,6 @@ def test_an_export_does_not_replace_a_file_unasked(tmp_path: Path) -> None:
     assert "exists already" in fails(*words, cwd=tmp_path)
     assert (tmp_path / "mine.yaml").read_text(encoding="utf-8") == text
     here(*words, "--force", cwd=tmp_path)
-
-
-def test_compare_prints_the_table_and_writes_the_report(tmp_path: Path) -> None:
-    """Over ten seconds: the one comparison with processes, all its figures and their files."""
-    said = openlock(
-        *("compare", "default", "--learner", "oracle", "--learner", "random"),
-        *("--subjects", 3, "--condition", "CC4", "--condition", "CC3-CC4", "--out", "out"),
-        cwd=tmp_path,
-    ).stdout
-    assert "oracle" in said
-    assert "report: out/report.html" in said
-    rows = [line.split() for line in said.splitlines()]
-    first = rows.index(["people", "6.45", "5.53"])
-    assert rows[first : first + 4] == [
-        ["people", "6.45", "5.53"],
-        ["published", "model", "6.82", "7.06"],
-        ["ideal", "observer", "3.75", "3.75"],
-        ["oracle", "3.00", "3.00"],
-    ]
-    for name in ("report.html", "summary.csv", "experiment.json", "figures"):
-        assert (tmp_path / "out" / name).exists()
 
 
 def test_a_schema_of_ones_own_is_compared_the_same_minute(tmp_path: Path) -> None:

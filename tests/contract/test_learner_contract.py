@@ -44,7 +44,7 @@ class TestDDQN(LearnerContract):
         "target_period": 5,
     }
     schemas = ("CC3", "CE4")
-    attempts = 40
+    attempts = 20
 
 
 class TestDDQNOfFullSize(LearnerContract):
@@ -54,7 +54,7 @@ class TestDDQNOfFullSize(LearnerContract):
     parameters = {"target_period": 20}  # noqa: RUF012
     schemas = ("CC3", "CE4")
     subjects = 3
-    attempts = 40
+    attempts = 20
 
 
 class TestBayes(LearnerContract):
@@ -82,7 +82,7 @@ class TestBayesOfManyLevers(LearnerContract):
     """Beyond four levers structures are sampled, which takes luck of its own."""
 
     learner = "bayes"
-    parameters = {"policy": "thompson", "particles": 6, "lapse": 0.1}  # noqa: RUF012
+    parameters = {"policy": "thompson", "particles": 4, "lapse": 0.1}  # noqa: RUF012
     schemas = ("seven",)
     subjects = 2
 
@@ -92,7 +92,7 @@ class TestBayesNetDDQN(LearnerContract):
     parameters = TestDDQN.parameters
     schemas = ("CC3", "CE4", "noisy_CC3")
     subjects = 3
-    attempts = 16
+    attempts = 10
 
 
 class TestRecurrent(LearnerContract):
@@ -109,7 +109,7 @@ class TestRecurrent(LearnerContract):
     }
     schemas = ("CC3", "CE4")
     subjects = 3
-    attempts = 16
+    attempts = 8
 
 
 class TestRecurrentOfOddSizes(LearnerContract):
@@ -123,7 +123,7 @@ class TestRecurrentOfOddSizes(LearnerContract):
     }
     schemas = ("CC3", "CE4")
     subjects = 3
-    attempts = 12
+    attempts = 8
 
 
 class TestRecurrentOfFullSize(LearnerContract):
@@ -131,14 +131,15 @@ class TestRecurrentOfFullSize(LearnerContract):
     parameters = {"replay_size": 200}  # noqa: RUF012
     schemas = ("CC3", "CE4")
     subjects = 3
-    attempts = 12
+    attempts = 8
 
 
 class TestSemiMarkovDDQN(LearnerContract):
     learner = "semi_markov_ddqn"
     parameters = TestDDQN.parameters | {"prioritised": True}
     schemas = ("CC3", "CE4")
-    attempts = 30
+    subjects = 3
+    attempts = 20
 
 
 class TestRL2(LearnerContract):

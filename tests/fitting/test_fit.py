@@ -244,7 +244,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("stops", [6, 10, 14])
+@pytest.mark.parametrize("stops", [6, 14])
 def test_a_fit_that_was_killed_comes_to_the_same(whole, tmp_path, monkeypatch, stops):
     calls = 0
 

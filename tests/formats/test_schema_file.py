@@ -69,7 +69,7 @@ def test_a_bundled_schema_survives_being_dumped(schema: Schema) -> None:
     assert schema_from_dict(schema.as_dict()) == schema
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(schema=schemas(max_levers=12, stochastic=True, titles=TITLES))
 def test_any_schema_survives_being_dumped(schema: Schema) -> None:
     back = parse_schema(schema.to_yaml())
@@ -78,7 +78,7 @@ def test_any_schema_survives_being_dumped(schema: Schema) -> None:
     assert schema_from_dict(schema.as_dict()) == schema
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(title=HARD | st.lists(st.text("abc", min_size=1)).map("  ".join))
 @example(title="  ".join(["five"] * 18))  # longer than a line, with two spaces where it may break
 @example(title="a\x85b")
@@ -185,7 +185,7 @@ def test_only_what_changed_is_rewritten(
     assert read_schema(path) == schema
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(old=schemas(stochastic=True, titles=TITLES), new=schemas(stochastic=True, titles=TITLES))
 @example(old=parse_schema(COMMENTED), new=parse_schema(BUNDLED["seven"].to_yaml()))
 @example(  # a space to Python and a letter to YAML

@@ -43,7 +43,7 @@ def learner(**parameters: Any) -> Bayes:
 
 
 @cache
-def trials(condition: str, subjects: int = 50, **parameters: Any) -> pd.DataFrame:
+def trials(condition: str, subjects: int = 30, **parameters: Any) -> pd.DataFrame:
     return trials_of(play(learner(**parameters), condition, HUMAN, subjects))
 
 
@@ -61,11 +61,11 @@ def mean(trials: pd.DataFrame, phase: str, trial: int) -> float:
 @pytest.mark.parametrize("condition", ["CC4", "CE4"])
 def test_a_baseline_is_solved_in_hardly_more_attempts_than_the_best_possible(condition):
     own = trials(condition)
-    assert len(own) == 50 * 5
+    assert len(own) == 30 * 5
     assert solved(own)
     assert own.attempts.max() <= 30
     assert mean(own, "train", 1) <= 5.0
-    # The optimum is 3.75, with a standard error of 0.06 here.
+    # The optimum is 3.75, with a standard error of 0.08 here.
     assert 3.6 <= mean(own, "train", 5) <= 3.9
 
 
@@ -76,7 +76,7 @@ def test_transfer_is_faster_to_a_schema_of_the_class_that_was_trained(test):
     assert solved(congruent)
     assert solved(incongruent)
     assert mean(congruent, "test", 1) <= 3.9
-    # The ideal's gap is 0.25; the standard error of this one is 0.07.
+    # The ideal's gap is 0.25; the standard error of this one is 0.09.
     assert mean(incongruent, "test", 1) - mean(congruent, "test", 1) > 0.12
 
 
@@ -217,14 +217,14 @@ def test_no_schema_brings_it_out_of_step(schema, policy):
     assert len(record)
 
 
-@pytest.mark.parametrize("policy", ["solve_and_learn", "learn_action", "thompson"])
+@pytest.mark.parametrize("policy", ["solve_and_learn", "thompson"])
 def test_where_nothing_is_possible_it_goes_on_trying(policy):
     """A console that promises more solutions than five levers can have."""
     session = Session(FIVE, ONE_TRIAL, 1)
     player = learner(policy=policy, particles=10)
     player.begin(session.brief)
     pushed = set()
-    for _ in range(12):
+    for _ in range(8):
         console = replace(session.view.console, solutions_left=np.array([40]))
         view = replace(session.view, console=console)
         actions = player.act(view)
@@ -349,7 +349,7 @@ def test_plans_that_are_remembered_change_no_action(condition, parameters):
             bayes._PLANS.clear()
             return super().act(view)
 
-    protocol = Protocol("short", 4, stop_when_solved=True, baseline_trials=2, training_trials=2)
+    protocol = Protocol("short", 3, stop_when_solved=True, baseline_trials=2, training_trials=2)
     courses = []
     for kind in (Planless, Witness, Witness):
         player = kind(BayesParameters(**parameters))

@@ -113,7 +113,7 @@ def test_a_recurrent_ddqn_in_plain_torch_follows_the_same_course(
 def test_agents_trained_together_are_exactly_each_alone(
     cell: Any, units: int, sequences: int
 ) -> None:
-    protocol = replace(PROTOCOL, baseline_trials=3)
+    protocol = replace(PROTOCOL, baseline_trials=2)
     settings = replace(SMALL, unroll=5, cell=cell, hidden_units=units, batch_size=sequences)
 
     def trained(subjects: list[int]) -> tuple[Recurrent, list[Any]]:
@@ -127,7 +127,7 @@ def test_agents_trained_together_are_exactly_each_alone(
         return learner, np.array(done).T.tolist()
 
     together, done = trained([0, 1, 2])
-    assert together.q.updates > 45
+    assert together.q.updates > 25
     for agent in (0, 2):
         alone, did = trained([agent])
         assert did[0] == done[agent]
@@ -204,9 +204,7 @@ REMEMBERS = RecurrentParameters(
 )
 
 
-@pytest.mark.parametrize(
-    ("cell", "reset"), [("gru", "trial"), ("gru", "condition"), ("lstm", "trial")]
-)
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "condition"), ("lstm", "trial")])
 def test_with_memory_it_solves_what_cannot_be_solved_without(cell: Any, reset: Any) -> None:
     # One action in twenty is random, and two in three of those are wrong.
     assert share_right(Recurrent(replace(REMEMBERS, cell=cell, reset=reset)), TRIALS) > 0.9

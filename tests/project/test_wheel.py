@@ -1,4 +1,8 @@
-"""The wheel carries everything: schemas, experiments, reference data and learners."""
+"""The wheel carries everything: schemas, experiments, reference data and learners.
+
+What it says and writes is looked at here, too, since this is the one comparison among the tests
+that is played by processes and has all its figures drawn.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,35 +28,55 @@ assert (bundled("notebooks") / "template.ipynb").is_file()
 """
 
 
-def test_the_wheel_compares_the_bundled_experiment_from_an_empty_folder(tmp_path: Path) -> None:
-    """Over ten seconds: it is built, installed, and plays in processes of its own."""
+def run(*words: object, **options: Any) -> str:
+    done = subprocess.run(
+        [*map(str, words)], capture_output=True, text=True, check=False, timeout=180, **options
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return str(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """What a comparison in an empty folder said, and the folder; it takes over ten seconds."""
     pytest.importorskip("hatchling")
-    home, empty = tmp_path / "site", tmp_path / "empty"
+    folder = tmp_path_factory.mktemp("wheel")
+    home, empty = folder / "site", folder / "empty"
     empty.mkdir()
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
     offline = ["--no-deps", "--no-index", "--no-build-isolation"]
-
-    def run(*words: object, **options: object) -> str:
-        done = subprocess.run(
-            [*map(str, words)],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=180,
-            **options,  # type: ignore[call-overload]
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return str(done.stdout)
-
-    run(*pip, "wheel", *offline, "--wheel-dir", tmp_path, ROOT)
-    (wheel,) = tmp_path.glob("causal_openlock-*.whl")
+    run(*pip, "wheel", *offline, "--wheel-dir", folder, ROOT)
+    (wheel,) = folder.glob("causal_openlock-*.whl")
     run(*pip, "install", *offline, "--no-compile", "--target", home, wheel)
     there = {"cwd": empty, "env": {**os.environ, "PYTHONPATH": str(home)}}
     run(sys.executable, "-c", PROBE, home, **there)
-    # Few figures are drawn of one condition and one learner.
-    words = ("default", "--condition", "CC4", "--learner", "oracle", "--subjects", 2)
-    said = run(sys.executable, "-m", "causal_openlock", "compare", *words, **there)
+    words = ("default", "--learner", "oracle", "--learner", "random", "--subjects", 3)
+    conditions = ("--condition", "CC4", "--condition", "CC3-CC4")
+    return run(
+        sys.executable, "-m", "causal_openlock", "compare", *words, *conditions, **there
+    ), empty
+
+
+def test_the_wheel_compares_the_bundled_experiment_from_an_empty_folder(
+    compared: tuple[str, Path],
+) -> None:
+    said, empty = compared
     (results,) = (empty / "results").iterdir()
     assert f"report: results/{results.name}/report.html" in said
+    for name in ("report.html", "summary.csv", "experiment.json"):
+        assert (results / name).is_file()
+    kinds = {path.suffix for path in (results / "figures").iterdir()}
+    assert {".pdf", ".png", ".svg"} <= kinds
     # The reference data travel too: people's first CC4 trial is in the summary.
     assert "19.375" in (results / "summary.csv").read_text(encoding="utf-8")
+
+
+def test_compare_prints_the_table(compared: tuple[str, Path]) -> None:
+    rows = [line.split() for line in compared[0].splitlines()]
+    first = rows.index(["people", "6.45", "5.53"])
+    assert rows[first : first + 4] == [
+        ["people", "6.45", "5.53"],
+        ["published", "model", "6.82", "7.06"],
+        ["ideal", "observer", "3.75", "3.75"],
+        ["oracle", "3.00", "3.00"],
+    ]

@@ -81,7 +81,7 @@ def _validator() -> Any:
     return kind(schema)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(form=FORMS)
 def test_a_reward_says_how_it_is_written_and_comes_back_from_its_description(
     form: dict[str, Any],
