@@ -11,9 +11,12 @@ from __future__ import annotations
 
 import ast
 import linecache
+import pickle
 import re
 import sys
 from collections.abc import Iterable, Iterator
+from dataclasses import MISSING
+from io import BytesIO
 from symtable import SymbolTable, symtable
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -42,18 +45,26 @@ def packed(names: Iterable[str]) -> bytes:
     found: dict[str, Any] = {}
     for name in filter(is_of_session, names):
         _collect(name.partition(":")[2].partition(".")[0], found)
-    content: bytes = cloudpickle.dumps((_OWN, found)) if found else b""
-    return content
+    if not found:
+        return b""
+
+    class Pickler(cloudpickle.Pickler):  # type: ignore[misc]
+        # Fields of dataclasses are compared with the one object MISSING: it goes by its name.
+        dispatch_table = cloudpickle.Pickler.dispatch_table.new_child(
+            {type(MISSING): lambda _: "MISSING"}
+        )
+
+    content = BytesIO()
+    Pickler(content).dump(found)
+    return pickle.dumps((_OWN, content.getvalue()))
 
 
 def unpack(content: bytes) -> None:
     """Define what was packed in this process's ``__main__``, unless it was packed here."""
-    import cloudpickle
-
     if content:
-        where, found = cloudpickle.loads(content)
-        if where != _OWN:
-            vars(sys.modules[SESSION]).update(found)
+        where, found = pickle.loads(content)
+        if where != _OWN:  # loading a class that is there would write into it
+            vars(sys.modules[SESSION]).update(pickle.loads(found))
 
 
 def session_source(name: str) -> str:

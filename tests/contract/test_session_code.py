@@ -14,7 +14,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.contract import session_code
-from causal_openlock.contract.registry import learner_class, name_of, origin
+from causal_openlock.contract.registry import learner_class, name_of, origin, parameter_table
 from causal_openlock.contract.session_code import packed, session_source, unpack
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.export.bundle import write_bundle
@@ -40,6 +40,14 @@ class Mine(ol.OneSubjectLearner):
         self.node, results = Node(1), np.zeros(1)
     def act(self, observation):
         return pick(self.generator, self.brief.actions)
+"""
+PARAMETERS = """\
+@dataclass(frozen=True)
+class Settings:
+    rate: float = 0.5
+
+class Mine(Mine):
+    Parameters = Settings
 """
 NAME = "__main__:Mine"
 Run = Callable[[str], None]
@@ -109,6 +117,17 @@ def test_a_worker_defines_what_was_packed(run: Run, monkeypatch: pytest.MonkeyPa
     assert {"Mine", "Node", "pick"} <= vars(worker).keys()
     assert "results" not in vars(worker)
     assert packed(["ddqn"]) == b""
+
+
+def test_parameters_arrive_whole(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    for cell in (HEAD, HELPERS, LEARNER, PARAMETERS):
+        run(cell)
+    content = packed([NAME])
+    unpack(content)
+    assert [row.default for row in parameter_table(NAME)] == [0.5]
+    monkeypatch.setattr(session_code, "_OWN", "another process")
+    unpack(content)
+    assert [row.default for row in parameter_table(NAME)] == [0.5]
 
 
 def test_results_keep_the_source_and_need_no_class(
