@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from causal_openlock.contract.registry import is_ours
+from causal_openlock.contract.registry import digest, is_ours
 from causal_openlock.contract.session_code import is_of_session, packed, session_source
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Cell, Experiment
@@ -79,6 +79,8 @@ def run(
         20
     """
     watching, warn = watching or Watching(), warn or _ignore
+    if workers is not None and workers < 0:
+        raise OpenLockError(f"{workers} workers cannot play; give 1 or more, or 0 for this process")
     if time_limit is not None:  # a cell that is ended has to have made progress
         often = min(watching.checkpoint_every, time_limit / 5)
         watching = replace(watching, checkpoint_every=often)
@@ -90,13 +92,14 @@ def run(
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
     if time_limit is not None and (executor is not None or workers == 0):
         warn("the time limit is ignored: only processes of its own can be ended in a cell")
-    definitions = packed(spec.learner for spec in experiment.learners)
+    names = [spec.learner for spec in experiment.learners]
+    definitions = b"" if workers == 0 else packed(names)
+    sources = dict(_sources(experiment))
     store = Store(folder)
     store.open(experiment)
     try:
-        for spec in experiment.learners:
-            if is_of_session(spec.learner):
-                write_text(store.source(spec.origin.package), session_source(spec.learner))
+        for package, source in sources.items():
+            write_text(store.source(package), source)
         missing = {}
         for cell in experiment.cells():
             fault = store.check(cell)
@@ -126,7 +129,9 @@ def run(
             warn=warn,
             progress=progress or _ignore,
         )
-        if missing:
+        if not missing:
+            playing.progress(course.standing(time.monotonic(), ()))
+        else:
             with crew(executor, many) as those:
                 playing.play(those)
     finally:
@@ -135,6 +140,22 @@ def run(
         reasons = [playing.reasons[name] for name in missing if name in playing.reasons]
         raise CellsFailed(reasons, len(experiment.cells()))
     return store
+
+
+def _sources(experiment: Experiment) -> Iterator[tuple[str, str]]:
+    """The source of each learner of the running session, by its origin.
+
+    Raises:
+        LearnerError: If one has changed since the experiment was declared.
+    """
+    for spec in experiment.learners:
+        if is_of_session(spec.learner):
+            source = session_source(spec.learner)
+            if not spec.origin.package.endswith(f".py {digest(source)}"):
+                raise LearnerError(
+                    f"{spec.name} has changed since the experiment was declared; declare it again"
+                )
+            yield spec.origin.package, source
 
 
 def _ignore(*_: object) -> None:

@@ -60,6 +60,7 @@ CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
 :mod:`causal_openlock.experiment.checkpoint`."""
 LOG = "log.jsonl"
 """The actions of people, in a folder of ``play``; see :mod:`causal_openlock.play.log`."""
+_SOURCE = re.compile(r"[\w.]{1,200}\.py [0-9a-f]{16}")
 _ERRORS = re.compile(r".+_[0-9a-f]{12}\.txt")
 _CELL = re.compile(r"(?!\.)[^/\\:\x00-\x1f\x7f-\x9f]{1,240}\.parquet")
 """A file name that is not a path on any system."""
@@ -256,9 +257,14 @@ class Store:
 
         Args:
             package: Its origin, such as ``Mine.py 0123456789abcdef``.
+
+        Raises:
+            StoreError: If it is something else.
         """
+        if not _SOURCE.fullmatch(package):
+            raise StoreError(f"{package[:80]!r} is not the origin of a learner's source")
         name, _, digest = package.partition(".py ")
-        return self.folder / "code" / f"{name}_{digest}.py"
+        return self.folder / "code" / f"{name.replace('.', '_')}_{digest}.py"
 
     def record_failure(self, cell: Cell, what: str, trace: str) -> str:
         """Save why a cell failed: a clause that follows its name, and the traceback.

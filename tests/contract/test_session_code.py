@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import linecache
+import os
+import subprocess
 import sys
+import textwrap
 import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -177,3 +180,116 @@ def test_cells_with_magic_commands_are_passed_over(run: Run) -> None:
     run("class Mine(ol.OneSubjectLearner):\n    act = None\n")
     linecache.cache["/tmp/ipykernel_1/99.py"] = (5, None, ["%matplotlib inline\n"], "x")
     assert "act = None" in session_source(NAME)
+
+
+VALUES = """\
+import threading
+from functools import cache, partial
+from math import sqrt
+W = np.zeros(5000)
+WORDS = {"one", "two", "three", "four"}
+class Conf:
+    pass
+CONF = Conf()
+CONF.x = 1
+def step(a, b):
+    return a + b
+@cache
+def table(n):
+    return n * SCALE
+half = lambda x: x // 2 * SCALE
+shift = partial(step, 2)
+"""
+USES = """\
+class Mine(ol.OneSubjectLearner):
+    rate = 1
+    def act(self, observation):
+        return int(sqrt(table(0)) + half(0) + 0 * (shift(1) + W[0] + CONF.x + len(WORDS)))
+"""
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "W[2500] = 7",
+        "CONF.x = 100",
+        "def step(a, b):\n    return a - b\nshift = partial(step, 2)",
+        "@cache\ndef table(n):\n    return n + 1",
+        "half = lambda x: x // 3 * SCALE",
+        "WORDS.add('five')",
+        "Mine.rate = 5",
+        "def other(self, observation):\n    return 3\nMine.act = other",
+        "SCALE = 8",
+    ],
+)
+def test_what_decides_its_play_is_in_the_hash(run: Run, change: str) -> None:
+    for cell in (HEAD, VALUES, USES):
+        run(cell)
+    before = origin(NAME)
+    assert origin(NAME) == before
+    run(change)
+    assert origin(NAME) != before
+
+
+def test_the_hash_is_the_same_in_every_process(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    last = "from causal_openlock.contract.registry import origin\nprint(origin('__main__:Mine'))\n"
+    script.write_text(HEAD + VALUES + USES + last)
+    found = {
+        subprocess.run(
+            [sys.executable, script],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "5")
+    }
+    assert len(found) == 1
+
+
+def test_functions_with_a_cache_and_without_a_name_arrive(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for cell in (HEAD, VALUES, USES):
+        run(cell)
+    content = packed([NAME])
+    worker = ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", worker)
+    monkeypatch.setattr(session_code, "_OWN", "another process")
+    unpack(content)
+    player = worker.Mine()  # type: ignore[attr-defined]
+    assert player.act(None) == 0
+    assert worker.table.cache_info().currsize == 1  # type: ignore[attr-defined]
+
+
+def test_what_cannot_be_sent_is_named(run: Run) -> None:
+    for cell in (HEAD, "import threading\nLOCK = threading.Lock()\n"):
+        run(cell)
+    run("class Mine(ol.OneSubjectLearner):\n    def act(self, seen):\n        return bool(LOCK)\n")
+    with pytest.raises(LearnerError, match=r"LOCK, which .* cannot be sent .* workers=0"):
+        packed([NAME])
+
+
+@pytest.mark.parametrize(
+    "cell",
+    [
+        f"if True:\n{textwrap.indent(LEARNER, '    ')}",
+        "class Outer:\n" + textwrap.indent(LEARNER, "    ") + "Mine = Outer.Mine\n",
+    ],
+)
+def test_a_class_may_be_inside_a_block(run: Run, cell: str) -> None:
+    for one in (HEAD, HELPERS, cell):
+        run(one)
+    compile(session_source(NAME), "kept", "exec")
+
+
+def test_a_class_that_changes_after_it_was_declared_does_not_play(run: Run, tmp_path: Path) -> None:
+    for cell in (HEAD, HELPERS, LEARNER):
+        run(cell)
+    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
+    assert experiment.identity
+    run("SCALE = 9\n")
+    with pytest.raises(LearnerError, match="Mine has changed since"):
+        ol.run(experiment, tmp_path / "r", workers=0)
+    assert not (tmp_path / "r").exists()
