@@ -74,21 +74,22 @@ def compare(
     if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
         chosen = replace(chosen, name=name)
     before: list[bool] = []
-    with resumable(), shown(chosen.name, console) as show:
-        failed = play(
-            chosen,
-            folder,
-            warn=console.warn,
-            progress=show,
-            workers=workers,
-            done=lambda cell, was_there: before.append(was_there),
-            watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
-            time_limit=time_limit,
-        )
-    if any(before) and not failed:
-        there, all_cells = sum(before), len(chosen.cells())
-        console.print(f"{there} of {all_cells} cells were there already")
-    report_store(folder, console)
+    with resumable():
+        with shown(chosen.name, console) as show:
+            failed = play(
+                chosen,
+                folder,
+                warn=console.warn,
+                progress=show,
+                workers=workers,
+                done=lambda cell, was_there: before.append(was_there),
+                watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
+                time_limit=time_limit,
+            )
+        if any(before) and not failed:
+            there, all_cells = sum(before), len(chosen.cells())
+            console.print(f"{there} of {all_cells} cells were there already")
+        report_store(folder, console)
     if failed:
         error = OpenLockError(failed.summary)  # which cells they are was printed above
         error.status = failed.status

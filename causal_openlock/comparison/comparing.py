@@ -8,15 +8,18 @@ missing is.
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel
 
 from causal_openlock.comparison.progress import Show, shown_here
 from causal_openlock.comparison.results import Results, open_results
@@ -33,8 +36,10 @@ from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.experiment.worker import Watching
-from causal_openlock.files.yaml_file import read_document
+from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.world.rewards import RewardForm
 from causal_openlock.world.schema import Schema
 
 
@@ -45,12 +50,15 @@ def compare(
     subjects: int | None = None,
     protocol: str | Protocol | None = None,
     seed: int | None = None,
+    reward: RewardForm | None = None,
+    name: str | None = None,
+    title: str | None = None,
+    cell_size: int | None = None,
     out: Path | str | None = None,
     workers: int | None = None,
     checkpoint_every: float = 60.0,
     time_limit: float | None = None,
     tensorboard: Path | str | None = None,
-    **declared: Any,
 ) -> Results:
     """Compare learners, with a progress bar in a notebook or on a terminal.
 
@@ -65,6 +73,10 @@ def compare(
         subjects: Subjects of each learner in each condition; by default 40, or as the file says.
         protocol: The protocol; by default ``"human"``, or as the file says.
         seed: All randomness comes from it; by default 0, or as the file says.
+        reward: The reward of actions, as in an experiment file; by default the paper's.
+        name: A short name; by default ``"comparison"``.
+        title: A line for the report; by default who plays what.
+        cell_size: Most subjects in a unit of work; by default 40.
         out: Folder for the results; one that holds a part of this comparison is completed. By
             default they are kept until Python ends, or :meth:`Results.save` keeps them.
         workers: Number of processes; by default one for each core. With 0 this process plays, one
@@ -72,8 +84,6 @@ def compare(
         checkpoint_every: Seconds between checkpoints inside a cell.
         time_limit: Seconds after which a cell is ended and counted as failed; by default never.
         tensorboard: Folder for TensorBoard's logs.
-        **declared: ``name``, ``title``, ``reward`` and ``cell_size``, as in
-            :func:`~causal_openlock.make_experiment`.
 
     Raises:
         LearnerError: If there is no such learner or parameter; the message has the nearest name.
@@ -85,9 +95,10 @@ def compare(
         >>> results.headline[["learner", "condition", "attempts"]].head(1).values.tolist()
         [['oracle', 'CC3-CC4', 3.0]]
     """
-    changes = {"subjects": subjects, "protocol": protocol, "seed": seed, **declared}
-    given = {name: value for name, value in changes.items() if value is not None}
-    experiment = _experiment(what, learners, given)
+    changes = {"subjects": subjects, "protocol": protocol, "seed": seed}
+    declared = {"reward": reward, "name": name, "title": title, "cell_size": cell_size}
+    given = {key: one for key, one in {**changes, **declared}.items() if one is not None}
+    experiment = _experiment(what, learners, given, out)
     folder = _temporary_folder(experiment) if out is None else Path(out)
     done: list[Cell] = []
     try:
@@ -153,10 +164,16 @@ def play(
     return None
 
 
-def _experiment(what: Any, learners: Any, given: dict[str, Any]) -> Experiment:
+def _experiment(
+    what: Any, learners: Any, given: dict[str, Any], out: Path | str | None
+) -> Experiment:
     """The experiment that is asked for."""
-    if isinstance(learners, str | type) or not isinstance(learners, Sequence | None):
-        learners = [learners]
+    learners = None if learners is None else _listed(learners)
+    if isinstance(what, StoredExperiment):
+        raise ExperimentError(
+            "this experiment is the record of one that was run; compare its file again, or "
+            "declare it anew"
+        )
     if isinstance(what, Experiment):
         if given or learners:
             raise ExperimentError(
@@ -164,31 +181,33 @@ def _experiment(what: Any, learners: Any, given: dict[str, Any]) -> Experiment:
                 "declare another one with make_experiment"
             )
         return what
-    if isinstance(what, str | Path) and (path := _file(what, learners)):
+    if isinstance(what, str | Path) and not (learners and _is_condition(str(what))):
+        path = find_experiment(what)
         known = {field.name for field in fields(Changes)}
         if strange := sorted(given.keys() - known):
-            raise ExperimentError(
-                f"{strange[0]} is a matter of the experiment file; change it there"
-            )
-        return read_experiment(path, Changes(learners=learners, **given))
-    if isinstance(what, str | Path | Schema | Condition):
-        what = [str(what) if isinstance(what, Path) else what]
+            raise ExperimentError(f"{path} decides the {strange[0]}; change it in that file")
+        read = read_experiment(path, Changes(learners=learners, **given))
+        # With other learners, say, it is one comparison all the same: cells are shared.
+        return replace(read, name=(out and Store(out).name) or path.stem)
     if not learners:
         raise ExperimentError("name the learners to compare, such as learners=['bayes', 'ddqn']")
-    return make_experiment(what, learners, **given)
+    single = isinstance(what, str | Path | Schema | Condition) or not isinstance(what, Iterable)
+    return make_experiment([what] if single else list(what), learners, **given)
 
 
-def _file(name: str | Path, learners: Any) -> Path | None:
-    """The experiment file of that name; None if it is rather a condition."""
+def _listed(learners: Any) -> list[Any]:
+    single = isinstance(learners, str | type | BaseModel | Mapping)
+    return [learners] if single or not isinstance(learners, Iterable) else list(learners)
+
+
+def _is_condition(name: str) -> bool:
+    """Whether it names a condition, or at least no experiment."""
     try:
-        path = find_experiment(name)
+        Condition.named(name, find_schema)
     except OpenLockError:
-        if learners:
-            return None
-        raise
-    data = read_document(path).data
-    is_schema = isinstance(data, dict) and {"levers", "edges"} <= data.keys()
-    return None if is_schema and learners else path
+        with suppress(OpenLockError):
+            return not find_experiment(name).exists()
+    return True
 
 
 @cache
@@ -199,14 +218,17 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
 def _temporary_folder(experiment: Experiment) -> Path:
     """A folder until Python ends, with the cells of the experiment that were played before."""
     root = Path(_temporary().name)
-    folder = root / f"{experiment.name}-{experiment.identity[:12]}"
+    folder = root / experiment.identity[:12]
     store = Store(folder)
     store.open(experiment)
     try:
         for cell in experiment.cells():
             for other in root.glob(f"*/cells/{cell.file_name}"):
-                with suppress(FileExistsError):
-                    os.link(other, store.path(cell))
+                if not store.path(cell).exists():
+                    try:
+                        os.link(other, store.path(cell))
+                    except OSError:  # a file system without links
+                        shutil.copyfile(other, store.path(cell))
     finally:
         store.close()
     return folder

@@ -25,7 +25,7 @@ from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.analysis.results.scores import scores_by_condition
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
 from causal_openlock.comparison.plotting import Plots
-from causal_openlock.errors import StoreError
+from causal_openlock.errors import StoreError, in_short
 from causal_openlock.experiment.store import LOCK, Store, check_inside
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.wording import counted
@@ -40,7 +40,7 @@ ROOM = [*VISIT, "schema", "layout"]
 """Columns that identify a trial of a subject, and its room."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Results(Material):
     """The results of a comparison, read from one or more folders.
 
@@ -63,7 +63,7 @@ class Results(Material):
     def read(cls, *folders: Path | str) -> Results:
         """The results in these folders together; see :func:`open_results`."""
         found = [read_results(Store(folder), columns_of()) for folder in folders]
-        return cls._together(found, tuple(map(Path, folders)))
+        return cls._together(found, tuple(Path(folder).resolve() for folder in folders))
 
     @classmethod
     def _together(
@@ -193,12 +193,14 @@ class Results(Material):
             StoreError: If there is something in the folder already, it cannot be written to, or
                 the results are from several folders.
         """
-        folder = Path(folder)
+        folder = Path(folder).resolve()
         if len(self.folders) != 1:
             raise StoreError(
                 "these results are from several folders; save each by itself, then read them "
                 "together: open_results(one, another)"
             )
+        if self.folders[0] in folder.parents:
+            raise StoreError(f"{folder} is inside the results; choose a folder beside them")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise StoreError(f"{folder} is there already; choose another name")
         check_inside(self.folders[0])
@@ -209,7 +211,9 @@ class Results(Material):
                 shutil.copytree(self.folders[0], copied, ignore=shutil.ignore_patterns(LOCK))
                 copied.replace(folder)
         except OSError as error:
-            raise StoreError(f"{folder} cannot be written ({error.strerror})") from None
+            raise StoreError(
+                f"{folder} cannot be written ({error.strerror or in_short(error)})"
+            ) from None
         object.__setattr__(self, "folders", (folder,))
         return folder
 
@@ -235,13 +239,14 @@ class Results(Material):
         return "\n".join([text.getvalue().strip(), *self.cautions])
 
 
-def open_results(*folders: Path | str) -> Results:
+def open_results(folder: Path | str, *others: Path | str) -> Results:
     """The results in a folder that :func:`compare` or the command line wrote.
 
     Args:
-        *folders: The folder; of several, all results in one table.
+        folder: The folder.
+        *others: Further ones, whose results are in the same table.
 
     Raises:
         StoreError: If a folder holds no results, one is damaged, or they cannot be compared.
     """
-    return Results.read(*folders)
+    return Results.read(folder, *others)

@@ -173,7 +173,10 @@ def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:
     """
     written = f"{kind.__module__}:{kind.__qualname__}"
     name = next((name for name, entry in registry().items() if entry.value == written), written)
-    if not MODULE_AND_NAME.fullmatch(written) or learner_class(name) is not kind:
+    found = MODULE_AND_NAME.fullmatch(written) and _learner_class.__wrapped__(name)
+    if found is not learner_class(name):  # its module was loaded again
+        _learner_class.cache_clear()
+    if found is not kind:
         raise LearnerError(
             f"{written} cannot be found by its name, as workers have to; define the class at the "
             "top level of a notebook or of a module"

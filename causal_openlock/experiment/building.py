@@ -47,6 +47,7 @@ from causal_openlock.experiment.protocol import (
 from causal_openlock.files.module_source import look_beside
 from causal_openlock.files.validation import sentence
 from causal_openlock.files.yaml_file import Document, Where
+from causal_openlock.formats.declared import schema
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.wording import joined
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
@@ -58,9 +59,10 @@ Model = TypeVar("Model", bound=BaseModel)
 LONGEST_NAMES = 28
 """The longest list of learners or conditions in the name of a comparison, which has two."""
 
-ConditionForm = str | Schema | Condition | ConditionFile | Sequence[str | Schema]
-"""A condition by its name (``CC4``, ``CC3-CC4``, ``my.yaml``), as a schema (a baseline), as a
-sequence of schemas (train on all but the last, then test on the last), or spelled out."""
+ConditionForm = str | Path | Schema | Condition | ConditionFile | Sequence[str | Schema]
+"""A condition by its name (``CC4``, ``CC3-CC4``, ``my.yaml``), as a schema (a baseline; also in a
+line of text, ``A -> B -> door``), as a sequence of schemas (train on all but the last, then test on
+the last), or spelled out."""
 
 LearnerForm = (
     str | type[Learner] | type[OneSubjectLearner] | Learner | OneSubjectLearner | LearnerFile
@@ -83,6 +85,12 @@ class Changes:
     protocol: str | Protocol | None = None
     subjects: int | None = None
     seed: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("subjects", "seed"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, getattr(_settings(**{name: value}), name))
 
     @property
     def options(self) -> list[str]:
@@ -177,7 +185,7 @@ class _Builder:
             players, places = [*learners], [*conditions]
             name = f"{_in_short(players, 'learners')}_in_{_in_short(places, 'conditions')}"
             title = f"{joined(players)} in {joined(places)}"
-        elif self.document is None:
+        elif self.document is None and not file.title:
             title = f"{joined([*learners])} in {joined([*conditions])}"
         return Experiment(
             name=name,
@@ -193,6 +201,7 @@ class _Builder:
         """The command that runs the experiment again; empty if only a program can."""
         changes = self.changes
         changed: list[Any] = [*(changes.conditions or ()), *(changes.learners or ())]
+        changed += [] if changes.protocol is None else [changes.protocol]
         if self.document is None or not all(isinstance(one, str) for one in changed):
             return ""
         words = [self.document.path.as_posix(), *changes.options]
@@ -204,6 +213,8 @@ class _Builder:
         if (chosen := getattr(self.changes, key)) is not None:
             known = {one.name or one.learner: one for one in declared if not isinstance(one, str)}
             declared = [known.get(one, one) if isinstance(one, str) else one for one in chosen]
+        if not declared:
+            raise ExperimentError(f"there are no {key}; name at least one")
         found: dict[str, Any] = {}
         for index, entry in enumerate(declared):
             one = resolve(entry, index)
@@ -233,9 +244,12 @@ class _Builder:
 
     def condition(self, declared: ConditionForm, index: int) -> Condition:
         with self.at("conditions", index):
-            if isinstance(declared, str):
-                return Condition.named(declared, self.schema)
+            if isinstance(declared, str) and "->" in declared:
+                return self.sequence(schema(declared))
+            if isinstance(declared, str | Path):
+                return Condition.named(str(declared), self.schema)
             if isinstance(declared, Condition):
+                _checked(ConditionFile, {"name": declared.name, "train": [{"schema": "CC4"}]})
                 return declared
             if not isinstance(declared, ConditionFile):
                 return self.sequence(declared)
@@ -258,21 +272,21 @@ class _Builder:
                 "whose last one is the test"
             )
         trials = tuple(map(Trials, schemas))
-        name = "-".join(schema.name for schema in schemas)
+        name = "-".join(one.name for one in schemas)
         return Condition(name, trials[:-1] or trials, trials[1:] and trials[-1:])
 
     def trials(self, declared: TrialsFile, where: Where) -> Trials:
         with self.at(*where, "schema"):
-            schema = self.schema(declared.schema_)
+            governs = self.schema(declared.schema_)
         layouts: Any = declared.layouts
         if isinstance(layouts, list):
             places = []
             for index, layout in enumerate(layouts):
                 with self.at(*where, "layouts", index):
-                    places.append(Layout.of(schema, layout))
+                    places.append(Layout.of(governs, layout))
             layouts = tuple(places)
         with self.at(*where, "trials"):
-            return Trials(schema, layouts, declared.trials, declared.shuffle)
+            return Trials(governs, layouts, declared.trials, declared.shuffle)
 
     def learner(self, entry: LearnerForm, index: int) -> LearnerSpec:
         declared, file, where = as_learner(entry), self.file, ("learners", index)
@@ -289,7 +303,9 @@ class _Builder:
         own_protocol = declared.protocol and not self.changes.protocol
         with self.at(*(where if own_protocol else ()), "protocol"):
             played = self.changes.protocol or declared.protocol or file.protocol
-            if not isinstance(played, Protocol):
+            if not isinstance(played, Protocol | str):
+                raise ExperimentError(f"{played!r} is no protocol; give its name or a Protocol")
+            if isinstance(played, str):
                 played = find_protocol(played, self.own_protocols)
         with self.at(*(where if own_reward else ()), "reward"):
             pays = find_reward(reward)
@@ -397,11 +413,16 @@ def make_experiment(
         >>> [cell.in_words for cell in made.cells()]
         ['oracle in CC3, subjects 0-9', 'oracle in CC3-CC4, subjects 0-9']
     """
-    about = {"name": name, "title": title, "seed": seed, "subjects": subjects}
-    plain = {**about, "cell_size": cell_size, "conditions": ["CC4"], "learners": ["random"]}
-    file = _checked(ExperimentFile, plain)
+    file = _settings(name=name, title=title, seed=seed, subjects=subjects, cell_size=cell_size)
     given = {"conditions": list(conditions), "learners": list(learners), "reward": reward}
     return build(file.model_copy(update={**given, "protocol": protocol}))
+
+
+def _settings(**values: Any) -> ExperimentFile:
+    """Settings of an experiment, checked as those of a file; NumPy's integers are integers."""
+    plain = {name: int(v) if isinstance(v, np.integer) else v for name, v in values.items()}
+    anything = {"name": "comparison", "conditions": ["CC4"], "learners": ["random"]}
+    return _checked(ExperimentFile, {**anything, **plain})
 
 
 def _checked(model: type[Model], values: Mapping[str, Any]) -> Model:
@@ -423,10 +444,10 @@ def check_together(conditions: Iterable[Condition], learners: Iterable[LearnerSp
     """
     known: dict[str, Schema] = {}
     for condition in conditions:
-        for schema in condition.schemas:
-            if known.setdefault(schema.name, schema) != schema:
+        for one in condition.schemas:
+            if known.setdefault(one.name, one) != one:
                 raise ExperimentError(
-                    f"two different schemas are called {schema.name}; rename one of them"
+                    f"two different schemas are called {one.name}; rename one of them"
                 )
     for spec, condition in product(learners, conditions):
         once = replace(spec.protocol, baseline_loops=1, train_loops=1, test_loops=1)

@@ -324,6 +324,8 @@ def find_reward(reward: RewardForm) -> RewardFunction:
                 "own is written module:function"
             )
         return PRESETS[reward]
+    if callable(reward):
+        raise RewardError("a reward function of your own is written module:function")
     terms = tuple(reward)
     for index, term in enumerate(terms):
         if term not in TERMS:

@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from causal_openlock.cli import app
-from causal_openlock.contract.registry import file_that_runs, learner_class
+from causal_openlock.contract.registry import _learner_class, file_that_runs
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import write_bundle
@@ -70,7 +70,7 @@ def forge(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
 def forget() -> None:
     """Let the module of the learner be imported anew."""
     sys.modules.pop("a_foreign_learner", None)
-    learner_class.cache_clear()
+    _learner_class.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ import pytest
 from typer.testing import CliRunner
 
 from causal_openlock.cli import app
-from causal_openlock.contract.registry import learner_class
+from causal_openlock.contract.registry import _learner_class
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.experiment import Origin
@@ -90,7 +90,7 @@ def forget_the_learner() -> None:
         *filter(re.compile("parts_of_it").match, [*sys.modules]),
     ):
         sys.modules.pop(name, None)
-    learner_class.cache_clear()
+    _learner_class.cache_clear()
 
 
 @pytest.fixture(scope="module")

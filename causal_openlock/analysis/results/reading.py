@@ -16,6 +16,7 @@ from causal_openlock.experiment.record import record_schema
 from causal_openlock.experiment.store import Store, merged_versions
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow as pa
 
     from causal_openlock.experiment.experiment import LearnerSpec
@@ -61,8 +62,8 @@ def beside(
     learners: dict[str, LearnerSpec] = {}
     conditions: dict[str, Condition] = {}
     played: set[tuple[str, str]] = set()
-    for experiment in experiments:
-        cells = {(s.name, c.name) for s in experiment.learners for c in experiment.conditions}
+    for record, experiment in results:
+        cells = set(_names(record).itertuples(index=False, name=None))
         twice = sorted(played & cells)
         played |= cells
         for spec in experiment.learners:
@@ -88,3 +89,8 @@ def beside(
         versions=merged_versions([one.versions for one in experiments]),
     )
     return pa.concat_tables([record for record, _ in results]), together
+
+
+def _names(record: pa.Table) -> pd.DataFrame:
+    """The learners of a record, each with the conditions that it played."""
+    return record.select(["learner", "condition"]).to_pandas().drop_duplicates()
