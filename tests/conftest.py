@@ -35,8 +35,14 @@ LONGEST_FIRST = (
     "belief/test_beliefs.py",
     "physics/test_physics_agreement.py",
     "analysis/report",
+    "fitting/test_fit.py",
+    "experiment/test_store.py",
+    "export/test_bundle.py",
+    "belief/test_trace.py",
+    "learners/test_ideal.py",
     "project/test_wheel.py",
     "contract/test_third_party.py",
+    "world/test_own_rewards.py",
 )
 """Tests and files that take long, so that none of them is begun last; they are begun in this order.
 

@@ -234,6 +234,12 @@ def test_a_file_with_faults_is_not_overwritten(tmp_path: Path) -> None:
     assert path.read_text(encoding="utf-8") == "name: [my work"
 
 
+def test_a_bundled_schema_is_read_once_in_a_checkout_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There the folder in which schemas are looked for first is the bundled one."""
+    monkeypatch.chdir(ROOT)
+    assert find_schema("CC4") is find_schema("CC4")
+
+
 def test_a_schema_is_found_beside_the_file_that_names_it_before_the_bundled_ones(
     tmp_path: Path,
 ) -> None:

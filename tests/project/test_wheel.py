@@ -1,7 +1,7 @@
 """The wheel carries everything: schemas, experiments, reference data and learners.
 
 What it says and writes is looked at here, too, since this is the one comparison among the tests
-that is played by processes and has all its figures drawn.
+that is played by a process of its own and has all its figures drawn.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     there = {"cwd": empty, "env": {**os.environ, "PYTHONPATH": str(home)}}
     run(sys.executable, "-c", PROBE, home, **there)
     words = ("default", "--learner", "oracle", "--learner", "random", "--subjects", 3)
+    words += ("--workers", 1)  # each would compile the same, here where nothing is compiled yet
     conditions = ("--condition", "CC4", "--condition", "CC3-CC4")
     return run(
         sys.executable, "-m", "causal_openlock", "compare", *words, *conditions, **there
