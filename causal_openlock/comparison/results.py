@@ -160,8 +160,13 @@ class Results(Material):
                 f"{self.folders[0]} has been used for another comparison since; open it again"
             )
         table = pa.concat_tables([record for record, _ in parts]).to_pandas()
-        known = {name: self.trials[name].dtype for name in [*SUBJECTS, *ROOM]}
-        named = table.astype(known)
+        named = table.copy(deep=False)
+        for name in [*SUBJECTS, *ROOM]:
+            known = self.trials[name]
+            named[name] = table[name].astype(known.dtype)
+            if isinstance(known.dtype, pd.CategoricalDtype):
+                # pandas takes categories in another order for the same.
+                named[name] = named[name].cat.reorder_categories(known.cat.categories)
         return named.sort_values([*SUBJECTS, *VISIT, "attempt"], ignore_index=True)
 
     @property

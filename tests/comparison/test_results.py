@@ -61,6 +61,13 @@ def test_a_row_for_each_attempt_and_each_action(results: ol.Results) -> None:
     assert [names[index] for index in actions["index"]] == list(actions["name"])
 
 
+def test_training_comes_before_the_test(tmp_path: Path) -> None:
+    results = ol.open_results(played(tmp_path / "r", ["CC3-CC4"], ["oracle"]))
+    for table in (results.trials, results.attempts, results.actions):
+        phases = table.query("subject == 0")["phase"]
+        assert list(dict.fromkeys(phases)) == ["train", "test"]
+
+
 def test_pairs_are_of_every_two_learners(results: ol.Results) -> None:
     row = results.pairs.set_index(["learner", "other"]).loc[("oracle", "random")]
     assert row["protocol"] == "human"
