@@ -1,4 +1,4 @@
-"""Small results that were really played, in memory, for tests and examples of figures."""
+"""Small results in memory, most of them really played, for tests and examples of figures."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from causal_openlock.contract.registry import create
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Protocol
 from causal_openlock.experiment.session import Session
-from support.fabricated_records import table
-from support.made_up_experiments import NOBODY
+from support.fabricated_records import record_of_every_figure, table
+from support.made_up_experiments import NOBODY, experiment_of
 
 SHORT = replace(
     PROTOCOLS["rl"],
@@ -69,3 +69,10 @@ def believed() -> Material:
 def empty() -> Material:
     """Nobody played."""
     return Material.of(table([]), NOBODY)
+
+
+@cache
+def fabricated() -> Material:
+    """Several learners, conditions and protocols, made up."""
+    record = record_of_every_figure()
+    return Material.of(record, experiment_of(record))
