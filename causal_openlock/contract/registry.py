@@ -173,8 +173,8 @@ def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:
     """
     written = f"{kind.__module__}:{kind.__qualname__}"
     name = next((name for name, entry in registry().items() if entry.value == written), written)
-    found = MODULE_AND_NAME.fullmatch(written) and _learner_class.__wrapped__(name)
-    if found is not learner_class(name):  # its module was loaded again
+    found = _learner_class.__wrapped__(name) if MODULE_AND_NAME.fullmatch(written) else None
+    if found is not None and found is not learner_class(name):  # its module was loaded again
         _learner_class.cache_clear()
     if found is not kind:
         raise LearnerError(

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import causal_openlock as ol
@@ -237,3 +240,86 @@ class Failing(ol.OneSubjectLearner):
 
     def act(self, observation: Any) -> int:
         return 1 // 0
+
+
+def test_every_form_of_what_is_listed(tmp_path: Path) -> None:
+    (tmp_path / "v.yaml").write_text(VAULT.to_yaml())
+    conditions = [tmp_path / "v.yaml", "A -> door", Path("CC3")]
+    made = ol.make_experiment(conditions, ["oracle"], title="Mine", subjects=np.int64(1))
+    assert [one.name for one in made.conditions] == ["vault", "schema", "CC3"]
+    assert (made.title, made.learners[0].subjects) == ("Mine", 1)
+    results = ol.compare(tmp_path / "v.yaml", {"oracle"}, subjects=1, workers=0)
+    assert results.learners == ("oracle",)
+    names = iter(["oracle"])
+    assert ol.compare(pd.Index(["CC3"]), names, subjects=1, workers=0).learners == ("oracle",)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"subjects": 0}, "subjects"),
+        ({"subjects": 2.5}, "subjects"),
+        ({"seed": -1}, "seed"),
+        ({"learners": []}, "there are no learners"),
+        ({"protocol": 5}, "5 is no protocol"),
+        ({"workers": -1, "subjects": 1}, "-1 workers cannot play"),
+        ({"cell_size": 3}, "decides the cell_size"),
+    ],
+)
+def test_changes_to_a_file_are_checked(
+    changes: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "e.yaml"
+    path.write_text("name: e\nconditions: [CC3]\nlearners: [oracle]\n")
+    with pytest.raises(OpenLockError, match=message):
+        ol.compare(path, **changes)
+
+
+@pytest.mark.parametrize("what", [5, None, {}, [], "CC3-"])
+def test_what_is_no_condition_is_refused(what: Any) -> None:
+    with pytest.raises(OpenLockError):
+        ol.compare(what, ["oracle"])
+
+
+def test_one_more_learner_of_a_file_plays_what_is_missing(
+    tmp_path: Path, played: list[str]
+) -> None:
+    path, out = tmp_path / "e.yaml", tmp_path / "out"
+    path.write_text("name: e\nconditions: [CC3]\nsubjects: 2\nlearners: [oracle, random]\n")
+    ol.compare(path, ["oracle"], out=out, workers=0)
+    ol.compare(path, ["oracle", "random"], out=out, workers=0)
+    assert played == ["oracle in CC3, subjects 0-1", "random in CC3, subjects 0-1"]
+
+
+def test_a_record_is_not_an_experiment_to_run(tmp_path: Path) -> None:
+    results = ol.compare(["CC3"], ["oracle"], subjects=1, workers=0)
+    with pytest.raises(ExperimentError, match="record of one that was run"):
+        ol.compare(results.experiment)
+
+
+def test_when_nothing_is_missing_the_progress_is_shown_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shares: list[float] = []
+
+    @contextmanager
+    def shown(name: str) -> Iterator[Any]:
+        yield lambda standing: shares.append(standing.share)
+
+    monkeypatch.setattr(comparing, "shown_here", shown)
+    for _ in range(2):
+        ol.compare(["CC3"], ["oracle"], subjects=1, seed=75, workers=0)
+    assert shares[-1] == 1.0
+    shares.clear()
+    ol.compare(["CC3"], ["oracle"], subjects=1, seed=75, workers=0)
+    assert shares == [1.0]
+
+
+def test_without_links_cells_are_copied(monkeypatch: pytest.MonkeyPatch, played: list[str]) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError("no links here")
+
+    monkeypatch.setattr(os, "link", refuse)
+    ol.compare(["CC3"], ["oracle"], subjects=1, seed=76, workers=0)
+    ol.compare(["CC3"], ["oracle", "random"], subjects=1, seed=76, workers=0)
+    assert played == ["oracle in CC3, subject 0", "random in CC3, subject 0"]

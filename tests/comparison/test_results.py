@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.errors import StoreError
-from causal_openlock.notebook import report_html, results_html
+from causal_openlock.notebook import experiment_html, report_html, results_html
 from support.html_page import Page
 
 PAIR = ol.Schema("pair", ["a", "b"], {"a": ["door"], "b": ["door"]}, gates={"door": ol.Gate("all")})
@@ -158,3 +159,44 @@ def test_a_folder_that_was_used_again_is_noticed(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="open it again"):
         _ = results.attempts
     assert ol.open_results(folder).learners == ("oracle", "random")
+
+
+def test_a_folder_is_found_from_elsewhere(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(folder.parent)
+    results = ol.open_results("r")
+    monkeypatch.chdir(tmp_path)
+    assert len(results.attempts) == len(ol.open_results(folder).attempts)
+
+
+def test_the_order_of_adding_does_not_matter(tmp_path: Path) -> None:
+    parts = [
+        ol.open_results(played(tmp_path / name, [condition], [learner]))
+        for name, condition, learner in (
+            ("a", "CC3", "oracle"), ("b", "CC4", "random"), ("c", "CC3", "random"),
+        )
+    ]  # fmt: skip
+    together = parts[0] + parts[1] + parts[2]
+    assert len(together.trials) == sum(len(part.trials) for part in parts)
+    assert (parts[2] + parts[0] + parts[1]).learners == ("random", "oracle")
+
+
+def test_results_are_not_saved_inside_themselves(tmp_path: Path) -> None:
+    folder = played(tmp_path / "r", ["CC3"], ["oracle"])
+    with pytest.raises(StoreError, match="inside the results"):
+        ol.open_results(folder).save(folder / "copy")
+
+
+def test_showing_an_experiment_of_a_folder_runs_no_code(tmp_path: Path) -> None:
+    folder = played(tmp_path / "r", ["CC3"], [f"{__name__}:Elsewhere"])
+    recorded = ol.Store(folder).experiment()
+    spec = replace(recorded.learners[0], learner="nowhere_at_all:Evil")
+    assert "nowhere_at_all" in experiment_html(replace(recorded, learners=(spec,)))
+
+
+class Elsewhere(ol.OneSubjectLearner):
+    """A learner in a module."""
+
+    def act(self, observation: Any) -> int:
+        return 0
