@@ -6,6 +6,7 @@ names the remedy, so the command line prints it as it is and exits with status 2
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,13 @@ class OpenLockError(Exception):
     """
 
     status = 2
+
+    def _render_traceback_(self) -> list[str]:
+        """What a notebook shows: the line of the cell, and the sentence."""
+        frames = traceback.extract_tb(self.__traceback__)
+        own = [frame for frame in frames if not Path(frame.filename).is_file()]
+        where = [f"line {frame.lineno}: {frame.line}" for frame in own[:1]]
+        return [*where, f"{type(self).__name__}: {self}"]
 
 
 class Interrupted(OpenLockError):  # noqa: N818 - it is none

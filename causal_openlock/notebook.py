@@ -235,12 +235,12 @@ def _changed(entry: LearnerSpec) -> dict[str, Any]:
 def learner_html(learner: Learner) -> str:
     """A learner: what it is, and its hyper-parameters; those that differ from defaults are bold."""
     from causal_openlock.contract.one_subject import PerSubjectAdapter
-    from causal_openlock.contract.registry import parameter_table
+    from causal_openlock.contract.registry import parameters_of
 
     kind = learner.single if isinstance(learner, PerSubjectAdapter) else type(learner)
     parameters = learner.parameters
     rows = []
-    for row in parameter_table(f"{kind.__module__}:{kind.__qualname__}"):
+    for row in parameters_of(type(parameters)):
         value = getattr(parameters, row.name)
         shown = escape(str(value))
         shown = shown if value == row.default else f"<b>{shown}</b>"
@@ -271,7 +271,9 @@ def results_html(results: Results) -> str:
         ]
         parts.append(f"<div>protocol {escape(table.protocol)}</div>{_table(heads, rows)}")
     known = escape(" ".join(results.cautions))
-    about = "Mean attempts to find every solution, in small type their 95% interval."
+    about = (
+        "Mean attempts to find every solution, in small type their 95% interval if subjects differ."
+    )
     return _card(results.experiment.title, *parts, f"<div><small>{about} {known}</small></div>")
 
 

@@ -24,8 +24,10 @@ def notebook(
     """Begin a notebook: a comparison to fill in, or a copy of a lesson to change."""
     from causal_openlock.formats.schema_file import bundled
 
-    path = Path(name if name.endswith(SUFFIX) else f"{name}{SUFFIX}")
-    if path.exists():
+    path = Path(name if name.lower().endswith(SUFFIX) else f"{name}{SUFFIX}")
+    if not name.strip() or name.endswith(("/", "\\", ".")) or not name.isprintable():
+        raise OpenLockError(f"{name!r} is no name of a notebook; choose one such as mine")
+    if path.exists() or path.is_symlink():
         raise OpenLockError(f"{path} exists already; choose another name, or remove it first")
     lessons = sorted(bundled("notebooks").glob(f"[0-9]*{SUFFIX}"))
     if lesson is None:

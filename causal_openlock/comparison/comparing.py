@@ -13,7 +13,6 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -181,7 +180,12 @@ def _experiment(
                 "declare another one with make_experiment"
             )
         return what
-    if isinstance(what, str | Path) and not (learners and _is_condition(str(what))):
+    is_condition = isinstance(what, str | Path) and _is_condition(str(what))
+    if isinstance(what, str | Path) and not (learners and (is_condition or not _is_file(what))):
+        if is_condition:
+            raise ExperimentError(
+                f"{what} is a condition; name the learners, too: compare({str(what)!r}, ['bayes'])"
+            )
         path = find_experiment(what)
         known = {field.name for field in fields(Changes)}
         if strange := sorted(given.keys() - known):
@@ -201,13 +205,20 @@ def _listed(learners: Any) -> list[Any]:
 
 
 def _is_condition(name: str) -> bool:
-    """Whether it names a condition, or at least no experiment."""
+    """Whether it names a condition."""
     try:
         Condition.named(name, find_schema)
     except OpenLockError:
-        with suppress(OpenLockError):
-            return not find_experiment(name).exists()
+        return False
     return True
+
+
+def _is_file(name: str | Path) -> bool:
+    """Whether it names an experiment file."""
+    try:
+        return find_experiment(name).exists()
+    except OpenLockError:
+        return False
 
 
 @cache

@@ -65,6 +65,9 @@ class Plots:
     subjects = _Of(plot_subjects)
     beliefs = _Of(plot_beliefs)
 
+    def __repr__(self) -> str:
+        return f"plots: {', '.join(dir(self))}; each takes ax= and returns the axes"
+
     def __dir__(self) -> list[str]:
         """The plots, for completion."""
         return [name for name, one in vars(type(self)).items() if isinstance(one, _Of)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from io import StringIO
 from pathlib import Path
@@ -116,8 +116,8 @@ class Results(Material):
         """A row for each action, in the order of time.
 
         Columns: the subject, the trial and the ``attempt``, as in :attr:`attempts`; the number of
-        the ``action`` in the attempt, from 1; its ``index`` in the action space; its ``name``,
-        such as ``push_UPPER``; and whether it ``moved`` something.
+        the ``action`` in the attempt, from 1; its ``action_index`` in the action space; its
+        ``name``, such as ``push_UPPER``; and whether it ``moved`` something.
         """
         whole = self._whole
         lengths = whole["actions"].map(len).to_numpy()
@@ -130,7 +130,7 @@ class Results(Material):
             names[own] = known[index[own]]
         return rows.reset_index(drop=True).assign(
             action=np.arange(len(rows)) - np.repeat(np.cumsum(lengths) - lengths, lengths) + 1,
-            index=index,
+            action_index=index,
             name=names,
             moved=np.concatenate([*whole["moved"]]).astype(bool),
         )
@@ -230,7 +230,11 @@ class Results(Material):
         """
         if not isinstance(other, Results):
             return NotImplemented
-        parts = [(one.record, one.experiment) for one in (self, other)]
+        titles = dict.fromkeys(one.experiment.title for one in (self, other))
+        parts = [
+            (one.record, replace(one.experiment, title=", and ".join(titles)))
+            for one in (self, other)
+        ]
         return self._together(parts, self.folders + other.folders)
 
     def __repr__(self) -> str:

@@ -256,7 +256,11 @@ def parameter_table(name: str) -> list[ParameterInfo]:
     >>> parameter_table("ddqn")[0]
     ParameterInfo(name='gamma', default=0.8, meaning='discount factor (paper: .8)')
     """
-    declared: Any = learner_class(name).Parameters
+    return parameters_of(learner_class(name).Parameters)
+
+
+def parameters_of(declared: Any) -> list[ParameterInfo]:
+    """The same of a class of parameters."""
     hints = get_type_hints(declared, include_extras=True)
     table = []
     for field in fields(declared):

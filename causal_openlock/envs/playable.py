@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from causal_openlock.envs.settings import ATTEMPT_LIMIT
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.validation import whole_number
 from causal_openlock.formats.declared import schema as declared
 from causal_openlock.render.panel import Panel, ShownAction
 from causal_openlock.render.room import room_text
@@ -229,6 +230,11 @@ def room(
         (('LOWERLEFT', 'UPPERRIGHT'),)
     """
     found = declared(schema)
+    if seed is not None:
+        seed = whole_number(seed, "seed")
+    attempt_limit = whole_number(attempt_limit, "attempt_limit", 1)
+    if action_limit is not None:
+        action_limit = whole_number(action_limit, "action_limit", 1)
     env = OpenLockEnv(
         found,
         first_layout(found) if layout is None else layout,

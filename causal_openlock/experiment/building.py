@@ -31,6 +31,8 @@ from causal_openlock.contract.registry import (
 from causal_openlock.errors import ExperimentError, FileError, LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.file_format import (
+    NAME_FORM,
+    NAME_IN_WORDS,
     ConditionFile,
     ExperimentFile,
     LearnerFile,
@@ -220,8 +222,13 @@ class _Builder:
             one = resolve(entry, index)
             with self.at(key, index):
                 if one.name in found:
+                    how = {
+                        "learners": "learner(..., label=...)",
+                        "conditions": "schema(..., name=...)",
+                    }
                     raise ExperimentError(
                         f"the {key[:-1]} {one.name} is listed twice; give one of them another name"
+                        + (f", as in {how[key]}" if self.document is None else "")
                     )
             found[one.name] = one
         return found
@@ -339,6 +346,8 @@ def as_learner(learner: LearnerForm) -> LearnerFile:
             f"{learner!r} is no learner; give a name, a class of learners, an instance of one, or "
             "learner(NAME, parameter=value)"
         )
+    if lacking := sorted(kind.__abstractmethods__):
+        raise LearnerError(f"{kind.__name__} has no method {lacking[0]}; define it")
     changed = asdict(parameters) if is_dataclass(parameters) else {}  # type: ignore[arg-type]
     return LearnerFile(learner=name_of(kind), parameters=changed)
 
@@ -372,6 +381,8 @@ def learner(
         {'learning_rate': 0.0005}
     """
     declared = as_learner(learner)
+    if label is not None and not re.fullmatch(NAME_FORM, label):
+        raise ExperimentError(f"{label!r} is not a label; it must have {NAME_IN_WORDS}")
     together = {**declared.parameters, **parameters}
     parse_parameters(declared.learner, together)
     given = {"name": label, "subjects": subjects, "protocol": protocol, "reward": reward}

@@ -18,13 +18,9 @@ from causal_openlock.formats.schema_file import JSON_SCHEMA_ID
 from causal_openlock.world.rewards import PAPER_REWARD, WEIGHTS
 
 Positive = Annotated[int, Field(ge=1)]
-Name = Annotated[
-    str,
-    Field(
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$",
-        description="letters, digits, underscores, dots and dashes, at most 64 in all",
-    ),
-]
+NAME_FORM = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+NAME_IN_WORDS = "letters, digits, underscores, dots and dashes, at most 64 in all"
+Name = Annotated[str, Field(pattern=NAME_FORM, description=NAME_IN_WORDS)]
 
 
 def _form(value: Any) -> str:

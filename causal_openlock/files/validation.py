@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from causal_openlock.errors import OpenLockError
 from causal_openlock.wording import nearest
 
 Where = tuple[str | int, ...]
@@ -38,6 +40,20 @@ def described(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return "nothing" if value is None else str(value)[:40]
+
+
+def whole_number(value: Any, name: str, least: int = 0) -> int:
+    """An argument that has to be a whole number; NumPy's are.
+
+    >>> whole_number(3, "trial", 1)
+    3
+
+    Raises:
+        OpenLockError: If it is something else, or less.
+    """
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
+        return int(value)
+    raise OpenLockError(f"{name} must be a whole number of at least {least}, and this is {value!r}")
 
 
 _WANTED = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +95,8 @@ def _graph(source: Any) -> nx.DiGraph:
             for effect in (effects if _several(effects) else [effects])
         ]
     for edge in source if _several(source) else [source]:
-        if isinstance(edge, str) or not isinstance(edge, Sequence) or len(edge) not in (2, 3):
+        ends = [*edge][:2] if _several(edge) else []
+        if len(ends) < 2 or len([*edge]) > 3 or not all(isinstance(one, str) for one in ends):
             raise SchemaError(
                 f"{edge!r} is no edge; write (cause, effect), or declare the schema with a text "
                 'such as "A -> B, C; B | C -> door"'
@@ -104,7 +105,7 @@ def _graph(source: Any) -> nx.DiGraph:
             raise SchemaError(
                 f"the edge {edge[0]} -> {edge[1]} is listed twice; remove one of them"
             )
-        graph.add_edge(*edge[:2], **({"strength": edge[2]} if len(edge) == 3 else {}))
+        graph.add_edge(*map(str, ends), **({"strength": edge[2]} if len(edge) == 3 else {}))
     return graph
 
 
@@ -119,6 +120,8 @@ def _add(parts: Any, attribute: str, values: Mapping[Any, Any]) -> None:
         return " -> ".join(map(str, part)) if isinstance(part, tuple) else str(part)
 
     for part, value in values.items():
+        if attribute == "strength" and not (isinstance(part, tuple) and len(part) == 2):
+            raise SchemaError(f"{part!r} is no edge; strengths are {{(cause, effect): strength}}")
         if part not in parts:
             known = nearest(written(part), map(written, parts))
             raise SchemaError(f"{written(part)!r} has a {attribute} and is not there; {known}")

@@ -28,7 +28,7 @@ from causal_openlock.wording import nearest
 from causal_openlock.world.schema import DOOR, Gate, Schema
 
 TOKEN = re.compile(
-    r"""(?P<skip>[ \t\r]+|\#[^\n]*)
+    r"""(?P<skip>[ \t\r\ufeff]+|\#[^\n]*)
       | (?P<title>"(?:[^"\\\n]|\\.)*")
       | (?P<mark>->|[;:,|&()\n])
       | (?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)
@@ -36,6 +36,8 @@ TOKEN = re.compile(
       | (?P<unknown>\S+)""",
     re.VERBOSE,
 )
+MOST_HINTS = 20
+"""Names that lead nowhere for which a nearest one is searched."""
 JOINED = {"any": " | ", "all": " & "}
 
 
@@ -214,7 +216,7 @@ class _Reader:
             return _Side(names, gate, mark, strengths)
         if start.text in ("any", "all"):
             gate = Gate(start.text)
-        elif start.text.isdigit() and len(start.text) < 4:
+        elif start.text.isdecimal() and start.text.isascii() and len(start.text) < 4:
             gate = Gate("at_least", int(start.text))
         else:
             raise self.fault(start.at, f"before 'of' is {start}; write any, all or a whole number")
@@ -287,9 +289,10 @@ class _Reader:
                 at = self.levers.get(name, 0)
             if error.at[0] == "levers" or error.at == ("edges",):
                 # A name that leads nowhere may be another one, misspelt.
-                for name in [*self.levers]:
+                nowhere = [name for name in self.levers if name not in {*self.edges, *self.inert}]
+                for name in nowhere[:MOST_HINTS]:
                     hint = nearest(name, {*self.levers, DOOR} - {name})
-                    if name not in {*self.edges, *self.inert} and hint.startswith("did you"):
+                    if hint.startswith("did you"):
                         at, problem = self.levers[name], f"{problem}; for {name}, {hint}"
                         break
             raise self.fault(at, problem) from None

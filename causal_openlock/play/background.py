@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from causal_openlock.experiment.protocol import Condition, Trials, find_protocol
+from causal_openlock.files.validation import whole_number
 from causal_openlock.formats.declared import schema as declared
 from causal_openlock.play.people import People
 from causal_openlock.play.server import PlayServer
@@ -83,7 +84,7 @@ def play_room(
         ...     opened.url.startswith("http://127.0.0.1:")
         True
     """
-    found = declared(schema)
+    found, seed = declared(schema), whole_number(seed, "seed")
     condition, budgets = Condition(found.name, (Trials(found),)), find_protocol(protocol)
     kept = TemporaryDirectory(prefix="causal_openlock_") if out is None else None
     folder = Path(kept.name if kept else out or "")

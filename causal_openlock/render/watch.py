@@ -21,6 +21,7 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import ProtocolError
 from causal_openlock.experiment.building import ConditionForm, LearnerForm, make_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.files.validation import whole_number
 from causal_openlock.formats.declared import schema
 from causal_openlock.render.film import Shot, save_film, stills
 from causal_openlock.render.filmed_trial import FilmedTrial, play_trial
@@ -101,7 +102,7 @@ def watch(
             ``learner(NAME, parameter=value)`` returns.
         condition: ``CC4``, ``CC3-CC4``, a schema, a :class:`Condition`, or a schema as a line of
             text such as ``A -> B, C -> door``.
-        layout: A layout for all trials of a condition of one schema, such as ``trial7``.
+        layout: A layout, such as ``trial7``, of the one trial of a condition of one schema.
         trial: Number of the trial in the whole condition, from 1.
         attempts: How many attempts to show at most; the trial itself is played to its end.
         protocol: The budgets.
@@ -118,8 +119,9 @@ def watch(
         attempt 1, push LOWERLEFT: the door unlocks
         attempt 1, push door: the door opens: a new solution
     """
-    if attempts is not None and attempts < 1:
-        raise ProtocolError(f"attempts is how many attempts to show, at least 1, not {attempts}")
+    if attempts is not None:
+        attempts = whole_number(attempts, "attempts", 1)
+    trial, subject = whole_number(trial, "trial", 1), whole_number(subject, "subject")
     if isinstance(condition, str) and "->" in condition:
         condition = schema(condition)
     experiment = make_experiment([condition], [learner], seed=seed, protocol=protocol, subjects=1)

@@ -162,10 +162,17 @@ class RoomBatch:
         self.row = np.zeros(size, dtype=np.int64)
         self.found = np.zeros((size, 0), dtype=bool)
         self._counts = np.zeros((5, size), dtype=np.int64)
-        self.attempt, self.found_count, self.solutions, self.previous, self.reward = self._counts
+        self._name_counts()
         self._judged = np.zeros((3, size), dtype=np.int64)
         self._spare_rows = Spare((size,), np.dtype(np.int64))
         self._spare_rewards = Spare((size,), np.dtype(np.float64))
+
+    def _name_counts(self) -> None:
+        self.attempt, self.found_count, self.solutions, self.previous, self.reward = self._counts
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._name_counts()  # a copy's arrays are parts of one another again
 
     def use(self, tables: RoomTables) -> None:
         """Replace the tables of the rooms."""

@@ -95,7 +95,8 @@ def action_index(action: str | int, positions: int) -> int:
                 return known[name]
         written = names if "_" in action else [name.replace("_", " ") for name in names]
         raise LayoutError(f"there is no action {action!r}; {nearest(action, written)}")
-    if not isinstance(action, int | np.integer) or not 0 <= action < len(names):
+    is_number = isinstance(action, int | np.integer) and not isinstance(action, bool)
+    if not is_number or not 0 <= action < len(names):
         raise LayoutError(f"there is no action {action!r}; actions are 0 to {len(names) - 1}")
     return int(action)
 

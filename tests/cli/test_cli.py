@@ -181,7 +181,7 @@ def test_output_that_is_no_terminal_is_lines_that_tell_how_far_it_is(tmp_path: P
     assert all(ord(sign) >= 32 for line in lines for sign in line), "no signs that steer a terminal"
     page = (tmp_path / "out" / "report.html").read_bytes()
     again = here("compare", *words, "--out", "out", cwd=tmp_path)[0].splitlines()
-    assert again[0] == "2 of 2 cells were there already"
+    assert "2 of 2 cells were there already" in again
     here("report", "out", cwd=tmp_path)
     assert (tmp_path / "out" / "report.html").read_bytes() == page
 

@@ -323,3 +323,22 @@ def test_without_links_cells_are_copied(monkeypatch: pytest.MonkeyPatch, played:
     ol.compare(["CC3"], ["oracle"], subjects=1, seed=76, workers=0)
     ol.compare(["CC3"], ["oracle", "random"], subjects=1, seed=76, workers=0)
     assert played == ["oracle in CC3, subject 0", "random in CC3, subject 0"]
+
+
+def test_messages_of_a_notebook_say_what_to_do_there() -> None:
+    with pytest.raises(ExperimentError, match=r"'slow ddqn' is not a label; it must have letters"):
+        ol.learner("ddqn", label="slow ddqn")
+    with pytest.raises(ExperimentError, match="CC4 is a condition; name the learners, too"):
+        ol.compare("CC4", subjects=1)
+    with pytest.raises(ExperimentError, match=r"listed twice.*as in learner\(\.\.\., label="):
+        ol.make_experiment(["CC3"], ["oracle", "oracle"])
+    with pytest.raises(LearnerError, match="Unfinished has no method act"):
+        ol.learner(Unfinished)
+    with pytest.raises(LearnerError) as caught:
+        ol.learner("bays")
+    (sentence,) = caught.value._render_traceback_()
+    assert sentence.startswith("LearnerError: there is no learner 'bays'; did you mean bayes?")
+
+
+class Unfinished(ol.OneSubjectLearner):
+    """It cannot act."""

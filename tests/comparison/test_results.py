@@ -59,7 +59,7 @@ def test_a_row_for_each_attempt_and_each_action(results: ol.Results) -> None:
     last = actions.groupby(keys, observed=True)["name"].last().reindex(opened.index)
     assert (last[opened] == "push_door").all()
     names = ol.action_names(7)
-    assert [names[index] for index in actions["index"]] == list(actions["name"])
+    assert [names[index] for index in actions["action_index"]] == list(actions["name"])
 
 
 def test_training_comes_before_the_test(tmp_path: Path) -> None:

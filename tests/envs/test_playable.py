@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -115,3 +116,26 @@ def test_an_unknown_action_changes_nothing(action: Any, words: str) -> None:
         room.step(action)
     assert words in str(caught.value)
     assert "30 attempts and 3 actions left" in repr(room)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda: ol.room("CC4", seed=-1),
+        lambda: ol.room("CC4", attempt_limit=1.5),  # type: ignore[arg-type]
+        lambda: ol.room("CC4", action_limit="a"),  # type: ignore[arg-type]
+        lambda: ol.room("CC4").step(True),
+        lambda: ol.watch("oracle", "CC3", trial=1.5),  # type: ignore[arg-type]
+        lambda: ol.watch("oracle", "CC3", subject=-1),
+        lambda: ol.watch("oracle", "CC3", attempts="a"),  # type: ignore[arg-type]
+        lambda: ol.play_room("CC3", seed="a", browser=False),  # type: ignore[arg-type]
+        lambda: ol.schema("² of (A, B) -> door"),
+        lambda: ol.schema({"A": None}),  # type: ignore[dict-item]
+        lambda: ol.schema([("A", "door")], strengths={"A": 1}),  # type: ignore[dict-item]
+        lambda: ol.schema(";".join(f"L{lever} -> door" for lever in range(3000))),
+    ],
+)
+def test_wrong_kinds_of_values_are_one_sentence(ask: Callable[[], object]) -> None:
+    with pytest.raises(ol.OpenLockError) as caught:
+        ask()
+    assert "\n" not in str(caught.value)

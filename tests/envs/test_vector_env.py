@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -218,8 +221,8 @@ def test_what_many_rooms_return_stays_as_it_is_however_long_it_is_kept(
         kept.append((parts, [array.copy() for array in parts]))
         del seen, ends, info
         for parts, copies in kept[-5:]:
-            for array, copy in zip(parts, copies, strict=True):
-                np.testing.assert_array_equal(array, copy)
+            for array, kept_copy in zip(parts, copies, strict=True):
+                np.testing.assert_array_equal(array, kept_copy)
         if len(kept) == 8:
             kept.clear()
 
@@ -235,3 +238,17 @@ def test_large_arrays_are_used_again_only_once_nobody_refers_to_them() -> None:
     assert where in [array.ctypes.data for array in [spare.array() for _ in range(KEPT_ARRAYS)]]
     kept = [spare.array() for _ in range(2 * KEPT_ARRAYS)]
     assert len({array.ctypes.data for array in kept}) == len(kept)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_plays_as_the_original(copied: Callable[[Any], Any]) -> None:
+    env = OpenLockVectorEnv(20, "CC4", attempt_limit=3)
+    env.reset(seed=0)
+    generator = np.random.default_rng(0)
+    for _ in range(7):
+        env.step(generator.integers(15, size=20))
+    other = copied(env)
+    for _ in range(40):
+        actions = generator.integers(15, size=20)
+        for one, two in zip(env.step(actions)[:4], other.step(actions)[:4], strict=True):
+            np.testing.assert_array_equal(one, two)

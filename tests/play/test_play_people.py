@@ -352,9 +352,8 @@ def test_a_report_shows_a_person_beside_learners(tmp_path: Path) -> None:
 
 
 def test_results_that_contradict_each_other_stand_in_no_report(tmp_path: Path) -> None:
-    table = pa.table({"learner": ["a"]})
-
     def result(learner: str, condition: Condition) -> Any:
+        table = pa.table({"learner": [learner], "condition": [condition.name]})
         known = {"learners": (spec(learner),), "conditions": (condition,)}
         return table, replace(NOBODY, **known)
 

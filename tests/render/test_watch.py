@@ -136,7 +136,7 @@ def test_conditions_are_given_by_name_schema_text_or_as_such() -> None:
         (("oracle", "CC5"), {}, "did you mean CC4?"),
         (("oracle", "A -> dor"), {}, "did you mean door?"),
         (("oracle", "CC4"), {"layout": "trial77"}, "did you mean trial7?"),
-        (("oracle", "CC4"), {"attempts": 0}, "at least 1, not 0"),
+        (("oracle", "CC4"), {"attempts": 0}, "at least 1, and this is 0"),
         (("oracle", "CC4"), {"trial": 6}, "has no trial 6"),
         (("oracle", "CC3-CC4"), {"layout": "trial1"}, "has rooms of several kinds"),
         (("oracle", "CC4"), {"protocol": "humans"}, "did you mean human?"),

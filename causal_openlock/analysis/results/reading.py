@@ -71,7 +71,7 @@ def beside(
             if twice or not same:
                 raise StoreError(
                     f"both of these results have a learner {twice[0][0] if twice else spec.name}; "
-                    "give one of them another name in its experiment file"
+                    "give one of them another name (label=) where it is declared"
                 )
         for condition in experiment.conditions:
             if conditions.setdefault(condition.name, condition) != condition:

@@ -16,6 +16,7 @@ from causal_openlock.analysis.measures import CELL, VISIT, ordered
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.files.validation import whole_number
 from causal_openlock.wording import nearest
 from causal_openlock.world.room import action_names
 
@@ -86,7 +87,8 @@ def replayed(
     if condition not in conditions:
         raise OpenLockError(f"{learner} did not play {condition}; {nearest(condition, conditions)}")
     own = own[own["condition"] == condition]
-    subject = int(own["subject"].min()) if subject is None else subject
+    subject = int(own["subject"].min()) if subject is None else whole_number(subject, "subject")
+    trial = whole_number(trial, "trial", 1)
     visits = own[own["subject"] == subject]
     visits = visits[visits["seed"] == visits["seed"].min()].sort_values(VISIT)
     if not 1 <= trial <= len(visits):
