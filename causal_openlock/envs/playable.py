@@ -57,7 +57,7 @@ class Picture:
 class Seen(Picture):
     """What came of an action; its picture is the room right after it, before any reset.
 
-    A learner gets all of this except ``lever``, which is latent.
+    A learner gets all of this except ``lever``, which is latent, and ``reveal``.
 
     Attributes:
         observation: ``[2P + 2]`` bits: levers pushed, levers grey, door locked, door open.
@@ -71,6 +71,7 @@ class Seen(Picture):
         solutions_found: How many solutions have been found in the trial.
         attempts_used: How many attempts have been begun in the trial.
         lever: The schema's lever at that position; empty for an inactive one and for the door.
+        reveal: Whether the title names that lever.
     """
 
     action: str
@@ -83,11 +84,13 @@ class Seen(Picture):
     solutions_found: int
     attempts_used: int
     lever: str
+    reveal: bool
 
     @property
     def title(self) -> str:
-        """What was done, what came of it, and what is latent."""
-        latent = f" (hidden from learners: this is {self.lever})" * bool(self.lever)
+        """What was done, what came of it, and, where it is revealed, what is latent."""
+        shown = self.reveal and bool(self.lever)
+        latent = f" (hidden from learners: this is {self.lever})" * shown
         return f"{self.action}: {self.outcome}{latent}"
 
     def __repr__(self) -> str:
@@ -104,8 +107,10 @@ class PlayableRoom:
         solutions_found: The solutions found in this trial, as the positions to push.
     """
 
-    def __init__(self, schema: Schema, env: OpenLockEnv, seed: int | None) -> None:
-        self.schema, self._env = schema, env
+    def __init__(
+        self, schema: Schema, env: OpenLockEnv, seed: int | None, reveal: bool = True
+    ) -> None:
+        self.schema, self._env, self._reveal = schema, env, reveal
         self._begin(env.reset(seed=seed))
 
     def reset(self) -> PlayableRoom:
@@ -175,6 +180,7 @@ class PlayableRoom:
             solutions_found=console["solutions_found"],
             attempts_used=self._attempt,
             lever="".join(lever for lever, place in where.items() if name.endswith(f" {place}")),
+            reveal=self._reveal,
         )
         if over:
             self._done = []
@@ -207,6 +213,7 @@ def room(
     seed: int | None = 0,
     attempt_limit: int = ATTEMPT_LIMIT,
     action_limit: int | None = None,
+    reveal: bool = True,
 ) -> PlayableRoom:
     """A room to try out by hand; it shows itself, and so does what each action leads to.
 
@@ -218,6 +225,8 @@ def room(
         seed: Decides random layouts, and which actions fail where strengths are below 1.
         attempt_limit: Attempts in a trial.
         action_limit: Actions in an attempt; by default 3, or as many as the schema needs.
+        reveal: Whether what is shown of an action names the schema's lever at that position, which
+            no learner sees; ``False`` for a room to solve.
 
     Raises:
         OpenLockError: If there is no such schema, or the layout does not fit it.
@@ -243,4 +252,4 @@ def room(
         attempt_limit=attempt_limit,
         action_limit=action_limit,
     )
-    return PlayableRoom(found, env, seed)
+    return PlayableRoom(found, env, seed, reveal)

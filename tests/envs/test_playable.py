@@ -11,6 +11,7 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.errors import LayoutError, OpenLockError
+from causal_openlock.notebook import picture_html
 from causal_openlock.world.room import action_index, action_names
 
 # Solutions of CC4 in trial7, and an attempt that finds nothing.
@@ -58,6 +59,18 @@ def test_what_was_seen_is_said() -> None:
     assert "1 of 3 solutions found; 27 attempts and 2 actions left" in repr(room)
     assert "4[#]" in repr(room)
     assert "found: LOWERLEFT, UPPERRIGHT" in repr(room)
+
+
+def test_a_room_to_solve_does_not_name_its_levers() -> None:
+    room = ol.room("CC4", layout="trial7", reveal=False)
+    seen = [room.step(action) for action in FIRST]
+    assert seen[0].title == "push LOWERLEFT: the lever moves"
+    assert [one.lever for one in seen] == ["L0", "L1", ""]
+    shown = [text for one in seen for text in (repr(one), picture_html(one))]
+    assert not any("hidden" in text or "L0" in text or "L1" in text for text in shown)
+    revealed = ol.room("CC4", layout="trial7").step("LOWERLEFT")
+    assert "this is L0" in repr(revealed)
+    assert "this is L0" in picture_html(revealed)
 
 
 def test_a_shown_attempt_holds_its_own_actions_only() -> None:
