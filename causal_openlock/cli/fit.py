@@ -186,7 +186,7 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
         tested = f"{row['difference']:+.2f}", f"{row['t']:.1f}", f"{row['p']:.2g}"
         effects.add_row(row["effect"], *tested, sign, clear)
     console.print(effects)
-    console.print(f"as people's: {signs(found.effects)}")
+    console.print(signs(found.effects))
     console.print("\n[bold]For an experiment file[/bold], under learners:", markup=True)
     text = dump_yaml([entry(found, plan.space.learner)])
     console.print(text, highlight=False, markup=False, soft_wrap=True, end="")

@@ -238,11 +238,11 @@ def test_the_section_tells_who_is_nearest_and_compares_with_the_published_model(
 
 def test_a_sign_alone_is_not_clear_of_chance():
     effects = effects_of(points_of_model())
-    assert signs(effects) == "5 of 6 signs, 5 at p < .05"
+    assert signs(effects) == "5 of 6 effects with people's sign, 5 at p < 0.05"
     doubtful = effects.assign(p=effects["p"].where(effects["effect"] != "learning, CC4", 0.4))
-    assert signs(doubtful) == "5 of 6 signs, 4 at p < .05"
+    assert signs(doubtful) == "5 of 6 effects with people's sign, 4 at p < 0.05"
     wrong = effects.assign(p=0.001)  # the wrong sign, clear of chance, counts for nothing
-    assert signs(wrong) == "5 of 6 signs, 5 at p < .05"
+    assert signs(wrong) == "5 of 6 effects with people's sign, 5 at p < 0.05"
 
 
 def test_without_all_six_conditions_or_another_protocol_there_is_no_section():

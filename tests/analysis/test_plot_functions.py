@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
@@ -189,6 +190,76 @@ def test_dots_of_cost_are_the_subjects_and_those_that_never_came_so_far_are_coun
     (text,) = axes.texts
     assert text.get_text().split() == ["3", "of", "3", "not", "within", "150"]
     assert text.get_position()[1] == ORDER.index("random")
+
+
+def test_ticks_of_cost_end_before_the_part_of_those_that_never_came_so_far() -> None:
+    for axes in draw("plot_cost"):
+        start = axes.patches[0].get_x()
+        ticks = [*axes.get_xticks(), *axes.get_xticks(minor=True)]
+        assert 1 < max(ticks) <= start < axes.get_xlim()[1]
+
+
+def test_a_matrix_says_what_its_numbers_are_in_a_figure_and_in_axes() -> None:
+    draw("plot_pairs", ax=(figure := Figure()))
+    axes = draw("plot_pairs", ax=plt.subplots()[1])[0]
+    for title, note in (
+        (figure.get_suptitle(), figure.get_supxlabel()),
+        (axes.get_title(), axes.get_xlabel()),
+    ):
+        assert title == "P(row needs fewer attempts than column)"
+        assert note.split("; ")[0] == "mean over 6 conditions"
+        assert "ties count half" in note
+        assert "bold: the 95% interval leaves out 0.5" in note
+    with style.settings():
+        figure.draw_without_rendering()
+    for text in figure.texts:  # two learners are the narrowest figure
+        assert text.get_window_extent().x1 <= figure.bbox.x1
+
+
+def test_tests_that_nobody_played_have_no_place_and_gaps_are_named() -> None:
+    whole = played_results.results()
+    only = {"CC3-CC4": ["random", "oracle"], "CE3-CC4": ["random"]}
+    keep = [
+        row["learner"] in only.get(row["condition"], ()) for row in whole.trials.to_dict("records")
+    ]
+    panels = ol.plot_transfer(replace(whole, trials=whole.trials[keep]))
+    assert [[label.get_text() for label in axes.get_xticklabels()] for axes in panels] == [
+        ["CC4"]
+    ] * 4
+    assert [len(axes.patches) for axes in panels] == [2, 2, 2, 1]
+    said = [[text.get_text() for text in axes.texts].count("not played") for axes in panels]
+    assert said == [0, 0, 0, 1]
+    (asked, _) = draw("plot_transfer", published=False, conditions=["CC3-CC4"])
+    assert "not played" not in [text.get_text() for text in asked.texts]  # it was, elsewhere
+
+
+@pytest.mark.parametrize("conditions", [["CC4"], None])
+def test_circles_cover_neither_one_another_nor_what_is_around_them(
+    conditions: list[str] | None,
+) -> None:
+    figure = Figure()
+    panels = draw("plot_subjects", conditions=conditions, ax=figure)
+    assert len({axes.get_position().y0 for axes in panels}) == 1  # side by side
+    with style.settings():
+        figure.draw_without_rendering()
+    for axes in panels:
+        box, scale = axes.get_window_extent(), figure.dpi / 72
+        for place, circles in enumerate(axes.collections[: len(axes.get_xticks())]):
+            offsets = axes.transData.transform(circles.get_offsets())
+            radius = circles.get_sizes().max() ** 0.5 / 2 * scale
+            assert offsets[:, 1].min() - radius >= box.y0
+            assert offsets[:, 1].max() + radius <= box.y1
+            means = axes.transData.transform((place + 0.08, 0))[0]
+            assert offsets[0, 0] + radius < means
+
+
+def test_subjects_have_the_scale_of_all_that_is_drawn_of_the_results() -> None:
+    whole = played_results.results()
+    oracle = replace(whole, trials=whole.trials[whole.trials["learner"] == "oracle"])
+    quick = ol.plot_subjects(oracle, learners="oracle", ax=Figure())
+    assert 13 < quick.get_ylim()[1] < 20  # people's 13.75; no subject came near the limit
+    scales = [draw("plot_subjects", learners=[name], ax=Figure())[0].get_ylim() for name in ORDER]
+    assert scales[0] == scales[1]
 
 
 # -- the report -----------------------------------------------------------------------------------

@@ -354,7 +354,7 @@ def test_the_command_fits_and_says_what_it_found(tmp_path, monkeypatch, capsys):
     assert at_once(*words, monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
     told = ("held out", "published model", "congruency, CE4", "lapse:", "experiment.yaml")
-    for text in (*told, "Careless_fitted", "of 6 signs"):
+    for text in (*told, "Careless_fitted", "of 6 effects with people's sign"):
         assert text in said
     assert (tmp_path / "f" / "fit.svg").exists()
 

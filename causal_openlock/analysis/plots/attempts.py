@@ -102,6 +102,8 @@ def plot_transfer(
 ) -> Any:
     """Mean attempts in the transfer test, by what was tested and trained: the paper's Figure 4.
 
+    Tests that no learner played are left out, those of people too.
+
     >>> import causal_openlock as ol
     >>> axes = ol.plot_transfer(results, learners=["random"], published=False)
     >>> axes.get_xlabel()
@@ -113,17 +115,24 @@ def plot_transfer(
         ``[P]`` the axes of the panels; of a single panel its axes.
     """
     means = means_like_people(results, "test", learners, conditions)
+    played = {str(name)[-3:] for name in means["condition"]}
+    tests = [name for name in BASELINES if name in played]
 
     def panel(axes: Axes, rows: pd.DataFrame, ideal: Mapping[str, float]) -> None:
-        for place, condition in enumerate(TRANSFERS):
+        for place, condition in enumerate(name for name in TRANSFERS if name[-3:] in tests):
             one = rows[rows["condition"] == condition]
             x = place // 2 + 0.4 * (place % 2) - 0.2
             _bars(axes, np.full(len(one), x), one, condition)
-        halves = {(TRANSFERS.index(name) // 2, attempts) for name, attempts in ideal.items()}
+            if one.empty and (conditions is None or condition in conditions):
+                axes.text(  # an empty place would look like no attempts
+                    x, 1, "not played", rotation=90, ha="center", va="bottom", color="#666666",
+                    backgroundcolor="white", zorder=3,
+                )  # fmt: skip
+        halves = {(tests.index(name[-3:]), attempts) for name, attempts in ideal.items()}
         for half, attempts in sorted(halves):
             style.ideal_line(axes, attempts, half - 0.45, half + 0.45)
-        axes.set_xticks([0, 1], BASELINES)
-        axes.set(xlim=(-0.6, 1.6), xlabel="Transfer test")
+        axes.set_xticks(range(len(tests)), tests)
+        axes.set(xlim=(-0.6, len(tests) - 0.4), xlabel="Transfer test")
 
     keys = {f"{name} training": name for name in ("CC3", "CE3")}
     return _beside_people(results, means, "a transfer condition", published, panel, keys, ax)

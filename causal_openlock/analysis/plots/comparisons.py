@@ -33,6 +33,7 @@ CONGRUENCY_TESTS = {"CC3-CC4": "Test of CC4", "CE3-CE4": "Test of CE4"}
 MOST_DRAWN = 60
 """Differences between two results that are drawn: the first ones."""
 
+_PAIRS = "P(row needs fewer attempts than column)"
 _COLOURS = LinearSegmentedColormap.from_list("worse_better", ["#8C510A", "#F7F7F7", "#01665E"])
 _ROW = 0.21  # height of a learner's row, in inches
 
@@ -48,8 +49,9 @@ def plot_pairs(
     """How probable it is that one learner is better than another, as numbers on colours.
 
     A number is the probability that a subject of the learner in the row needs fewer attempts than
-    one of the learner in the column; bold: its 95% interval leaves out one half. The learners stand
-    in the order of their interquartile means, the best first.
+    one of the learner in the column, in the mean over the conditions that both played; ties count
+    half. Bold: its 95% interval leaves out one half. The learners stand in the order of their
+    interquartile means, the best first.
 
     >>> import causal_openlock as ol
     >>> [text.get_text() for text in ol.plot_pairs(results).get_yticklabels()]
@@ -72,16 +74,26 @@ def plot_pairs(
     values, sure = np.full((size, size), np.nan), np.zeros((size, size), bool)
     values[at], sure[at] = pairs["probability"], decided(pairs)
     shown = [style.label(name, 22) for name in names]
+    counts = sorted(set(pairs["conditions"]))
+    note = (
+        f"mean over {' to '.join(map(str, counts[:: max(1, len(counts) - 1)]))} "
+        f"condition{'s' * (counts != [1])}; ties count half;\nbold: the 95% interval leaves out 0.5"
+    )
     edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
     cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
 
     def lay_out(figure: Figure) -> list[Axes]:
         figure.set_layout_engine("constrained")
-        figure.set_size_inches(1.5 * edge + cell * size, 0.7 * edge + cell * size)
+        figure.set_size_inches(max(3.5, 1.5 * edge + cell * size), 0.75 + 0.7 * edge + cell * size)
+        figure.suptitle(_PAIRS, x=0.01, ha="left", weight="bold", size="medium")
+        figure.supxlabel(note, x=0.01, ha="left", size="medium")
         return [figure.subplots()]
 
     with panels(ax, 1, lay_out) as drawn:
         (axes,) = drawn.axes
+        if drawn.figure is None:
+            axes.set_title(_PAIRS, fontsize="medium")
+            axes.set_xlabel(note, fontsize="small")
         axes.imshow(values, cmap=_COLOURS, vmin=0, vmax=1)
         for (row, column), value in np.ndenumerate(values):
             known = not np.isnan(value)

@@ -97,8 +97,10 @@ def _scale(axes: Axes, names: Sequence[str], limits: tuple[float, float, float])
     axes.set_xscale("log")
     axes.set_xlim(low, end)
     few = end < 1000 * low
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=8))
-    axes.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}" if x <= edge else "")
+    for subs, minor in (((1, 2, 5) if few else (1,), False), (range(1, 10), True)):
+        ticks = LogLocator(subs=subs, numticks=8).tick_values(low, edge)
+        axes.xaxis.set_ticks(ticks[ticks <= edge], minor=minor)  # none where no attempts are
+    axes.xaxis.set_major_formatter("{x:,.0f}")
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("Attempts, all training counted")
     axes.set_yticks(range(len(names)), [style.label(name, 28) for name in names])

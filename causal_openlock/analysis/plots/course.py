@@ -39,6 +39,7 @@ _POINTS = 60  # the most that a line is drawn with
 _MARKERS = 18  # with more points than this lines have no markers
 _HEIGHT = 1.75  # of a panel, in inches
 _GREY = "#666666"
+_LIMIT: Any = {"color": _GREY, "lw": 0.8, "ls": (0, (1, 1.5))}
 
 
 class Course(NamedTuple):
@@ -115,7 +116,9 @@ def plot_course(
     families = _families(ordered(means["condition"]))
     looks = _looks(families)
     cells = [(name, family) for name in names for family in families]
-    with panels(ax, len(cells), _rows(cells, len(families), looks, bool(course.ideal))) as at:
+    keys = [Line2D([], [], **_LIMIT, label="limit of attempts")] if limit is not None else []
+    keys += [style.ideal_key()] if course.ideal else []
+    with panels(ax, len(cells), _rows(cells, len(families), looks, bool(keys))) as at:
         for axes, (name, family) in zip(at.axes, cells, strict=True):
             rows = means[(means["learner"] == name) & means["condition"].isin(family)]
             visits = course.trials[course.trials["condition"].isin(family)]
@@ -135,9 +138,10 @@ def plot_course(
             if at.figure is None:
                 axes.set(xlabel="Trial, in order", ylabel="Attempts")
                 if name == names[0]:
-                    axes.legend(handles=_lines(family, looks, 24), fontsize="small")
-        if course.ideal and at.figure is not None:
-            at.legend([style.ideal_key()])
+                    shared = keys if family is families[0] else []
+                    axes.legend(handles=_lines(family, looks, 24) + shared, fontsize="small")
+        if keys and at.figure is not None:
+            at.legend(keys)
     return at.returned
 
 
@@ -177,7 +181,7 @@ def _rows(
     cells: Sequence[tuple[str, tuple[str, ...]]],
     columns: int,
     looks: dict[str, dict[str, Any]],
-    ideal: bool,
+    keyed: bool,
 ) -> Layout:
     """Panels by learner and family, under a row of keys; a single family is wrapped."""
     families = [family for _, family in cells[:columns]]
@@ -189,7 +193,7 @@ def _rows(
 
     def lay_out(figure: Figure) -> list[Axes]:
         figure.set_layout_engine("constrained")
-        height = head + rows * _HEIGHT + 0.3 + 0.25 * ideal
+        height = head + rows * _HEIGHT + 0.3 + 0.25 * keyed
         figure.set_size_inches(style.WIDTH if columns > 1 else 0.62 * style.WIDTH, height)
         grid = figure.add_gridspec(rows + 1, columns, height_ratios=[head, *[_HEIGHT] * rows])
         for column, family in enumerate(families):
@@ -237,7 +241,7 @@ def _scale(axes: Axes, most: int, top: float, limit: float | None) -> None:
     axes.set_ylim(0, top)
     axes.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
     if limit is not None:
-        axes.axhline(limit, color=_GREY, lw=0.8, ls=(0, (1, 1.5)), zorder=1)
+        axes.axhline(limit, **_LIMIT, zorder=1)
 
 
 def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:

@@ -35,8 +35,9 @@ _GREY = "#777777"
 def plot_likeness(results: Material, *, learners: Names = None, ax: Any = None) -> Any:
     """People's means at the fourteen points, and one learner's beside them in each panel.
 
-    The learners stand in the order of their distance from people, the nearest first, and the
-    published model last.
+    The learners stand in the order of their distance from people, the nearest first. The published
+    model stands last, even where it is nearer than they are. Above a panel: that distance (RMSE),
+    and how many differences between conditions or trials go the same way as people's.
 
     >>> import causal_openlock as ol
     >>> [axes.get_title(loc="left") for axes in ol.plot_likeness(results, learners=["random"])]
@@ -69,7 +70,7 @@ def draw_points(
     with panels(ax, len(points), in_rows(len(points), 2, 2.5)) as at:
         for axes, (name, own) in zip(at.axes, points.items(), strict=True):
             _draw_points_of_one(axes, own)
-            detail = f"RMSE {distance(own)[0]:.2f}; {signs(effects[name])}"
+            detail = f"RMSE {distance(own)[0]:.2f}\n{signs(effects[name])}"
             style.panel_title(axes, name, detail)
             axes.set_ylim(0, 1.2 * highest)  # all panels have the same scale
         at.label_y("Attempts to solve")
@@ -83,7 +84,8 @@ def draw_points(
 def signs(effects: pd.DataFrame) -> str:
     """How many of one learner's effects have people's sign, and how many are clear of chance."""
     like = int(effects["like_people"].sum())
-    return f"{like} of {len(effects)} signs, {clear_of_chance(effects)} at p < .05"
+    sure = clear_of_chance(effects)
+    return f"{like} of {len(effects)} effects with people's sign, {sure} at p < {CLEAR:g}"
 
 
 def clear_of_chance(effects: pd.DataFrame) -> int:

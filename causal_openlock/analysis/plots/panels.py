@@ -111,10 +111,12 @@ def _flat(ax: Any) -> Iterator[Axes]:
         )
 
 
-def in_rows(count: int, columns: int, height: float, width: float = style.WIDTH) -> Layout:
-    """So many panels with a common y axis, wrapped over rows of at most ``columns``.
+def in_rows(
+    count: int, columns: int, height: float, width: float = style.WIDTH, common: bool = True
+) -> Layout:
+    """So many panels, wrapped over rows of at most ``columns``.
 
-    A panel has a height in inches; only the first of a row has labels on its y axis.
+    A panel has a height in inches. With a ``common`` y axis only the first of a row has labels.
     """
     rows = math.ceil(count / columns)
     columns = math.ceil(count / rows)  # four panels are two and two, not three and one
@@ -122,7 +124,7 @@ def in_rows(count: int, columns: int, height: float, width: float = style.WIDTH)
     def lay_out(figure: Figure) -> list[Axes]:
         figure.set_layout_engine("constrained")
         figure.set_size_inches(width if columns > 1 else 0.62 * width, rows * height + 0.5)
-        grid = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel().tolist()
+        grid = figure.subplots(rows, columns, sharey=common, squeeze=False).ravel().tolist()
         for unused in grid[count:]:
             unused.remove()
         for axes in grid[:count]:

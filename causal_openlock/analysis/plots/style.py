@@ -200,7 +200,7 @@ def label(name: str, most: int = 200) -> str:
 def panel_title(axes: Axes, name: str, detail: str = "") -> None:
     """Name a panel; long names are wrapped, and ``$`` is no mathematics here."""
     lines = textwrap.wrap(name, 26, max_lines=2, placeholder="…") or [name]
-    axes.set_title(label("\n".join(lines)), loc="left", pad=16 if detail else 6)
+    axes.set_title(label("\n".join(lines)), loc="left", pad=6 + 10 * len(detail.splitlines()))
     if detail:
         axes.annotate(
             label(detail), (0, 1), xytext=(0, 4), xycoords="axes fraction",

@@ -19,7 +19,7 @@ from causal_openlock.analysis.results.summary import judged
 from causal_openlock.errors import NothingToDrawError
 
 _BINS = 30  # heights that circles can have
-_AREA = 420.0  # of a circle that is all subjects, in square points
+_WIDEST = 20.5  # diameter of a circle that is all subjects, in points
 
 
 def plot_subjects(
@@ -27,8 +27,9 @@ def plot_subjects(
 ) -> Any:
     """Attempts of each subject in the trials that conditions are judged by.
 
-    A learner has a panel for each protocol; all panels of a protocol have the same scale, so that
-    figures of different learners can be laid side by side.
+    A learner has a panel for each protocol. All panels of a protocol have the same scale, which
+    holds every subject of the results, so that figures of different learners can be laid side by
+    side.
 
     >>> import causal_openlock as ol
     >>> axes = ol.plot_subjects(results, learners=["random"])
@@ -38,7 +39,7 @@ def plot_subjects(
     Arguments, what is returned and errors are those of
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    trials, table = results.trials, rows_of(results, results.headline, learners, conditions)
+    table = rows_of(results, results.headline, learners, conditions)
     shown = [
         (name, protocol, own[own["protocol"] == protocol])
         for name in ordered(table["learner"], results.learners)
@@ -47,7 +48,7 @@ def plot_subjects(
     ]
     if not shown:
         raise NothingToDrawError("no such learner played such a condition")
-    values = by_subject(judged(rows_of(results, trials, learners)), ["phase"])
+    values = by_subject(judged(results.trials), ["phase"])
     keys = [
         Line2D([], [], **_circle(), marker="o", ls="", ms=7, label="subjects"),
         Line2D([], [], color="black", lw=2, label="mean, 95% interval"),
@@ -59,7 +60,8 @@ def plot_subjects(
         )  # fmt: skip
     if table["ideal_attempts"].notna().any():
         keys.append(style.ideal_key())
-    rows_of_panels = in_rows(len(shown), 1, 2.6)
+    protocols, most = table["protocol"].nunique(), max(len(own) for _, _, own in shown)
+    rows_of_panels = in_rows(len(shown), 3 if most <= 4 else 2, 2.6, common=protocols == 1)
 
     def lay_out(figure: Figure) -> Sequence[Axes]:
         axes = rows_of_panels(figure)
@@ -68,19 +70,21 @@ def plot_subjects(
 
     with panels(ax, len(shown), lay_out) as at:
         for axes, (name, protocol, own) in zip(at.axes, shown, strict=True):
-            limits = trials.loc[trials["protocol"] == protocol, "last_attempt"]
-            limit = float(
-                np.nanmax([limits.max(), (own["human_attempts"] + own["human_se"]).max()])
-            )
-            played = values[(values["learner"] == name) & (values["protocol"] == protocol)]
+            played = values[values["protocol"] == protocol]
+            means = results.headline[results.headline["protocol"] == protocol]
+            people = (means["human_attempts"] + means["human_se"]).max()
+            ideal = means["ideal_attempts"].max()
+            highest = float(np.nanmax([played["attempts"].max(), people, ideal]))
+            widest = _scale(axes, list(own["condition"]), highest)
             for place, row in enumerate(own.to_dict("records")):
-                mine = played.loc[played["condition"] == row["condition"], "attempts"]
-                _circles(axes, place, mine.to_numpy(float), limit)
+                of_row = (played["learner"] == name) & (played["condition"] == row["condition"])
+                mine = played.loc[of_row, "attempts"].to_numpy(float)
+                _circles(axes, place, mine, highest, widest)
                 _means(axes, place, row)
             if len(shown) > 1:
                 title = protocol if table["learner"].nunique() == 1 else name
                 style.panel_title(axes, title, style.sizes(own))
-            _scale(axes, list(own["condition"]), limit)
+        at.label_y("Attempts")
         at.legend(keys, columns=2)
     return at.returned
 
@@ -90,11 +94,11 @@ def _circle() -> dict[str, Any]:
     return {"color": colour, "alpha": 0.75, "mec": "#1F6F9F"}
 
 
-def _circles(axes: Axes, place: float, attempts: Any, limit: float) -> None:
-    look, width = _circle(), max(1.0, limit / _BINS)
+def _circles(axes: Axes, place: float, attempts: Any, highest: float, widest: float) -> None:
+    look, width = _circle(), max(1.0, highest / _BINS)
     heights, counts = np.unique(np.round(attempts / width) * width, return_counts=True)
     axes.scatter(
-        np.full(len(heights), place - 0.12), heights, s=_AREA * counts / len(attempts),
+        np.full(len(heights), place - 0.16), heights, s=widest**2 * counts / len(attempts),
         color=look["color"], alpha=look["alpha"], linewidths=0.5, edgecolors=look["mec"],
         zorder=2, clip_on=False,
     )  # fmt: skip
@@ -114,9 +118,18 @@ def _means(axes: Axes, place: float, row: Mapping[Any, Any]) -> None:
         style.ideal_line(axes, row["ideal_attempts"], place - 0.38, place + 0.4)
 
 
-def _scale(axes: Axes, conditions: Sequence[str], limit: float) -> None:
-    axes.set_xticks(range(len(conditions)), [style.label(name, 16) for name in conditions])
-    axes.set_xlim(-0.6, len(conditions) - 0.4)
-    axes.set_ylim(0, 1.03 * limit)
+def _scale(axes: Axes, conditions: Sequence[str], highest: float) -> float:
+    """Axes with room for a circle at either end, and the diameter of the largest, in points."""
+    width, height = axes.get_window_extent().size * 72 / axes.figure.dpi
+    height *= 0.75  # titles, a legend and labels take the rest
+    spacing = width / len(conditions)
+    names = [style.label(name, 16) for name in conditions]
+    slanted = max(map(len, names)) * 5.2 > spacing  # a letter is about so many points wide
+    turned: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
+    axes.set_xticks(range(len(names)), names, **turned)
+    axes.set_xlim(-0.6, len(names) - 0.4)
+    widest = min(_WIDEST, 0.42 * spacing, 0.3 * height)
+    beyond = highest * 0.5 * widest / (height - widest)
+    axes.set_ylim(-beyond, highest + beyond)
     axes.yaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
-    axes.set_ylabel("Attempts")
+    return widest
