@@ -14,6 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
@@ -244,7 +245,9 @@ def test_circles_cover_neither_one_another_nor_what_is_around_them(
         figure.draw_without_rendering()
     for axes in panels:
         box, scale = axes.get_window_extent(), figure.dpi / 72
-        for place, circles in enumerate(axes.collections[: len(axes.get_xticks())]):
+        drawn = [one for one in axes.collections if isinstance(one, PathCollection)]
+        assert len(drawn) == len(axes.get_xticks())
+        for place, circles in enumerate(drawn):
             offsets = axes.transData.transform(circles.get_offsets())
             radius = circles.get_sizes().max() ** 0.5 / 2 * scale
             assert offsets[:, 1].min() - radius >= box.y0
@@ -254,9 +257,7 @@ def test_circles_cover_neither_one_another_nor_what_is_around_them(
 
 
 def test_subjects_have_the_scale_of_all_that_is_drawn_of_the_results() -> None:
-    whole = played_results.results()
-    oracle = replace(whole, trials=whole.trials[whole.trials["learner"] == "oracle"])
-    quick = ol.plot_subjects(oracle, learners="oracle", ax=Figure())
+    quick = ol.plot_subjects(played_results.played(["oracle"]), ax=Figure())
     assert 13 < quick.get_ylim()[1] < 20  # people's 13.75; no subject came near the limit
     scales = [draw("plot_subjects", learners=[name], ax=Figure())[0].get_ylim() for name in ORDER]
     assert scales[0] == scales[1]

@@ -98,7 +98,7 @@ def _scale(axes: Axes, names: Sequence[str], limits: tuple[float, float, float])
     axes.set_xlim(low, end)
     few = end < 1000 * low
     for subs, minor in (((1, 2, 5) if few else (1,), False), (range(1, 10), True)):
-        ticks = LogLocator(subs=subs, numticks=8).tick_values(low, edge)
+        ticks = np.asarray(LogLocator(subs=subs, numticks=8).tick_values(low, edge))
         axes.xaxis.set_ticks(ticks[ticks <= edge], minor=minor)  # none where no attempts are
     axes.xaxis.set_major_formatter("{x:,.0f}")
     axes.xaxis.set_minor_formatter(NullFormatter())

@@ -120,16 +120,16 @@ def _means(axes: Axes, place: float, row: Mapping[Any, Any]) -> None:
 
 def _scale(axes: Axes, conditions: Sequence[str], highest: float) -> float:
     """Axes with room for a circle at either end, and the diameter of the largest, in points."""
-    width, height = axes.get_window_extent().size * 72 / axes.figure.dpi
-    height *= 0.75  # titles, a legend and labels take the rest
-    spacing = width / len(conditions)
+    box, points = axes.get_window_extent(), 72 / axes.figure.dpi
+    spacing = box.width * points / len(conditions)
+    height = 0.75 * box.height * points  # titles, a legend and labels take the rest
     names = [style.label(name, 16) for name in conditions]
     slanted = max(map(len, names)) * 5.2 > spacing  # a letter is about so many points wide
     turned: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
     axes.set_xticks(range(len(names)), names, **turned)
     axes.set_xlim(-0.6, len(names) - 0.4)
-    widest = min(_WIDEST, 0.42 * spacing, 0.3 * height)
-    beyond = highest * 0.5 * widest / (height - widest)
+    room = min(_WIDEST, 0.3 * height)
+    beyond = highest * 0.5 * room / (height - room)
     axes.set_ylim(-beyond, highest + beyond)
     axes.yaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
-    return widest
+    return min(room, 0.42 * spacing)
