@@ -194,7 +194,7 @@ def test_dots_of_cost_are_the_subjects_and_those_that_never_came_so_far_are_coun
 
 
 def test_ticks_of_cost_end_before_the_part_of_those_that_never_came_so_far() -> None:
-    for axes in draw("plot_cost"):
+    for axes in np.ravel(ol.plot_cost(played_results.fabricated())):
         start = axes.patches[0].get_x()
         ticks = [*axes.get_xticks(), *axes.get_xticks(minor=True)]
         assert 1 < max(ticks) <= start < axes.get_xlim()[1]

@@ -99,7 +99,8 @@ def _scale(axes: Axes, names: Sequence[str], limits: tuple[float, float, float])
     few = end < 1000 * low
     for subs, minor in (((1, 2, 5) if few else (1,), False), (range(1, 10), True)):
         ticks = np.asarray(LogLocator(subs=subs, numticks=8).tick_values(low, edge))
-        axes.xaxis.set_ticks(ticks[ticks <= edge], minor=minor)  # none where no attempts are
+        within = ticks[(low <= ticks) & (ticks <= edge)]  # the grey part has no attempts
+        axes.xaxis.set_ticks(within, minor=minor)
     axes.xaxis.set_major_formatter("{x:,.0f}")
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("Attempts, all training counted")

@@ -83,7 +83,8 @@ def plot_subjects(
                 _means(axes, place, row)
             if len(shown) > 1:
                 title = protocol if table["learner"].nunique() == 1 else name
-                style.panel_title(axes, title, style.sizes(own))
+                under = f"{protocol}, " if protocols > 1 and title != protocol else ""
+                style.panel_title(axes, title, under + style.sizes(own))
         at.label_y("Attempts")
         at.legend(keys, columns=2)
     return at.returned
