@@ -78,8 +78,7 @@ class Results(Material):
     @cached_property
     def verdict(self) -> list[VerdictTable]:
         """The table that answers first, one for each protocol."""
-        conditions = [condition.name for condition in self.experiment.conditions]
-        return verdict_tables(self.headline, self.learners, conditions)
+        return verdict_tables(self.headline, self.learners, self.conditions)
 
     @cached_property
     def cautions(self) -> tuple[str, ...]:

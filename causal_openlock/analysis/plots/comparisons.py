@@ -144,6 +144,7 @@ def plot_congruency(
             style.panel_title(axes, title)
             axes.set_xlabel("Attempts, congruent − incongruent training")
             axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        _same_scale(at)
     return at.returned
 
 
@@ -177,6 +178,7 @@ def plot_savings(
             for trained, (colour, marker) in looks.items()
         ]  # fmt: skip
         at.legend(keys)
+        _same_scale(at)
     return at.returned
 
 
@@ -217,6 +219,13 @@ def _name_rows(at: Panels, names: Sequence[str]) -> None:
         axes.set_yticks(range(len(names)), [style.label(name, 28) for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0)
+
+
+def _same_scale(at: Panels) -> None:
+    """Give the panels the same x axis, also those that were given."""
+    ends = np.array([axes.get_xlim() for axes in at.axes])
+    for axes in at.axes:
+        axes.set_xlim(ends[:, 0].min(), ends[:, 1].max())
 
 
 def _dots(

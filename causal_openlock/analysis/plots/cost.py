@@ -58,7 +58,7 @@ def plot_cost(
     table = table.assign(row=_rows(table))
     names = [name for learner in results.learners
              for name in ordered(table.loc[table["learner"] == learner, "row"])]  # fmt: skip
-    shown = ordered(table["condition"].unique())
+    shown = ordered(table["condition"].unique(), results.conditions)
     finite = table.loc[np.isfinite(table["cost"]), "cost"]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (1.0, 10.0)
     edge = max(high, 3 * low) * 1.6

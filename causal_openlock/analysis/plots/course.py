@@ -113,7 +113,7 @@ def plot_course(
     highest = max((bound.attempts for bound in course.ideal.values()), default=0.0)
     top = 1.06 * max(float((means["mean"] + means["se"]).max()), limit or 0.0, highest)
     names = ordered(means["learner"], results.learners)
-    families = _families(ordered(means["condition"]))
+    families = _families(ordered(means["condition"], results.conditions))
     looks = _looks(families)
     cells = [(name, family) for name in names for family in families]
     keys = [Line2D([], [], **_LIMIT, label="limit of attempts")] if limit is not None else []

@@ -54,9 +54,9 @@ class Panels:
 
     def label_y(self, text: str) -> None:
         """Name the y axis, of a row of panels once."""
-        for axes in self.axes:
+        for number, axes in enumerate(self.axes):
             place = axes.get_subplotspec()
-            if place is None or place.is_first_col():
+            if number == 0 or place is None or place.is_first_col():
                 axes.set_ylabel(text)
 
     def legend(self, handles: Sequence[Any], columns: int | None = None) -> None:
@@ -89,6 +89,8 @@ def panels(ax: Any, count: int, lay_out: Layout) -> Iterator[Panels]:
             yield Panels(list(lay_out(ax)), ax)
         return
     given = list(_flat(ax))
+    if len(set(map(id, given))) < len(given):
+        raise OpenLockError("ax holds the same axes twice; a panel needs axes of its own")
     if len(given) != count:
         rows = max(n for n in range(1, math.isqrt(count) + 1) if count % n == 0)
         shape = f"{rows}, {count // rows}" if count > 1 else ""

@@ -40,6 +40,8 @@ def plot_subjects(
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     table = rows_of(results, results.headline, learners, conditions)
+    order = {name: place for place, name in enumerate(results.conditions)}
+    table = table.sort_values("condition", key=lambda of: of.astype(str).map(order), kind="stable")
     shown = [
         (name, protocol, own[own["protocol"] == protocol])
         for name in ordered(table["learner"], results.learners)

@@ -48,7 +48,7 @@ def plot_survival(
         name: {**style.current().line(number), "lw": max(1.2, 3.2 - 0.5 * number)}
         for number, name in enumerate(names)
     }
-    shown = ordered(table["condition"].unique())
+    shown = ordered(table["condition"].unique(), results.conditions)
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.2)) as at:
         for axes, condition in zip(at.axes, shown, strict=True):
             here = table[table["condition"] == condition]

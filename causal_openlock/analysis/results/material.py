@@ -63,6 +63,11 @@ class Material:
         made.__dict__["counts"] = counts
         return made
 
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Names of the conditions in the order in which they are shown."""
+        return tuple(condition.name for condition in self.experiment.conditions)
+
     @cached_property
     def counts(self) -> Counts:
         """Trials, and attempts of each category by blocks of training."""
