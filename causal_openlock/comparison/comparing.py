@@ -191,7 +191,9 @@ def _experiment(
         if strange := sorted(given.keys() - known):
             raise ExperimentError(f"{path} decides the {strange[0]}; change it in that file")
         read = read_experiment(path, Changes(learners=learners, **given))
-        # With other learners, say, it is one comparison all the same: cells are shared.
+        if not learners:
+            return read
+        # With other learners it is one comparison all the same: cells are shared.
         return replace(read, name=(out and Store(out).name) or path.stem)
     if not learners:
         raise ExperimentError("name the learners to compare, such as learners=['bayes', 'ddqn']")
