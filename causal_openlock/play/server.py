@@ -165,6 +165,10 @@ class PlayServer:
                     waited, ended_only = 0.0, True
             except (OpenLockError, OSError) as error:
                 _warn(error)
+            except RuntimeError:  # Python ends: `finish` writes what is left
+                if threading.main_thread().is_alive():
+                    raise
+                return
 
     # -- which requests are accepted ------------------------------------------------------------
 
