@@ -110,13 +110,13 @@ def watched_widgets(watched: WatchedTrial) -> dict[str, Any] | None:
     Returns:
         What a notebook shows, by media type; ``None`` without ipywidgets, or outside of a notebook.
     """
-    from IPython.core.getipython import get_ipython
+    from causal_openlock.comparison.progress import in_notebook
 
+    if not in_notebook():
+        return None
     try:
         widgets: Any = import_module("ipywidgets")
     except ImportError:
-        return None
-    if not hasattr(get_ipython(), "kernel"):
         return None
     pictures = [
         widgets.HTML(_card(watched.title, _moment(watched, shot), _legend(watched)))

@@ -74,7 +74,7 @@ def in_notebook() -> bool:
         return False
     from IPython.core.getipython import get_ipython
 
-    return getattr(get_ipython(), "kernel", None) is not None
+    return hasattr(get_ipython(), "kernel")
 
 
 class NotebookBar:
@@ -92,7 +92,7 @@ class NotebookBar:
 
     def __call__(self, standing: RunProgress) -> None:
         """Show the progress."""
-        if standing.done + standing.failed == standing.cells:
+        if standing.over:
             passed = duration(time.monotonic() - self._begun)
             self._shown.update(self._html(escape(f"{_cells(standing)}, in {passed}")))
             return
@@ -140,11 +140,10 @@ class Lines:
     def __call__(self, standing: RunProgress) -> None:
         """Write a line if it is time to."""
         now = self._clock()
-        over = standing.done + standing.failed == standing.cells
-        if self._due is None or (over and not self._over) or now >= self._due:
-            self._due, self._over = now + LINE_EVERY, over
+        if self._due is None or (standing.over and not self._over) or now >= self._due:
+            self._due, self._over = now + LINE_EVERY, standing.over
             text = f"{self._name}: {_cells(standing)}"
-            if over:
+            if standing.over:
                 text += f", in {duration(now - self._begun)}"
             else:
                 text += f", {100 * standing.share:.0f}% of the work{_left(standing)}"

@@ -20,7 +20,7 @@ from causal_openlock.analysis.report.missing import missing_cells
 from causal_openlock.analysis.report.sections import columns_of
 from causal_openlock.analysis.report.writing import Report, make_report
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.pairwise import pairwise_table
+from causal_openlock.analysis.results.pairwise import pairwise_table, scores_under
 from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.analysis.results.scores import scores_by_condition
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
@@ -142,10 +142,10 @@ class Results(Material):
         of :func:`~causal_openlock.analysis.results.pairwise.pairwise_table`.
         """
         held = scores_by_condition(self.trials)
-        tables = []
-        for protocol in dict.fromkeys(protocol for _, protocol in held):
-            own = {name: held[name, protocol] for name in self.learners if (name, protocol) in held}
-            tables.append(pairwise_table(own).assign(protocol=protocol))
+        tables = [
+            pairwise_table(scores_under(protocol, held, self.learners)).assign(protocol=protocol)
+            for protocol in dict.fromkeys(protocol for _, protocol in held)
+        ]
         return pd.concat(tables, ignore_index=True)
 
     @cached_property

@@ -130,11 +130,10 @@ def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
         LearnerError: If there is none, it cannot be imported, or it is not a learner.
     """
     # What a notebook defines may be defined anew.
-    return _learner_class.__wrapped__(name) if is_of_session(name) else _learner_class(name)
+    return _load(name) if is_of_session(name) else _learner_class(name)
 
 
-@cache
-def _learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
+def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
     if ":" in name:
         if not MODULE_AND_NAME.fullmatch(name):
             raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
@@ -173,7 +172,7 @@ def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:
     """
     written = f"{kind.__module__}:{kind.__qualname__}"
     name = next((name for name, entry in registry().items() if entry.value == written), written)
-    found = _learner_class.__wrapped__(name) if MODULE_AND_NAME.fullmatch(written) else None
+    found = _load(name) if MODULE_AND_NAME.fullmatch(written) else None
     if found is not None and found is not learner_class(name):  # its module was loaded again
         _learner_class.cache_clear()
     if found is not kind:
@@ -182,6 +181,9 @@ def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:
             "top level of a notebook or of a module"
         )
     return name
+
+
+_learner_class = cache(_load)
 
 
 def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:

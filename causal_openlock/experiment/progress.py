@@ -56,6 +56,11 @@ class RunProgress:
     share: float
     left: float | None
 
+    @property
+    def over(self) -> bool:
+        """Whether no cell is left to play."""
+        return self.done + self.failed == self.cells
+
 
 @dataclass
 class _Begun:

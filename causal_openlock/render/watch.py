@@ -22,7 +22,6 @@ from causal_openlock.errors import ProtocolError
 from causal_openlock.experiment.building import ConditionForm, LearnerForm, make_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.files.validation import whole_number
-from causal_openlock.formats.declared import schema
 from causal_openlock.render.film import Shot, save_film, stills
 from causal_openlock.render.filmed_trial import FilmedTrial, play_trial
 from causal_openlock.world.room import Layout, position_coordinates
@@ -122,8 +121,6 @@ def watch(
     if attempts is not None:
         attempts = whole_number(attempts, "attempts", 1)
     trial, subject = whole_number(trial, "trial", 1), whole_number(subject, "subject")
-    if isinstance(condition, str) and "->" in condition:
-        condition = schema(condition)
     experiment = make_experiment([condition], [learner], seed=seed, protocol=protocol, subjects=1)
     (spec,), (played,) = experiment.learners, experiment.conditions
     if layout is not None:

@@ -9,7 +9,7 @@ interquartile mean over all its subjects in all its conditions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -41,13 +41,20 @@ class Ranking(NamedTuple):
 def ranking_of(results: Material, protocol: str) -> Ranking | None:
     """Learners compared under a protocol; None if no two of them can be compared."""
     held = scores_by_condition(results.trials)
-    scores = {name: held[name, protocol] for name in results.learners if (name, protocol) in held}
+    scores = scores_under(protocol, held, results.learners)
     pairs = pairwise_table(scores)
     if pairs.empty:
         return None
     scores = {name: own for name, own in scores.items() if name in set(pairs["learner"])}
     ranks = ranking_table(scores, pairs, _bounds(results, held, protocol))
     return Ranking(ranks, pairs)
+
+
+def scores_under(
+    protocol: str, held: Mapping[tuple[str, str], Mapping[str, FloatArray]], learners: Sequence[str]
+) -> Scores:
+    """The scores of one protocol, of those of all, in the order of the learners."""
+    return {name: held[name, protocol] for name in learners if (name, protocol) in held}
 
 
 def pairwise_table(scores: Scores) -> pd.DataFrame:

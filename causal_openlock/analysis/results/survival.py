@@ -13,7 +13,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.summary import judged
-from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED
+from causal_openlock.analysis.statistics import SEED, bootstrap_interval
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 
@@ -39,16 +39,15 @@ def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
         left = np.zeros((size, length), np.int64)
         np.add.at(left, (subject, ended), 1)
         risk = left[:, ::-1].cumsum(axis=1)[:, ::-1]  # those that end at an attempt, or later
-        ends = np.full((2, length), np.nan)
-        if size > 1:
-            weights = np.random.default_rng(SEED).multinomial(
-                size, np.full(size, 1 / size), RESAMPLES
-            )
-            tail = (1 - LEVEL) / 2
-            ends = np.quantile(kaplan_meier(weights @ events, weights @ risk), (tail, 1 - tail), 0)
+        low, high = bootstrap_interval(
+            lambda drawn, e=events, r=risk: kaplan_meier(drawn @ e, drawn @ r).swapaxes(-1, -2),
+            [np.ones(size, np.int64)],  # each subject once
+            np.random.default_rng(SEED),
+            counted=True,
+        )
         share = kaplan_meier(events.sum(axis=0), risk.sum(axis=0))
         rows = pd.DataFrame({"attempts": np.arange(length), "unsolved": share})
-        rows = rows.assign(ci_low=ends[0], ci_high=ends[1], subjects=size, at_risk=risk.sum(axis=0))
+        rows = rows.assign(ci_low=low, ci_high=high, subjects=size, at_risk=risk.sum(axis=0))
         parts.append(rows.assign(**dict(zip(CELL, map(str, key), strict=True))))
     columns = [*CELL, "attempts", "unsolved", "ci_low", "ci_high", "subjects", "at_risk"]
     return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
