@@ -1,3 +1,7 @@
-"""The version of the toolkit; a cell's identity depends on it."""
+"""The version of the toolkit, and that of its results."""
 
 __version__ = "0.2.0"
+
+RESULTS_VERSION = f"{__version__}+1"
+"""What identities of cells depend on. The number after the plus is raised when an experiment gives
+other results than before within one version, so that old and new cells are never mixed."""

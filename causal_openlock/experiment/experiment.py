@@ -16,7 +16,7 @@ from typing import Any
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
 from causal_openlock.experiment.protocol import Condition, Protocol
-from causal_openlock.version import __version__
+from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted
 from causal_openlock.world.rewards import RewardFunction
 
@@ -111,7 +111,7 @@ class Cell:
         del learner["subjects"]
         return _digest(
             {
-                "version": __version__,
+                "version": RESULTS_VERSION,
                 "experiment": self.experiment,
                 "seed": self.seed,
                 "entry": learner,
@@ -153,7 +153,7 @@ class Experiment:
         conditions: The conditions.
         learners: The learners.
         command: The command that runs it again.
-        version: Version of this package.
+        version: Version of this package's results.
     """
 
     name: str
@@ -163,7 +163,7 @@ class Experiment:
     conditions: tuple[Condition, ...]
     learners: tuple[LearnerSpec, ...]
     command: str = ""
-    version: str = __version__
+    version: str = RESULTS_VERSION
 
     def cells(self) -> tuple[Cell, ...]:
         """The units of work, always in the same order."""

@@ -31,7 +31,7 @@ from causal_openlock.experiment.protocol import Condition, Protocol, Visit, chec
 from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.world.batch import BatchStep, RoomBatch
 from causal_openlock.world.fsm import IntArray
-from causal_openlock.world.randomness import Streams, generators
+from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.world.room import Layout, action_names, positions_for
 from causal_openlock.world.schema import Schema
@@ -122,7 +122,7 @@ class Session:
             action_limit=int(self._tables.action_limit.max()),
             attempt_limit=protocol.attempt_limit,
             trials=self._rooms.shape[1],
-            generators=generators(seed, f"learner/{learner}/{place}", numbers),
+            generators=unrelated_generators(seed, f"learner/{learner}/{place}", numbers),
         )
         self._log = AttemptLog(self.brief.action_limit)
         self._clock = time.perf_counter()

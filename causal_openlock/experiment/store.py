@@ -45,7 +45,7 @@ from causal_openlock.files.checksums import (
     read_table,
     table_bytes,
 )
-from causal_openlock.version import __version__
+from causal_openlock.version import RESULTS_VERSION
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -155,7 +155,7 @@ class Store:
         # While no cell is done, another experiment overwrites no results.
         if not done or (changed and (done & files or _is_variant(held, experiment))):
             return True
-        made = f", made with version {held.version}" * (held.version != __version__)
+        made = f", made with version {held.version}" * (held.version != RESULTS_VERSION)
         raise StoreError(
             f"{self.folder} holds another experiment ({held.name}, seed {held.seed}{made}), "
             "or this one with other settings, schemas or learners, and no cell of the new one; "
@@ -474,8 +474,8 @@ def _versions_of(record: pa.Table, path: Path) -> dict[str, Any]:
 @cache
 def versions() -> Mapping[str, str]:
     """The versions of packages that results depend on, by name."""
-    found = {"Python": platform.python_version()}
-    for package in ("causal-openlock", "numpy", "torch", "networkx"):
+    found = {"Python": platform.python_version(), "causal-openlock": RESULTS_VERSION}
+    for package in ("numpy", "torch", "networkx"):
         try:
             found[package] = version(package)
         except PackageNotFoundError:
@@ -505,7 +505,7 @@ def _is_variant(held: Experiment, experiment: Experiment) -> bool:
         return {json.dumps(one, sort_keys=True) for one in data}
 
     return (
-        (held.name, held.seed, held.version) == (experiment.name, experiment.seed, __version__)
+        (held.name, held.seed, held.version) == (experiment.name, experiment.seed, RESULTS_VERSION)
         and not settings(held.learners).isdisjoint(settings(experiment.learners))
         and not settings(held.conditions).isdisjoint(settings(experiment.conditions))
     )

@@ -50,7 +50,7 @@ from causal_openlock.files.atomic import replacing, write_bytes
 from causal_openlock.files.module_source import module_source
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.play.person import LEARNER as PERSON
-from causal_openlock.version import __version__
+from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
@@ -292,9 +292,9 @@ def _checked(contents: Contents, experiment: StoredExperiment) -> list[str]:
             f"The reward {code} is not in the bundle; put its file beside experiment.yaml."
             for code in sorted(codes)
         ]
-    if experiment.version != __version__:
+    if experiment.version != RESULTS_VERSION:
         why = f"the results were made with version {experiment.version}, and this is"
-        return [f"Nobody could check that it runs again: {why} {__version__}."]
+        return [f"Nobody could check that it runs again: {why} {RESULTS_VERSION}."]
     pairs = zip(data["learners"], then["learners"], strict=True)
     other = [one["name"] for one, before in pairs if one != before]
     return [

@@ -34,7 +34,7 @@ from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.fitting.objective import Job, conditions_to_fit, jobs, joined, play, score
 from causal_openlock.fitting.search import SearchSpace
-from causal_openlock.version import __version__
+from causal_openlock.version import RESULTS_VERSION
 
 FILE = "fit.json"
 ROUND = 4
@@ -72,7 +72,7 @@ class Plan:
 
     def as_dict(self) -> dict[str, Any]:
         """All that determines the results of candidates."""
-        whole = {**asdict(self), "space": self.space.as_dict(), "version": __version__}
+        whole = {**asdict(self), "space": self.space.as_dict(), "version": RESULTS_VERSION}
         # More candidates may be tried later.
         del whole["candidates"]
         return whole

@@ -2,6 +2,9 @@
 
 Every subject has generators of its own, derived from the experiment's seed and the subject's
 number, so its data depend neither on the other subjects in its batch nor on the number of workers.
+Rooms are drawn from :func:`generators`. A NumPy generator carries the seed that it was made from,
+and with the seed of an experiment its rooms can be drawn again; so learners get
+:func:`unrelated_generators`, whose seeds are hashes from which no other seed can be computed.
 :class:`Streams` draws ahead, so that giving a number to each of B subjects does not take B calls.
 """
 
@@ -37,6 +40,34 @@ def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.
             np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(*words, subject)))
         )
         for subject in subjects
+    )
+
+
+def unrelated_generators(
+    seed: int, key: str, subjects: Iterable[int]
+) -> tuple[np.random.Generator, ...]:
+    """One generator for each subject, which carries neither the seed nor the subject's number.
+
+    Each is seeded with 256 bits of SHA-256 over seed, key and subject. Generators spawned from it
+    carry this hash and their own number, and nothing else.
+
+    Args:
+        seed: Seed of the experiment.
+        key: What the generators are for; another key gives other numbers.
+        subjects: Numbers of the subjects.
+
+    Example:
+        >>> (generator,) = unrelated_generators(1, "learner", [7])
+        >>> generator.bit_generator.seed_seq.spawn_key
+        ()
+        >>> generator.bit_generator.seed_seq.entropy.bit_length() > 200
+        True
+    """
+    # The key comes last, so that no two inputs give the same text.
+    digests = (hashlib.sha256(f"{seed} {subject} {key}".encode()).digest() for subject in subjects)
+    return tuple(
+        np.random.Generator(np.random.PCG64(np.random.SeedSequence(int.from_bytes(digest, "big"))))
+        for digest in digests
     )
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pytest
@@ -27,7 +28,8 @@ from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol, 
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.schema_file import bundled_schemas, find_schema
 from causal_openlock.testing import LearnerContract
-from causal_openlock.world.randomness import Streams, generators
+from causal_openlock.world.fsm import FloatArray
+from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.room import Layout
 from learners.oracle import Oracle
 from learners.random import RandomLearner
@@ -210,13 +212,34 @@ def test_any_integer_is_an_answer(answer: object) -> None:
 # -- randomness -----------------------------------------------------------------------------------
 
 
-def test_a_subject_s_numbers_are_its_own() -> None:
-    several, alone = generators(1, "a", range(5)), generators(1, "a", [3])
-    assert np.array_equal(several[3].random(10), alone[0].random(10))
+@pytest.mark.parametrize("make", [generators, unrelated_generators])
+def test_a_subject_s_numbers_are_its_own(make: Callable[..., Any]) -> None:
+    def numbers(generator: np.random.Generator) -> FloatArray:
+        return np.concatenate([generator.random(8), *(g.random(8) for g in generator.spawn(2))])
+
+    several, alone = make(1, "a", range(5)), make(1, "a", [3])
+    mine = numbers(alone[0])
+    assert len(set(mine)) == 24
+    assert np.array_equal(numbers(several[3]), mine)
     others = {"subject": (1, "a", [4]), "key": (1, "b", [3]), "seed": (2, "a", [3])}
     for what, (seed, key, subjects) in others.items():
-        differs = generators(seed, key, subjects)[0].random(4)
-        assert not np.isin(differs, generators(1, "a", [3])[0].random(4)).any(), what
+        assert not np.isin(numbers(make(seed, key, subjects)[0]), mine).any(), what
+
+
+def test_a_learner_s_generators_carry_no_seed_of_the_experiment() -> None:
+    one, other = (
+        Session(Condition.named(name, find_schema), PROTOCOLS["human"], [7, 11], seed=2018)
+        for name in ("CC3", "CC4")
+    )
+    seen = set()
+    for generator in (*one.brief.generators, *other.brief.generators):
+        for seeds in (generator, *generator.spawn(2)):
+            held = seeds.bit_generator.seed_seq
+            assert held.entropy.bit_length() > 200  # a hash; 2018 has 11 bits
+            assert len(held.spawn_key) == (seeds is not generator)
+            assert set(held.state) == {"entropy", "spawn_key", "pool_size", "n_children_spawned"}
+        seen.add(held.entropy)
+    assert len(seen) == 4
 
 
 def test_streams_hand_out_each_generator_s_own_numbers_in_order() -> None:

@@ -25,7 +25,7 @@ from causal_openlock.experiment.record import compact
 from causal_openlock.experiment.store import Store
 from causal_openlock.files import atomic
 from causal_openlock.files.checksums import json_bytes, read_json, table_bytes
-from causal_openlock.version import __version__
+from causal_openlock.version import RESULTS_VERSION
 from support.places import ROOT
 from support.processes import prepared
 
@@ -451,7 +451,7 @@ def test_a_record_tells_which_cells_are_missing_and_what_the_others_were_made_wi
     kept = play(experiment, tmp_path / "out")
     _, description = kept.record()
     assert not description.missing
-    assert description.versions["causal-openlock"] == __version__
+    assert description.versions["causal-openlock"] == RESULTS_VERSION
     lost = kept.path(list(experiment.cells())[2])
     lost.unlink()
     record, description = kept.record()
