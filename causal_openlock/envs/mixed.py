@@ -21,12 +21,13 @@ class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
         rooms: The arguments of an :class:`~causal_openlock.envs.OpenLockEnv` for each kind, all of
             them with the same number of positions and the same ``episode``.
         render_mode: As for a single room.
+        reveal: As for a single room.
 
     Raises:
         OpenLockError: If there is no room, or they do not fit together.
 
     Example:
-        >>> env = MixedRoomsEnv([{"schema": "CC3"}, {"schema": "CE3"}])
+        >>> env = MixedRoomsEnv([{"schema": "CC3"}, {"schema": "CE3"}], reveal=True)
         >>> _, info = env.reset(seed=0)
         >>> info["latent"]["schema"]
         'CE3'
@@ -34,8 +35,15 @@ class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
 
     metadata = OpenLockEnv.metadata
 
-    def __init__(self, rooms: Sequence[Mapping[str, Any]], render_mode: str | None = None) -> None:
-        self._rooms = [OpenLockEnv(**room, render_mode=render_mode) for room in rooms]
+    def __init__(
+        self,
+        rooms: Sequence[Mapping[str, Any]],
+        render_mode: str | None = None,
+        reveal: bool = False,
+    ) -> None:
+        self._rooms = [
+            OpenLockEnv(**room, render_mode=render_mode, reveal=reveal) for room in rooms
+        ]
         if not self._rooms:
             raise OpenLockError("rooms of several kinds need at least one")
         if len({room.observation_space.shape for room in self._rooms}) > 1:

@@ -251,5 +251,6 @@ def room(
         episode="trial",
         attempt_limit=attempt_limit,
         action_limit=action_limit,
+        reveal=True,  # the room shows solutions by their positions, and names its layout
     )
     return PlayableRoom(found, env, seed, reveal)

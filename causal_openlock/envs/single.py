@@ -118,6 +118,8 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             and door. ``info["physics"]`` holds whether the last movement was ``finished`` within
             its budget, how many ``steps`` of the simulation it took, and how many movements have
             been left ``unfinished`` so far.
+        reveal: Whether ``info["latent"]`` holds what learners must not see, for analysis: the
+            ``schema``, the ``layout``, the ``solutions``, and the indices of those ``found``.
 
     Raises:
         OpenLockError: If the arguments do not fit together.
@@ -147,6 +149,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         physics: bool = False,
         render_size: int = RENDER_SIZE,
         render_console: bool = False,
+        reveal: bool = False,
     ) -> None:
         self._settings = Settings(
             schema, layout, reward, episode, attempt_limit, action_limit, positions
@@ -158,6 +161,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self.render_mode = render_mode
         self._render_size = check_render_size(render_size)
         self._render_console = render_console
+        self._reveal = reveal
         self._listed = _Listed(self._settings)
         self._bodies = _Bodies(self._listed) if physics else None
         # For each layout, its observation at each row and the listed action for each action.
@@ -213,7 +217,6 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._found: set[int] = set()
         self._solutions_left = len(self._settings.schema.solutions)
         self._new_trial_due = False
-        self._latent = self._describe()
 
     def step(self, action: int) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
         """Take one action.
@@ -275,7 +278,6 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         if solution >= 0 and solution not in self._found:
             self._found.add(solution)
             self._solutions_left -= 1
-            self._latent = self._describe()
         solved = not self._solutions_left
         spent = self._attempts_left == 1 and not solved
         if solved or spent:  # the trial is over
@@ -307,8 +309,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
                 "attempts_left": self._attempts_left,
                 "actions_left": self._listed.actions_left[row],
             },
-            "latent": self._latent.copy(),
         }
+        if self._reveal:
+            info["latent"] = self._describe()
         if self._bodies is not None:
             info["physics"] = self._bodies.info()
         return info

@@ -47,6 +47,8 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         positions: See there.
         render_mode: None; many rooms are not drawn.
         physics: False; only a single room has bodies.
+        reveal: Whether ``info["latent"]`` holds, for analysis, the ``tables`` of all rooms and the
+            ``row`` of each, ``[num_envs]``.
 
     Raises:
         OpenLockError: If the arguments do not fit together.
@@ -75,6 +77,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         positions: int | None = None,
         render_mode: str | None = None,
         physics: bool = False,
+        reveal: bool = False,
     ) -> None:
         if physics:
             raise OpenLockError(
@@ -87,6 +90,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self._settings = settings
         self.num_envs = num_envs
         self.render_mode = None
+        self._reveal = reveal
         self.single_observation_space = settings.observation_space
         self.single_action_space = settings.action_space
         self.observation_space = batch_space(settings.observation_space, num_envs)
@@ -258,15 +262,18 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
     def _info(
         self, actions_left: NDArray[np.uint8], attempts_left: NDArray[np.int32]
     ) -> dict[str, Any]:
-        return {
+        info: dict[str, Any] = {
             "console": {
                 "solutions_left": self._left,
                 "solutions_found": self._found_count,
                 "attempts_left": attempts_left,
                 "actions_left": actions_left,
             },
-            "latent": {"tables": self._tables, "row": _read_only(self._batch.row.view())},
         }
+        if self._reveal:
+            row = _read_only(self._batch.row.view())
+            info["latent"] = {"tables": self._tables, "row": row}
+        return info
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

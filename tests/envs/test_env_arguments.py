@@ -28,7 +28,7 @@ def test_a_schema_is_given_by_name_by_path_or_as_it_is(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     write_schema(MINE, path)
     for schema, name in (("CE3", "CE3"), (path, "mine"), (str(path), "mine"), (MINE, "mine")):
-        env = gymnasium.make(causal_openlock.ENV_ID, schema=schema)
+        env = gymnasium.make(causal_openlock.ENV_ID, schema=schema, reveal=True)
         _, info = env.reset(seed=0)
         assert info["latent"]["schema"] == name
     with pytest.raises(OpenLockError, match="there is no schema 'CC33'; did you mean CC3"):
@@ -38,11 +38,11 @@ def test_a_schema_is_given_by_name_by_path_or_as_it_is(tmp_path: Path) -> None:
 def test_a_layout_is_given_by_name_as_a_mapping_or_drawn() -> None:
     mapping = {"L0": "LEFT", "L1": "LOWER", "L2": "UPPER"}
     for layout in ("trial2", mapping, Layout((3, 5, 1))):
-        env = gymnasium.make(causal_openlock.ENV_ID, schema="CC3", layout=layout)
+        env = gymnasium.make(causal_openlock.ENV_ID, schema="CC3", layout=layout, reveal=True)
         seen, info = env.reset(seed=0)
         assert np.flatnonzero(seen[7:14]).tolist() == [1, 3, 5]
         assert dict(info["latent"]["layout"]) == mapping
-    env = gymnasium.make(causal_openlock.ENV_ID, schema="CC3", layout="random")
+    env = gymnasium.make(causal_openlock.ENV_ID, schema="CC3", layout="random", reveal=True)
     assert len({env.reset(seed=seed)[1]["latent"]["layout"] for seed in range(20)}) > 10
     with pytest.raises(LayoutError, match="there is no layout 'trial12'; did you mean"):
         gymnasium.make(causal_openlock.ENV_ID, layout="trial12")

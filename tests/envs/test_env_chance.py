@@ -52,7 +52,7 @@ def test_a_list_of_seeds_determines_the_whole_batch() -> None:
 
 def test_random_layouts_are_all_equally_likely_and_last_for_a_trial() -> None:
     many = 8400
-    env = OpenLockVectorEnv(many, "CC3", "random", attempt_limit=2)
+    env = OpenLockVectorEnv(many, "CC3", "random", attempt_limit=2, reveal=True)
     _, info = env.reset(seed=0)
 
     def layouts(info: dict[str, Any]) -> np.ndarray:

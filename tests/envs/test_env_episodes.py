@@ -35,7 +35,7 @@ def test_the_last_observation_of_an_attempt_is_the_room_as_it_was_left() -> None
 
 
 def test_reset_begins_the_next_attempt_in_the_same_room_and_the_console_counts() -> None:
-    env = OpenLockEnv("CC4", "random")
+    env = OpenLockEnv("CC4", "random", reveal=True)
     seen, info = env.reset(seed=3)
     rooms = {info["latent"]["layout"]}
     for number in range(29):
@@ -51,7 +51,7 @@ def test_reset_begins_the_next_attempt_in_the_same_room_and_the_console_counts()
 
 
 def test_a_new_solution_counts_and_a_repeated_one_does_not() -> None:
-    env = trial7()
+    env = trial7(reveal=True)
     *_, info = attempt(env, SOLUTIONS[1])
     assert info["console"] == dict(zip(CONSOLE, (2, 1, 30, 0), strict=True))
     assert info["latent"]["found"] == (1,)
@@ -62,7 +62,7 @@ def test_a_new_solution_counts_and_a_repeated_one_does_not() -> None:
 
 
 def test_once_everything_is_found_reset_begins_a_new_trial() -> None:
-    env = OpenLockEnv("CC4", "random")
+    env = OpenLockEnv("CC4", "random", reveal=True)
     layouts = []
     for seed in range(5):
         _, info = env.reset(seed=seed)
@@ -79,7 +79,7 @@ def test_once_everything_is_found_reset_begins_a_new_trial() -> None:
 
 
 def test_once_the_attempts_are_spent_reset_begins_a_new_trial() -> None:
-    env = OpenLockEnv("CC4", "random", attempt_limit=2)
+    env = OpenLockEnv("CC4", "random", attempt_limit=2, reveal=True)
     _, info = env.reset(seed=1)
     first = info["latent"]["layout"]
     layouts = set()
@@ -107,7 +107,7 @@ def test_a_reset_in_mid_attempt_spends_the_attempt() -> None:
 @pytest.mark.parametrize("episode", EPISODES)
 def test_a_seed_and_the_option_new_trial_begin_a_new_trial(episode: Any) -> None:
     for arguments in ({"seed": 5}, {"options": {"new_trial": True}}):
-        env = trial7(episode=episode)
+        env = trial7(episode=episode, reveal=True)
         act(env, SOLUTIONS[0])
         if episode == "attempt":
             env.reset()

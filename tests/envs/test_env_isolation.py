@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
+from causal_openlock.envs import MixedRoomsEnv, OpenLockEnv, OpenLockVectorEnv
 from support.cc4_in_trial7 import DOOR, L0, L1, L2, L3, SOLUTIONS
 from support.env_play import CONSOLE, EPISODES, trial7
 
@@ -21,7 +21,7 @@ def test_whoever_changes_what_was_handed_out_does_not_change_the_room(episode: A
         for part in ("console", "latent"):
             info[part].update(dict.fromkeys(info[part], 99))
 
-    ruined, kept = (OpenLockEnv("CC4", "trial7", episode=episode) for _ in range(2))
+    ruined, kept = (OpenLockEnv("CC4", "trial7", episode=episode, reveal=True) for _ in range(2))
     ruin(*ruined.reset(seed=0))
     kept.reset(seed=0)
     generator = np.random.default_rng(0)
@@ -42,14 +42,27 @@ def test_whoever_changes_what_was_handed_out_does_not_change_the_room(episode: A
 
 
 @pytest.mark.parametrize("episode", EPISODES)
-def test_what_is_latent_is_told_under_that_key_alone(episode: Any) -> None:
-    env = trial7(episode=episode)
-    infos = [env.reset(seed=0)[1], *(env.step(action)[4] for action in SOLUTIONS[0])]
-    for info in infos:
-        assert set(info) - {"outcome"} == {"console", "latent"}
+@pytest.mark.parametrize("reveal", [{}, {"reveal": True}], ids=["by default", "revealed"])
+def test_what_is_latent_is_in_info_only_if_revealed(reveal: dict[str, Any], episode: Any) -> None:
+    parts = {"console", "latent"} if reveal else {"console"}
+    mixed = MixedRoomsEnv([{"schema": "CC4", "layout": "trial7", "episode": episode}], **reveal)
+    for env in (trial7(episode=episode, **reveal), mixed):
+        infos = [env.reset(seed=0)[1], *(env.step(action)[4] for action in SOLUTIONS[0])]
+        for info in infos:
+            assert set(info) - {"outcome"} == parts
+            assert set(info["console"]) == set(CONSOLE)
+            assert all(type(value) is int for value in info["console"].values())
+    many = OpenLockVectorEnv(2, "CC4", "trial7", episode=episode, **reveal)
+    for info in (many.reset(seed=0)[1], many.step(np.array([0, 1]))[4]):
+        assert set(info) == parts
         assert set(info["console"]) == set(CONSOLE)
-        assert all(type(value) is int for value in info["console"].values())
-    assert infos[0]["latent"] == {
+        assert all(isinstance(value, np.ndarray) for value in info["console"].values())
+
+
+def test_what_is_latent_in_one_room_and_in_many() -> None:
+    env = trial7(reveal=True)
+    info = env.reset(seed=0)[1]
+    assert info["latent"] == {
         "schema": "CC4",
         "layout": (
             ("L0", "LOWERLEFT"),
@@ -60,18 +73,17 @@ def test_what_is_latent_is_told_under_that_key_alone(episode: Any) -> None:
         "solutions": (("L0", "L1"), ("L0", "L2"), ("L0", "L3")),
         "found": (),
     }
-    many = OpenLockVectorEnv(2, "CC4", "trial7", episode=episode)
-    for info in (many.reset(seed=0)[1], many.step(np.array([0, 1]))[4]):
-        assert set(info) == {"console", "latent"}
-        assert set(info["console"]) == set(CONSOLE)
-        assert all(isinstance(value, np.ndarray) for value in info["console"].values())
+    many = OpenLockVectorEnv(2, "CC4", "trial7", reveal=True)
+    latent = many.reset(seed=0)[1]["latent"]
+    rooms = latent["tables"].room[latent["row"]]
+    assert [latent["tables"].rooms[room].schema.name for room in rooms] == ["CC4", "CC4"]
 
 
 @pytest.mark.parametrize("episode", EPISODES)
 @pytest.mark.parametrize("schema", ["CC4", "noisy_CC3"])
 def test_arrays_that_were_handed_out_never_change_later(schema: str, episode: Any) -> None:
     generator = np.random.default_rng(0)
-    env = OpenLockVectorEnv(20, schema, "random", "paper", episode, attempt_limit=3)
+    env = OpenLockVectorEnv(20, schema, "random", "paper", episode, attempt_limit=3, reveal=True)
 
     def arrays(seen: Any, *rest: Any) -> list[np.ndarray]:
         *results, info = rest
@@ -90,7 +102,7 @@ def test_arrays_that_were_handed_out_never_change_later(schema: str, episode: An
 
 
 def test_changing_what_was_handed_out_cannot_change_many_rooms() -> None:
-    env, kept = (OpenLockVectorEnv(4, "CC4", "trial7", "paper") for _ in range(2))
+    env, kept = (OpenLockVectorEnv(4, "CC4", "trial7", "paper", reveal=True) for _ in range(2))
     generator = np.random.default_rng(0)
     env.reset(seed=0)
     kept.reset(seed=0)

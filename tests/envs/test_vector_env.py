@@ -38,6 +38,7 @@ def test_many_rooms_do_exactly_what_as_many_single_rooms_do(reward: str, episode
             "reward": reward,
             "episode": episode,
             "attempt_limit": 5,
+            "reveal": True,
         }
         vector, singles = OpenLockVectorEnv(many, **arguments), Singles(many, **arguments)
         seen, info = vector.reset(seed=0)
@@ -115,7 +116,12 @@ def test_the_step_that_resets_a_room_ignores_its_action(episode: Any) -> None:
 def test_forgetting_rooms_that_nobody_is_in_bounds_the_tables_and_changes_nothing(
     episode: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arguments: dict[str, Any] = {"schema": "noisy_CC3", "episode": episode, "attempt_limit": 2}
+    arguments: dict[str, Any] = {
+        "schema": "noisy_CC3",
+        "episode": episode,
+        "attempt_limit": 2,
+        "reveal": True,
+    }
     remembers = OpenLockVectorEnv(3, reward="paper", **arguments)
     monkeypatch.setattr("causal_openlock.envs.vector.KEPT_CHOICES", 1)
     forgets = OpenLockVectorEnv(3, reward="paper", **arguments)
@@ -152,7 +158,9 @@ def _at(info: dict[str, Any], which: int) -> dict[str, Any]:
 def test_each_of_many_random_rooms_is_the_room_of_its_layout() -> None:
     generator = np.random.default_rng(0)
     many = 30
-    env = OpenLockVectorEnv(many, "CE3", "random", "authors_2018", "trial", attempt_limit=40)
+    env = OpenLockVectorEnv(
+        many, "CE3", "random", "authors_2018", "trial", attempt_limit=40, reveal=True
+    )
     seen, info = env.reset(seed=0)
     rooms = [
         info["latent"]["tables"].rooms[index]
@@ -207,7 +215,8 @@ def test_what_many_rooms_return_stays_as_it_is_however_long_it_is_kept(
     positions: int, episode: Any
 ) -> None:
     many = LARGE // 8 + 1
-    env = OpenLockVectorEnv(many, "CC3", Layout((0, 1, 2), positions), "paper", episode, 2)
+    layout = Layout((0, 1, 2), positions)
+    env = OpenLockVectorEnv(many, "CC3", layout, "paper", episode, 2, reveal=True)
     generator = np.random.default_rng(0)
     env.reset(seed=0)
     kept = []

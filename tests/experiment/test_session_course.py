@@ -72,7 +72,12 @@ def test_a_session_is_what_each_subject_would_have_met_alone(reward: str, layout
         for _, trial in attempts.groupby(["phase", "loop", "trial"], observed=True, sort=False):
             schema = SCHEMAS[trial.schema.iloc[0]]
             env = OpenLockEnv(
-                schema, layout_of(trial.layout.iloc[0], schema), reward, "attempt", 20
+                schema,
+                layout_of(trial.layout.iloc[0], schema),
+                reward,
+                "attempt",
+                attempt_limit=20,
+                reveal=True,
             )
             seen, info = env.reset(seed=0)
             found = 0

@@ -202,7 +202,7 @@ def test_the_environment_of_a_data_set_is_recovered_and_does_what_the_data_say(
     monkeypatch.chdir(tmp_path / "sets")  # no schema is found beside this
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "sets"))
     data = minari.load_dataset(folder.name)
-    env = data.recover_environment()
+    env = data.recover_environment(reveal=True)
     assert env.observation_space == data.spec.observation_space
     kinds = set()
     for seed in range(12):
