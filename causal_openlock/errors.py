@@ -51,6 +51,10 @@ class Terminated(KeyboardInterrupt):
     """The system, or a batch system, has asked the process to end: SIGTERM."""
 
 
+class EvidenceError(OpenLockError):
+    """A study that does not exist, has not been run, or no longer fits what was run."""
+
+
 class SchemaError(OpenLockError):
     """A schema that has no meaning.
 

@@ -15,6 +15,7 @@ import typer
 
 from causal_openlock.cli import (
     compare,
+    evidence,
     export,
     fit,
     learners,
@@ -44,6 +45,7 @@ for _command in (
     export.export,
     export.bundle,
     fit.fit,
+    evidence.evidence,
     pictures.trace,
     pictures.film,
     pictures.room,

@@ -148,7 +148,7 @@ class Document:
             found = "is empty" if self.data is None else f"holds {described(self.data)}"
             raise self.error((), f"the file {found}; it must hold keys such as name: and values")
         try:
-            return model.model_validate(_plain(self.data))
+            return model.model_validate(plain(self.data))
         except ValidationError as error:
             faults = error.errors(include_url=False)
             for fault in faults:
@@ -314,12 +314,12 @@ def dump_yaml(data: Any, width: int = 100) -> str:
     return stream.getvalue()
 
 
-def _plain(node: Any) -> Any:
+def plain(node: Any) -> Any:
     """Builtin dicts, lists and scalars, so that pydantic's messages name familiar types."""
     if isinstance(node, Mapping):
-        return {_plain(key): _plain(value) for key, value in node.items()}
+        return {plain(key): plain(value) for key, value in node.items()}
     if isinstance(node, Sequence) and not isinstance(node, str):
-        return [_plain(value) for value in node]
+        return [plain(value) for value in node]
     for kind in (bool, int, float, str):
         if isinstance(node, kind):
             return kind(node)

@@ -32,6 +32,10 @@ class RandomSchemas(StrictModel):
     excluded: Annotated[
         list[str], Field(description="Schemas; none of them behaves as one of these.")
     ] = Field(default_factory=list)
+    solutions: Annotated[
+        dict[int, Count] | None,
+        Field(description="Levers: how many solutions a schema with so many levers has."),
+    ] = None
 
 
 class RoomsFile(StrictModel):
@@ -91,7 +95,10 @@ class TrainingFile(StrictModel):
         drawn = rooms.random_schemas
         if drawn:
             others = [find_schema(name, [beside]) for name in drawn.excluded]
-            for schema in random_schemas(drawn.number, drawn.levers, drawn.seed, others):
+            made = random_schemas(
+                drawn.number, drawn.levers, drawn.seed, others, drawn.solutions
+            )
+            for schema in made:
                 weights[schema] = drawn.weight / drawn.number
         if not weights:
             raise ExperimentError("there is no schema to train with; add one under rooms: schemas:")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import permutations
 
 import networkx as nx
@@ -37,13 +37,24 @@ def behaviour(schema: Schema) -> tuple[int, ...]:
 
 
 def random_schemas(
-    number: int, levers: Sequence[int], seed: int, excluded: Iterable[Schema] = ()
+    number: int,
+    levers: Sequence[int],
+    seed: int,
+    excluded: Iterable[Schema] = (),
+    solutions: Mapping[int, int] | None = None,
 ) -> list[Schema]:
     """Random gate-DAG schemas that attempts of three actions can solve, no two the same.
 
     Every lever has causes among those before it in a random order, every node a random gate, and
-    levers that lead nowhere are inert. ``levers`` are the numbers of levers that one may have, and
-    none behaves as one of those ``excluded``.
+    levers that lead nowhere are inert.
+
+    Args:
+        number: How many.
+        levers: The numbers of levers that one may have.
+        seed: All of them follow from it.
+        excluded: None behaves as one of these.
+        solutions: How many solutions a schema of so many levers has; by default at most
+            :data:`MOST_SOLUTIONS`.
     """
     forbidden = {behaviour(schema) for schema in excluded}
     generator = np.random.default_rng(seed)
@@ -76,6 +87,8 @@ def random_schemas(
         except SchemaError:
             continue
         if len(schema.solutions) > MOST_SOLUTIONS or schema.least_action_limit > PAPER_ACTION_LIMIT:
+            continue
+        if solutions and solutions.get(len(names)) != len(schema.solutions):
             continue
         if forbidden and behaviour(schema) in forbidden:
             continue

@@ -27,6 +27,10 @@ OPENS, FINDS_ALL, ELSE = "opens", "finds_all", "else"
 """What is measured of a part: the shares of attempts that open the door, of visits in which every
 solution is found, and of attempts that neither unlock nor open the door."""
 
+UNLOCKS, FOUND = "unlocks", "found"
+"""Also measured: the share of attempts that unlock the door and do not open it, and how many of a
+room's solutions are found in a visit, as a share."""
+
 LEAST_SUBJECTS = 4
 """With fewer subjects the bootstrap interval is hardly narrower than from lowest to highest."""
 
@@ -48,7 +52,7 @@ def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
     Returns:
         One row for each subject, phase and part (from 1): the columns of a cell and of a subject,
         ``phase``, ``part``, ``visits``, ``attempts`` and the shares :data:`OPENS`,
-        :data:`FINDS_ALL` and :data:`ELSE`.
+        :data:`FINDS_ALL`, :data:`ELSE`, :data:`UNLOCKS` and :data:`FOUND`.
     """
     by = [*CELL, "phase", *SUBJECT]
     whole = trials.groupby(by, sort=False, observed=True)
@@ -58,13 +62,18 @@ def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
         visits=1,
         attempts=trials["last_attempt"],
         opened=trials[["open1", "open2", "open3"]].sum(axis=1),
+        found=trials["solutions_found"] / trials["solutions"],
     )
     added = tally.groupby([*by, "part"], sort=True, observed=True)
-    table = added[["visits", "attempts", "opened", "solved", ELSE]].sum().reset_index()
+    table = (
+        added[["visits", "attempts", "opened", "solved", ELSE, "unlock", FOUND]].sum().reset_index()
+    )
     table[OPENS] = table["opened"] / table["attempts"]
     table[ELSE] = table[ELSE] / table["attempts"]
     table[FINDS_ALL] = table["solved"] / table["visits"]
-    return table.drop(columns=["opened", "solved"])
+    table[UNLOCKS] = table["unlock"] / table["attempts"]
+    table[FOUND] /= table["visits"]
+    return table.drop(columns=["opened", "solved", "unlock"])
 
 
 def starts(trials: pd.DataFrame) -> pd.DataFrame:

@@ -1,0 +1,137 @@
+"""Whether everything that is written follows from what was measured, and from what is declared now.
+
+Recomputing takes seconds: it reads the stored units and runs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydantic import Field
+
+from causal_openlock.errors import EvidenceError, OpenLockError
+from causal_openlock.evidence.measured import Evidence
+from causal_openlock.evidence.pages import Pages, page_of, unbound_numbers
+from causal_openlock.evidence.running import UNITS
+from causal_openlock.evidence.study import Study, read_studies
+from causal_openlock.files.atomic import write_text
+from causal_openlock.files.escaping import csv_of
+from causal_openlock.files.validation import StrictModel
+from causal_openlock.files.yaml_file import read_document
+
+VERDICTS, README, PAGES = "verdicts.csv", "README.md", "pages.yaml"
+
+
+class PagesFile(StrictModel):
+    """``evidence/pages.yaml``: which pages take numbers from the studies.
+
+    Attributes:
+        results: Pages on which every number in the prose comes from a study.
+        others: Pages that take numbers from studies among others.
+    """
+
+    results: list[str] = Field(default_factory=list)
+    others: list[str] = Field(default_factory=list)
+
+
+@dataclass
+class Written:
+    """What is written from studies: for each file, its text as it should be.
+
+    Attributes:
+        texts: By file, its text.
+        faults: What is wrong otherwise, a sentence each.
+    """
+
+    texts: dict[Path, str] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+
+    @property
+    def stale(self) -> list[Path]:
+        """The files that hold something else."""
+        return [path for path, text in self.texts.items() if _text(path) != text]
+
+
+def written(root: Path) -> Written:
+    """All that follows from the studies of a folder, and what is wrong with them.
+
+    Args:
+        root: The folder of the studies.
+
+    Raises:
+        EvidenceError: If it holds none.
+        FileError: If one of its files cannot be read.
+    """
+    made = Written()
+    studies = read_studies(root)
+    pages = Pages(root, studies)
+    for study in studies:
+        made.faults += _changed(study)
+        found = pages.evidence(study.name)
+        made.texts[study.folder / README] = page_of(found)
+        if (study.folder / UNITS).exists():
+            made.texts[study.folder / VERDICTS] = csv_of(found.claims.round(6))
+    for path, bound in _pages(root):
+        text, faults = pages.renewed(path.read_text(encoding="utf-8"), path)
+        made.texts[path] = text
+        made.faults += faults
+        if bound:
+            made.faults += [
+                f"{path}:{line}: no evidence gives {number}; link it to the study that measured "
+                "it, or write a setting as code"
+                for line, number in unbound_numbers(text)
+            ]
+    return made
+
+
+def check(root: Path) -> list[str]:
+    """What does not follow from the stored units, a sentence each; nothing is changed."""
+    made = written(root)
+    remedy = "write it anew with: causal-openlock evidence --write"
+    return [*made.faults, *(f"{path} is not what was measured; {remedy}" for path in made.stale)]
+
+
+def write(root: Path) -> list[Path]:
+    """Write all that follows from the studies; returns the files that changed."""
+    made = written(root)
+    stale = made.stale
+    for path in stale:
+        write_text(path, made.texts[path])
+    return stale
+
+
+def _changed(study: Study) -> list[str]:
+    """Whether what is declared has changed since it was run."""
+    if not (study.folder / UNITS).exists():
+        return []
+    try:
+        run = Evidence(study).run
+        _ = Evidence(study).units
+    except OpenLockError as error:
+        return [f"{study.folder}: {error}"]
+    if run["declared"] == study.declared:
+        return []
+    return [
+        f"{study.folder}: {study.experiment.name}, or a training of it, has changed since it was "
+        f"run; run it again with: causal-openlock evidence {study.name}"
+    ]
+
+
+def _pages(root: Path) -> Iterator[tuple[Path, bool]]:
+    """The pages that take numbers from studies, and whether all of theirs must be."""
+    path = root / PAGES
+    if not path.exists():
+        return
+    declared = read_document(path).validate(PagesFile)
+    for names, bound in ((declared.results, True), (declared.others, False)):
+        for name in names:
+            page = Path(root / name)
+            if not page.is_file():
+                raise EvidenceError(f"{path} names {name}, which is no file; mend the name")
+            yield page, bound
+
+
+def _text(path: Path) -> str | None:
+    return path.read_text(encoding="utf-8") if path.exists() else None

@@ -1,0 +1,261 @@
+"""What was measured in a study, as text: numbers, tables, and the verdicts on its claims."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, get_args
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.published import PUBLISHED, published_units
+from causal_openlock.evidence.running import read_run, read_units
+from causal_openlock.evidence.study import Contrast, Measure, Selection, Study, Table
+from causal_openlock.evidence.units import selected
+from causal_openlock.evidence.verdicts import (
+    Estimate,
+    Verdict,
+    estimate,
+    mean_of,
+    together,
+    verdict,
+)
+from causal_openlock.wording import nearest
+
+ENDINGS = ("interval", "units", "sd", "verdict", "without_sign")
+OF_THE_RUN = ("core_hours", "machine", "date")
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What was measured in a study, and what follows from it.
+
+    Attributes:
+        study: The study.
+    """
+
+    study: Study
+
+    @cached_property
+    def units(self) -> pd.DataFrame:
+        """The units of the study, and what is published."""
+        return pd.concat([read_units(self.study), published_units()], ignore_index=True)
+
+    @cached_property
+    def run(self) -> dict[str, Any]:
+        """What is known of the run."""
+        return read_run(self.study)
+
+    @cached_property
+    def estimates(self) -> Mapping[tuple[str, str], tuple[Estimate, Verdict] | str]:
+        """By claim and contrast, the difference and the verdict, or why there is none."""
+        found: dict[tuple[str, str], tuple[Estimate, Verdict] | str] = {}
+        for name, claim in self.study.file.claims.items():
+            for part, contrast in claim.contrasts.items():
+                try:
+                    one = estimate(self.units, contrast, self.study.unit)
+                except EvidenceError as error:
+                    found[name, part] = str(error)
+                else:
+                    found[name, part] = one, verdict(one, contrast.expected, contrast.smallest)
+        return found
+
+    def verdict(self, name: str) -> Verdict:
+        """The verdict on a claim."""
+        return together(
+            "undecided" if isinstance(found, str) else found[1]
+            for (claim, _), found in self.estimates.items()
+            if claim == name
+        )
+
+    @cached_property
+    def claims(self) -> pd.DataFrame:
+        """A row for each contrast: what is expected, the difference, its interval, the verdict."""
+        rows = []
+        for (name, part), found in self.estimates.items():
+            claim = self.study.file.claims[name]
+            contrast = claim.contrasts[part]
+            row: dict[str, Any] = {
+                "claim": name,
+                "contrast": part,
+                "measure": contrast.measure,
+                "expected": contrast.expected,
+                "smallest": contrast.smallest,
+            }
+            if not isinstance(found, str):
+                one, said = found
+                low, high = one.interval()
+                row |= {"effect": one.value, "ci_low": low, "ci_high": high}
+                row |= {"n": " and ".join(map(str, one.units)), "verdict": said}
+            rows.append({"verdict": "undecided", "n": "0", **row, "of_claim": self.verdict(name)})
+        columns = ["claim", "contrast", "measure", "expected", "smallest", "effect", "ci_low"]
+        columns += ["ci_high", "n", "verdict", "of_claim"]
+        return pd.DataFrame(rows, columns=columns)
+
+    # -- single numbers -----------------------------------------------------------------------
+
+    def text(self, title: str) -> str:
+        """The number that a link's title asks for.
+
+        Raises:
+            EvidenceError: If the title is not understood, or what it asks for has not been run.
+        """
+        words = title.split()
+        if words[0] in OF_THE_RUN:
+            return str(self.run[words[0]])
+        ending = words.pop() if words[-1] in ENDINGS else ""
+        if words[0] == "claim":
+            return self._of_claim(words[1:], ending)
+        measure, learner, *rest = words
+        if measure not in get_args(Measure):
+            raise EvidenceError(f"{measure!r} is no measure; {nearest(measure, get_args(Measure))}")
+        asked: dict[str, Any] = {"learner": learner}
+        while rest:
+            word = rest.pop(0)
+            if word in ("trial", "part") and rest:
+                asked[word] = int(rest.pop(0))
+            else:
+                asked["phase" if word in ("train", "test") else "condition"] = word
+        values = selected(self.units, Selection(**asked), measure).to_numpy(float)
+        return _written(mean_of(values, measure != "attempts"), measure, ending, values)
+
+    def _of_claim(self, words: Sequence[str], ending: str) -> str:
+        name, *part = words
+        claim = self.study.file.claims.get(name)
+        if claim is None:
+            known = nearest(name, self.study.file.claims)
+            raise EvidenceError(f"{self.study.name} has no claim {name!r}; {known}")
+        if ending == "verdict" and not part:
+            return self.verdict(name)
+        chosen = part[0] if part else next(iter(claim.contrasts))
+        if chosen not in claim.contrasts:
+            known = nearest(chosen, claim.contrasts)
+            raise EvidenceError(f"the claim {name} has no contrast {chosen!r}; {known}")
+        found = self.estimates[name, chosen]
+        if isinstance(found, str):
+            raise EvidenceError(f"{self.study.name}: {found}")
+        if ending == "verdict":
+            return found[1]
+        return _written(found[0], claim.contrasts[chosen].measure, ending or "sign")
+
+    # -- tables ---------------------------------------------------------------------------------
+
+    def block(self, what: str) -> str:
+        """The Markdown of a table: ``claims``, or one that the study declares."""
+        if what == "claims":
+            return self._claims()
+        if what not in self.study.file.tables:
+            known = nearest(what, ["claims", *self.study.file.tables])
+            raise EvidenceError(f"{self.study.name} has no table {what!r}; {known}")
+        return self._table(self.study.file.tables[what])
+
+    def _table(self, table: Table) -> str:
+        conditions, rows, sizes = table.conditions, [], set()
+        times = [0]
+        if table.by != "judged":
+            own = self.units[~self.units["learner"].isin(PUBLISHED)]
+            times = sorted(own.loc[own["condition"].isin(conditions), table.by].dropna().unique())
+            head = ["", "", *(f"{table.by} {int(time)}" for time in times)]
+            keys = [(learner, [one]) for learner in table.rows for one in conditions]
+        else:
+            head = ["", *conditions]
+            keys = [(learner, conditions) for learner in table.rows]
+        for learner, of in keys:
+            cells = []
+            for condition in of:
+                for time in times:
+                    asked: dict[str, Any] = {"learner": learner, "condition": condition}
+                    asked |= {table.by: int(time)} if table.by != "judged" else {}
+                    try:
+                        values = selected(self.units, Selection(**asked), table.measure)
+                    except EvidenceError:
+                        cells.append("–")
+                        continue
+                    one = mean_of(values.to_numpy(float), table.measure != "attempts")
+                    cells.append(_written(one, table.measure, ""))
+                    if learner not in PUBLISHED:
+                        sizes.add(len(values))
+                        if table.interval:
+                            cells[-1] += f" ({_written(one, table.measure, 'interval')})"
+            label = table.rows[learner]
+            rows.append([label, *([of[0]] if table.by != "judged" else []), *cells])
+        n = " or ".join(str(size) for size in sorted(sizes)) or "no"
+        note = f"Means over {n} {self.study.unit}s"
+        note += ", 95% intervals of Student's t." if table.interval else "."
+        return f"{markdown(head, rows)}\n\n{note} {self._source()}\n"
+
+    def _claims(self) -> str:
+        rows = []
+        for name, claim in self.study.file.claims.items():
+            source = f" ({claim.source})" if claim.source else ""
+            rows.append([f"{claim.text}{source}", f"**{self.verdict(name)}**", ""])
+            for part, contrast in claim.contrasts.items():
+                found = self.estimates[name, part]
+                rows.append([*_contrast_in_words(part, contrast, found)])
+        return f"{markdown(['claim', 'verdict', 'by'], rows)}\n\n{self._source()}\n"
+
+    def _source(self) -> str:
+        return f"[How it was measured]({{here}}/{self.study.name}/README.md)."
+
+
+def _contrast_in_words(
+    part: str, contrast: Contrast, found: tuple[Estimate, Verdict] | str
+) -> tuple[str, str, str]:
+    wanted = _number(contrast.smallest, contrast.measure)
+    rule = {
+        "more": f"more by at least {wanted}",
+        "less": f"less by at least {wanted}",
+        "same": f"the same within {wanted}",
+    }[contrast.expected]
+    where = f"&nbsp;&nbsp;{part}: {contrast.measure.replace('_', ' ')}, expected {rule}"
+    if isinstance(found, str):
+        return where, "undecided", found
+    one, said = found
+    written = _written(one, contrast.measure, "sign")
+    interval = _written(one, contrast.measure, "interval")
+    return where, said, f"{written} ({interval}), n = {' and '.join(map(str, one.units))}"
+
+
+def _written(found: Estimate, measure: str, ending: str, values: Sequence[float] | Any = ()) -> str:
+    """An estimate as it stands on a page."""
+    if ending == "units":
+        return " and ".join(map(str, found.units))
+    if ending == "interval":
+        low, high = found.interval()
+        if np.isnan(low):
+            return "no interval"
+        least, most = (0.0, 1.0) if measure != "attempts" else (-np.inf, np.inf)
+        if found.value < least or low < least - 1:
+            least = -1.0
+        return f"{_number(max(low, least), measure)} to {_number(min(high, most), measure)}"
+    if ending == "sd":
+        return _number(float(np.std(values, ddof=1)), measure)
+    if ending == "without_sign":
+        return _number(abs(found.value), measure)
+    number = _number(found.value, measure)
+    return f"+{number}" if ending == "sign" and found.value > 0 else number
+
+
+def _number(value: float, measure: str) -> str:
+    text = f"{value:.2f}".replace("-", "−")
+    if measure != "attempts":
+        text = re.sub(r"^(−?)0\.", r"\1.", text)
+    return {"−.00": ".00", "−0.00": "0.00"}.get(text, text)
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table.
+
+    >>> print(markdown(["a", "b"], [["1", "2"]]))
+    | a | b |
+    |---|---|
+    | 1 | 2 |
+    """
+    lines = [head, ["---"] * len(head), *rows]
+    texts = ["| " + " | ".join(line) + " |" for line in lines]
+    texts[1] = "|" + "|".join("---" for _ in head) + "|"
+    return "\n".join(texts)

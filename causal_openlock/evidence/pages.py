@@ -1,0 +1,183 @@
+"""Pages whose numbers come from evidence.
+
+A measured number on a page is a link to the study that measured it, and the link's title says what
+it is; a table stands between two comments that say the same::
+
+    The door opens in [.57](../evidence/figure6/README.md "opens learning_rate_005 CC4 part 1").
+
+    <!-- evidence: figure6 course -->
+    ...
+    <!-- end of evidence -->
+
+:func:`renewed` writes both anew from what is stored. :func:`unbound_numbers` finds numbers in the
+prose of a page that no link, table or code (for settings, such as ```.005```) accounts for.
+
+A link's title is ``MEASURE LEARNER [CONDITION] [train|test] [trial N|part N]``, the mean over
+units, or ``claim NAME [CONTRAST]``, the difference; ended by ``interval``, ``units``, ``sd``,
+``verdict`` or ``without_sign``, that of it. ``core_hours``, ``machine`` and ``date`` are of the
+run.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.measured import Evidence
+from causal_openlock.evidence.study import Study
+from causal_openlock.wording import nearest
+
+LINK = re.compile(
+    r"\[(?P<text>[^\]\n]*)\]\((?P<path>[^)\s]*evidence/(?P<study>\w+)/README\.md)"
+    r'[ \n]"(?P<title>[^"]+)"\)'
+)
+BLOCK = re.compile(
+    r"(?P<start><!-- evidence: (?P<study>\w+) (?P<what>[\w ]+) -->\n)"
+    r"(?P<body>.*?)(?P<end><!-- end of evidence -->)",
+    re.DOTALL,
+)
+_NOT_PROSE = re.compile(
+    r"^```.*?^```|^\|.*?\|$|`[^`\n]+`|<!--.*?-->|\]\([^)]*\)|https?://\S+|^#.*?$|^    .*?$",
+    re.DOTALL | re.MULTILINE,
+)
+_NAMES = re.compile(
+    r"\b(?:Figures?|Tables?|Sections?|CogSci|AAAI|Python|OpenLock|AVX)[ -]\d[\d.]*(?: and \d+)?"
+    r"|\b(?:19|20)\d\d\b|\b[A-Z]+\d\b|RL²|\b1\.\s"
+)
+_NUMBER = re.compile(r"(?<![\w.])[+-−]?\d*\.?\d[\d,]*%?")
+
+
+@dataclass
+class Pages:
+    """The pages whose numbers come from the studies of a folder.
+
+    Attributes:
+        root: The folder of the studies.
+        studies: The studies.
+    """
+
+    root: Path
+    studies: Sequence[Study]
+    _known: dict[str, Evidence] = field(default_factory=dict)
+
+    def evidence(self, name: str) -> Evidence:
+        """What was measured in a study.
+
+        Raises:
+            EvidenceError: If there is no such study.
+        """
+        if name not in self._known:
+            studies = {study.name: study for study in self.studies}
+            if name not in studies:
+                raise EvidenceError(f"there is no study {name!r}; {nearest(name, studies)}")
+            self._known[name] = Evidence(studies[name])
+        return self._known[name]
+
+    def renewed(self, text: str, page: Path) -> tuple[str, list[str]]:
+        """A page with its measured numbers and tables written anew, and what could not be.
+
+        Args:
+            text: The text of the page.
+            page: Where it is.
+        """
+        faults: list[str] = []
+        here = Path(os.path.relpath(self.root, page.parent)).as_posix()
+
+        def fault(place: int, error: EvidenceError) -> None:
+            line = text.count("\n", 0, place) + 1
+            faults.append(f"{page}:{line}: {error}")
+
+        def link(found: re.Match[str]) -> str:
+            try:
+                number = self.evidence(found["study"]).text(found["title"])
+            except EvidenceError as error:
+                fault(found.start(), error)
+                return found[0]
+            return found[0].replace(f"[{found['text']}]", f"[{number}]", 1)
+
+        def block(found: re.Match[str]) -> str:
+            try:
+                body = self.evidence(found["study"]).block(found["what"])
+            except EvidenceError as error:
+                fault(found.start(), error)
+                return found[0]
+            return f"{found['start']}{body.replace('{here}', here)}{found['end']}"
+
+        return BLOCK.sub(block, LINK.sub(link, text)), faults
+
+
+def unbound_numbers(text: str) -> list[tuple[int, str]]:
+    """The numbers in the prose of a page that no evidence accounts for, each with its line.
+
+    Settings are written as code (```300```), names such as Figure 6 and CC4 and years are none.
+
+    >>> unbound_numbers("It opens in .57 of `300` attempts of Figure 6.")
+    [(1, '.57')]
+    """
+
+    def blank(found: re.Match[str]) -> str:
+        return re.sub(r"[^\n]", " ", found[0])
+
+    for pattern in (BLOCK, LINK, _NOT_PROSE, _NAMES):
+        text = pattern.sub(blank, text)
+    return [(text.count("\n", 0, found.start()) + 1, found[0]) for found in _NUMBER.finditer(text)]
+
+
+def page_of(evidence: Evidence) -> str:
+    """The ``README.md`` of a study: what was run, how, and what came of it."""
+    study, file = evidence.study, evidence.study.file
+    parts = [f"# {file.title}\n"]
+    if file.about:
+        parts.append(f"{file.about.strip()}\n")
+    try:
+        run = evidence.run
+    except EvidenceError:
+        run = {}
+    if file.claims and run:
+        parts.append(evidence.block("claims").replace("{here}", "..").rpartition("\n\n")[0] + "\n")
+        parts.append(
+            "What the verdicts mean, and by which rules they follow: "
+            "[evidence](../README.md#verdicts).\n"
+        )
+    for name in file.tables if run else ():
+        parts.append(evidence.block(name).replace("{here}", "..").rpartition(" [")[0] + "\n")
+    parts.append(f"## How it was measured\n\n{_run_in_words(study, run)}\n")
+    return "\n".join(parts)
+
+
+def _run_in_words(study: Study, run: Mapping[str, Any]) -> str:
+    experiment = f"[{study.experiment.name}]({study.file.experiment})"
+    lines = [
+        f"    causal-openlock evidence {study.name}",
+        "",
+        f"plays {experiment}, which takes about {study.file.hours:g} hours of one core.",
+    ]
+    if networks := study.file.networks:
+        files = ", ".join(f"[{label}]({path})" for label, path in networks.files.items())
+        lines += [
+            f"Networks are trained first, {len(networks.seeds)} of each kind: {files}. A network "
+            "is the unit: its subjects are averaged."
+        ]
+    if not run:
+        return "\n".join([*lines, "", "It has not been run yet."])
+    done = "all of it was run" if run["complete"] else f"{run['cells']} cells were run so far"
+    if networks and not run["complete"]:
+        done = f"{run['runs']} networks have been trained and played so far"
+    versions = ", ".join(f"{name} {held}" for name, held in sorted(run["versions"].items()))
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"On {run['date']}, {done}, in {run['core_hours']:g} hours of one core (training "
+            f"apart) on {run['machine']}; {versions}.",
+            "",
+            f"What was measured, a row for each {study.unit} and time: "
+            "[units.parquet](units.parquet). What follows: [verdicts.csv](verdicts.csv). The run: "
+            "[run.json](run.json). The claims and their margins: [study.yaml](study.yaml).",
+        ]
+    )

@@ -1,0 +1,58 @@
+"""Published results in the form of units, so that studies compare and show them as learners.
+
+``people`` and ``published_model`` have attempts in the trials that the papers report, and
+``paper_ddqn`` the shares of the paper's Figures 6 and 7. Each is a single number without units of
+its own; what is compared with it is compared with a known number.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pandas as pd
+
+from causal_openlock.analysis.results.people.published import model, paper_ddqn, people
+from causal_openlock.experiment.protocol import PROTOCOLS
+
+PUBLISHED = ("people", "published_model", "paper_ddqn")
+
+
+@cache
+def published_units() -> pd.DataFrame:
+    """Published results with the columns of :mod:`~causal_openlock.evidence.units`.
+
+    >>> found = published_units().query("learner == 'people' and condition == 'CC3-CC4'")
+    >>> found["attempts"].tolist()
+    [5.525]
+    """
+    parts = []
+    for name, means in (("people", people()), ("published_model", model())):
+        last = means.groupby("condition")["trial"].transform("max")
+        parts.append(
+            means.rename(columns={"mean": "attempts"}).assign(
+                learner=name, protocol="human", judged=means["trial"] == last
+            )
+        )
+    counts = paper_ddqn().pivot_table(
+        index=["condition", "phase", "block"], columns="category", values="count"
+    )
+    total = counts.sum(axis=1)
+    opened = counts[["open1", "open2", "open3"]].sum(axis=1)
+    # Third solutions are new in their visit, so each of them stands for a visit.
+    visits = total / PROTOCOLS["rl"].attempt_limit
+    shares = pd.DataFrame(
+        {
+            "opens": opened / total,
+            "unlocks": counts["unlock"] / total,
+            "else": counts["else"] / total,
+            "finds_all": counts["open3"] / visits,
+        }
+    ).reset_index()
+    last = shares.groupby("condition")["block"].transform("max")
+    parts.append(
+        shares.rename(columns={"block": "part"}).assign(
+            learner="paper_ddqn", protocol="rl", judged=shares["block"] == last
+        )
+    )
+    kept = pd.concat(parts, ignore_index=True).assign(unit=0)
+    return kept.drop(columns=["mean", "se", "subjects"], errors="ignore")

@@ -1,0 +1,203 @@
+"""The file that declares a study: what is run, which claims it decides, and by which comparisons.
+
+Example of a ``study.yaml``::
+
+    title: Whether the double deep Q-network forgets
+    experiment: ../../experiments/figure6.yaml
+    measured: course
+    hours: 2.5
+    claims:
+      declines:
+        text: The longer it trains, the fewer attempts open the door
+        source: paper, Figure 6
+        contrasts:
+          CC4:
+            measure: opens
+            of: {learner: ddqn, condition: CC4, part: 5}
+            minus: {learner: ddqn, condition: CC4, part: 1}
+            expected: less
+            smallest: 0.1
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from causal_openlock.contract.parameters import Count
+from causal_openlock.errors import EvidenceError
+from causal_openlock.files.validation import StrictModel
+from causal_openlock.files.yaml_file import plain, read_document
+from causal_openlock.wording import nearest
+
+FILE = "study.yaml"
+
+Measure = Literal["attempts", "solved", "found", "opens", "finds_all", "else", "unlocks"]
+"""What is measured of each unit: see :mod:`~causal_openlock.evidence.units`."""
+
+Expected = Literal["less", "more", "same"]
+
+
+class Selection(StrictModel):
+    """Some of the units, and when they are looked at; what is left out is averaged over.
+
+    Without ``phase``, ``trial`` and ``part`` it is the trial that a condition is judged by: its
+    test, or the last trial of a baseline.
+    """
+
+    learner: str
+    condition: str | list[str] | None = None
+    phase: Literal["train", "test"] | None = None
+    trial: Count | None = None
+    part: Count | None = None
+
+
+class Contrast(StrictModel):
+    """A difference between two selections, or between one and a known number."""
+
+    measure: Measure
+    of: Selection
+    minus: Selection | float
+    expected: Expected
+    smallest: Annotated[float, Field(gt=0, description="The smallest difference that matters.")]
+
+
+class Claim(StrictModel):
+    """A claim; it holds if all of its contrasts come out as expected."""
+
+    text: str
+    source: str = ""
+    contrasts: Annotated[dict[str, Contrast], Field(min_length=1)]
+
+
+class Table(StrictModel):
+    """A table for a page: the mean over units in each row and column."""
+
+    measure: Measure
+    rows: Annotated[dict[str, str], Field(min_length=1, description="Learner: its label.")]
+    conditions: Annotated[list[str], Field(min_length=1)]
+    by: Annotated[
+        Literal["judged", "trial", "part"],
+        Field(description="What a condition is judged by, or its course: a column for each part."),
+    ] = "judged"
+    interval: bool = False
+
+
+class Networks(StrictModel):
+    """Networks that are trained first; each is a unit."""
+
+    command: Annotated[
+        str, Field(description="Trains one; with {file}, {seed} and {out} where these belong.")
+    ]
+    files: Annotated[dict[str, str], Field(min_length=1, description="Label: file of a training.")]
+    seeds: Annotated[list[int], Field(min_length=1)]
+    learner: str = "rl2"
+    parameters: Annotated[
+        dict[str, dict[str, Any]],
+        Field(description="Label of a variant of the first file's networks: other parameters."),
+    ] = Field(default_factory=dict)
+
+
+class StudyFile(StrictModel):
+    """A ``study.yaml``."""
+
+    title: str
+    about: str = ""
+    experiment: Annotated[str, Field(description="Its file, as seen from the study's folder.")]
+    measured: Annotated[
+        Literal["trials", "course"],
+        Field(description="Each trial of people's protocol, or parts of a long course."),
+    ] = "trials"
+    networks: Networks | None = None
+    hours: Annotated[float, Field(gt=0, description="Of one core, for all of it.")]
+    claims: dict[str, Claim] = Field(default_factory=dict)
+    tables: dict[str, Table] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _parts_belong_to_courses(self) -> StudyFile:
+        for claim in self.claims.values():
+            for contrast in claim.contrasts.values():
+                for side in (contrast.of, contrast.minus):
+                    if isinstance(side, Selection) and side.part and self.measured == "trials":
+                        raise ValueError("part: is of a course; write trial: instead")
+        return self
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study in its folder.
+
+    Attributes:
+        folder: Where its files are.
+        file: What ``study.yaml`` declares.
+    """
+
+    folder: Path
+    file: StudyFile
+
+    @property
+    def name(self) -> str:
+        """The name of its folder."""
+        return self.folder.name
+
+    @property
+    def unit(self) -> Literal["network", "subject"]:
+        """What was drawn independently."""
+        return "network" if self.file.networks else "subject"
+
+    @property
+    def experiment(self) -> Path:
+        """Its experiment file."""
+        return (self.folder / self.file.experiment).resolve()
+
+    @property
+    def training_files(self) -> Mapping[str, Path]:
+        """By label, the files that declare trainings."""
+        files = self.file.networks.files if self.file.networks else {}
+        return {label: (self.folder / file).resolve() for label, file in files.items()}
+
+    @cached_property
+    def declared(self) -> str:
+        """A hash of what is run: the content of the files, comments and layout apart."""
+        networks = self.file.networks
+        content = {
+            "experiment": _content(self.experiment),
+            "trainings": {label: _content(path) for label, path in self.training_files.items()},
+            "networks": networks.model_dump(exclude={"seeds", "files"}) if networks else None,
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _content(path: Path) -> Any:
+    return plain(read_document(path).data)
+
+
+def read_study(folder: Path) -> Study:
+    """Read a study.
+
+    Raises:
+        FileError: With line, column and remedy of the first fault.
+    """
+    return Study(folder, read_document(folder / FILE).validate(StudyFile))
+
+
+def read_studies(root: Path, names: tuple[str, ...] = ()) -> list[Study]:
+    """The studies of a folder, by name; all of them by default.
+
+    Raises:
+        EvidenceError: If there is none, or none of a name.
+    """
+    known = sorted(path.parent.name for path in root.glob(f"*/{FILE}"))
+    if not known:
+        raise EvidenceError(f"{root} holds no study; name the folder of evidence with --folder")
+    for name in names:
+        if name not in known:
+            raise EvidenceError(f"there is no study {name!r} in {root}; {nearest(name, known)}")
+    return [read_study(root / name) for name in names or known]

@@ -1,0 +1,114 @@
+"""What a study keeps of a run: a row for each thing that was drawn independently.
+
+A subject that learns alone is such a unit. Subjects that share the weights of one trained network
+are not: they say how that network plays, and nothing about another training. There the network is
+the unit, and its subjects are averaged.
+
+Columns of ``units.parquet``: ``learner``, ``condition``, ``protocol``, ``phase``; ``trial`` (of
+people's protocol) or ``part`` (of a long course, see
+:mod:`~causal_openlock.analysis.results.deep.visits`); ``judged``, whether a condition is judged by
+this row; ``unit``, the number of the subject or of the network, ``subjects``, how many were
+averaged; and the measures:
+
+- ``attempts``: attempts to find every solution; a trial that was not solved counts as its limit.
+- ``solved``, of a course ``finds_all``: the share of trials in which every solution was found.
+- ``found``: solutions found of those to be found.
+- ``opens``, ``unlocks``, ``else``, of a course: the shares of attempts that open the door, that
+  unlock it and do not open it, and that do neither.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.measures import CELL, SUBJECT
+from causal_openlock.analysis.results.deep.visits import (
+    ELSE,
+    FINDS_ALL,
+    FOUND,
+    OPENS,
+    UNLOCKS,
+    shares,
+)
+from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.study import Selection
+from causal_openlock.wording import joined
+from causal_openlock.world.fsm import BoolArray
+
+KEYS = [*CELL, "phase"]
+COURSE = [OPENS, FINDS_ALL, FOUND, UNLOCKS, ELSE]
+
+
+def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
+    """A row for each subject and trial, or part of a course.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        measured: ``"trials"`` or ``"course"``.
+    """
+    if measured == "course":
+        when, measures, table = "part", COURSE, shares(trials)
+    else:
+        when, measures = "trial", ["attempts", "solved", "found"]
+        each = trials.assign(
+            solved=trials["solved"].astype(float),
+            found=trials["solutions_found"] / trials["solutions"],
+        )
+        by = [*KEYS, "trial", *SUBJECT]
+        table = each.groupby(by, observed=True, sort=True)[measures].mean().reset_index()
+    table = table.rename(columns={"subject": "unit"}).assign(subjects=1)
+    table["judged"] = _judged(table, when)
+    columns = [*KEYS, when, "judged", "unit", "subjects", *measures]
+    kept: pd.DataFrame = table[columns].astype(dict.fromkeys(KEYS, str))
+    return kept
+
+
+def of_network(units: pd.DataFrame, label: str, number: int) -> pd.DataFrame:
+    """The subjects of one network averaged: the network is the unit."""
+    own = units.assign(learner=label, unit=number)
+    by = list(own.columns[: own.columns.get_loc("subjects")])
+    means = own.groupby(by, sort=True).mean(numeric_only=True).reset_index()
+    sizes = own.groupby(by, sort=True).size().to_numpy()
+    return means.assign(subjects=sizes)[list(own.columns)]
+
+
+def _judged(table: pd.DataFrame, when: str) -> BoolArray:
+    """Whether a condition is judged by a row: those of its test, or the end of a baseline."""
+    groups = table.groupby(CELL, observed=True)
+    tested = groups["phase"].transform(lambda phase: (phase == "test").any()).astype(bool)
+    last = table[when] == groups[when].transform("max")
+    judged: BoolArray = np.where(tested, table["phase"] == "test", last)
+    return judged
+
+
+def selected(units: pd.DataFrame, selection: Selection, measure: str) -> pd.Series[Any]:
+    """By unit, the mean of a measure over what is selected.
+
+    Raises:
+        EvidenceError: If the study has no such learner, condition or measure.
+    """
+    if measure not in units:
+        raise EvidenceError(f"the study does not measure {measure!r}")
+    conditions = selection.condition
+    wanted: dict[str, Any] = {
+        "learner": [selection.learner],
+        "condition": [conditions] if isinstance(conditions, str) else conditions,
+        "phase": selection.phase and [selection.phase],
+        "trial": selection.trial and [selection.trial],
+        "part": selection.part and [selection.part],
+    }
+    rows = units
+    if not (selection.phase or selection.trial or selection.part):
+        rows = rows[rows["judged"]]
+    for column, values in wanted.items():
+        if not values:
+            continue
+        rows = rows[rows[column].isin(values)]
+        missing = [str(value) for value in values if not (rows[column] == value).any()]
+        if missing:
+            raise EvidenceError(f"no unit has been run with {column} {joined(missing)}")
+    means: pd.Series[Any] = rows.groupby("unit")[measure].mean()
+    return means
