@@ -110,17 +110,13 @@ class Evidence:
         ending = words.pop() if words[-1] in ENDINGS else ""
         if words[0] == "claim":
             return self._of_claim(words[1:], ending)
-        measure, learner, *rest = words
-        if measure not in get_args(Measure):
-            raise EvidenceError(f"{measure!r} is no measure; {nearest(measure, get_args(Measure))}")
-        asked: dict[str, Any] = {"learner": learner}
-        while rest:
-            word = rest.pop(0)
-            if word in ("trial", "part") and rest:
-                asked[word] = int(rest.pop(0))
-            else:
-                asked["phase" if word in ("train", "test") else "condition"] = word
-        values = selected(self.units, Selection(**asked), measure).to_numpy(float)
+        measure, *rest = words
+        if measure not in get_args(Measure) or not rest:
+            raise EvidenceError(
+                f"{title!r} does not begin with a measure and a learner; "
+                f"{nearest(measure, get_args(Measure))}"
+            )
+        values = selected(self.units, Selection.parse(rest), measure).to_numpy(float)
         return _written(mean_of(values, measure != "attempts"), measure, ending, values)
 
     def _of_claim(self, words: Sequence[str], ending: str) -> str:
@@ -154,39 +150,31 @@ class Evidence:
         return self._table(self.study.file.tables[what])
 
     def _table(self, table: Table) -> str:
-        conditions, rows, sizes = table.conditions, [], set()
-        times = [0]
-        if table.by != "judged":
-            own = self.units[~self.units["learner"].isin(PUBLISHED)]
-            times = sorted(own.loc[own["condition"].isin(conditions), table.by].dropna().unique())
-            head = ["", "", *(f"{table.by} {int(time)}" for time in times)]
-            keys = [(learner, [one]) for learner in table.rows for one in conditions]
-        else:
-            head = ["", *conditions]
-            keys = [(learner, conditions) for learner in table.rows]
-        for learner, of in keys:
+        try:
+            units = self.units
+        except EvidenceError as error:
+            return f"*{error}*\n"
+        rows, sizes = [], set()
+        for row, label in table.rows.items():
             cells = []
-            for condition in of:
-                for time in times:
-                    asked: dict[str, Any] = {"learner": learner, "condition": condition}
-                    asked |= {table.by: int(time)} if table.by != "judged" else {}
-                    try:
-                        values = selected(self.units, Selection(**asked), table.measure)
-                    except EvidenceError:
-                        cells.append("–")
-                        continue
-                    one = mean_of(values.to_numpy(float), table.measure != "attempts")
-                    cells.append(_written(one, table.measure, ""))
-                    if learner not in PUBLISHED:
-                        sizes.add(len(values))
-                        if table.interval:
-                            cells[-1] += f" ({_written(one, table.measure, 'interval')})"
-            label = table.rows[learner]
-            rows.append([label, *([of[0]] if table.by != "judged" else []), *cells])
+            for column in table.columns:
+                try:
+                    chosen = Selection.parse([*row.split(), *column.split()])
+                    values = selected(units, chosen, table.measure).to_numpy(float)
+                except EvidenceError:
+                    cells.append("–")
+                    continue
+                one = mean_of(values, table.measure != "attempts")
+                cells.append(_written(one, table.measure, ""))
+                if chosen.learner not in PUBLISHED:
+                    sizes.add(len(values))
+                    if table.interval:
+                        cells[-1] += f" ({_written(one, table.measure, 'interval')})"
+            rows.append([label, *cells])
         n = " or ".join(str(size) for size in sorted(sizes)) or "no"
         note = f"Means over {n} {self.study.unit}s"
         note += ", 95% intervals of Student's t." if table.interval else "."
-        return f"{markdown(head, rows)}\n\n{note} {self._source()}\n"
+        return f"{markdown(['', *table.columns], rows)}\n\n{note} {self._source()}\n"
 
     def _claims(self) -> str:
         rows = []

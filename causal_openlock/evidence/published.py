@@ -1,8 +1,8 @@
 """Published results in the form of units, so that studies compare and show them as learners.
 
 ``people`` and ``published_model`` have attempts in the trials that the papers report, and
-``paper_ddqn`` the shares of the paper's Figures 6 and 7. Each is a single number without units of
-its own; what is compared with it is compared with a known number.
+``paper_ddqn`` the shares of the paper's Figures 6 and 7. Of these there are means and no units; means
+of attempts have a standard error (``error``), those of the figures none.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def published_units() -> pd.DataFrame:
     for name, means in (("people", people()), ("published_model", model())):
         last = means.groupby("condition")["trial"].transform("max")
         parts.append(
-            means.rename(columns={"mean": "attempts"}).assign(
+            means.rename(columns={"mean": "attempts", "se": "error"}).assign(
                 learner=name, protocol="human", judged=means["trial"] == last
             )
         )
@@ -54,5 +54,4 @@ def published_units() -> pd.DataFrame:
             learner="paper_ddqn", protocol="rl", judged=shares["block"] == last
         )
     )
-    kept = pd.concat(parts, ignore_index=True).assign(unit=0)
-    return kept.drop(columns=["mean", "se", "subjects"], errors="ignore")
+    return pd.concat(parts, ignore_index=True).assign(unit=0).drop(columns="subjects")

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -58,6 +58,28 @@ class Selection(StrictModel):
     trial: Count | None = None
     part: Count | None = None
 
+    @classmethod
+    def parse(cls, words: Sequence[str]) -> Selection:
+        """A selection in words: ``LEARNER [CONDITION] [train|test] [trial N|part N]``.
+
+        >>> Selection.parse(["ddqn", "CC4", "part", "5"])
+        Selection(learner='ddqn', condition='CC4', phase=None, trial=None, part=5)
+
+        Raises:
+            EvidenceError: If the words have another form.
+        """
+        learner, *rest = words
+        asked: dict[str, Any] = {}
+        while rest:
+            word = rest.pop(0)
+            if word in ("trial", "part"):
+                if not (rest and rest[0].isdigit()):
+                    raise EvidenceError(f"{word} in {' '.join(words)!r} needs a number after it")
+                asked[word] = int(rest.pop(0))
+            else:
+                asked["phase" if word in ("train", "test") else "condition"] = word
+        return cls(learner=learner, **asked)
+
 
 class Contrast(StrictModel):
     """A difference between two selections, or between one and a known number."""
@@ -78,15 +100,15 @@ class Claim(StrictModel):
 
 
 class Table(StrictModel):
-    """A table for a page: the mean over units in each row and column."""
+    """A table for a page: the mean over units in each row and column.
+
+    A row and a column together are a selection in words (:meth:`Selection.parse`), such as
+    ``ddqn CC4`` and ``part 5``, or ``bayes`` and ``CC4 trial 1``.
+    """
 
     measure: Measure
-    rows: Annotated[dict[str, str], Field(min_length=1, description="Learner: its label.")]
-    conditions: Annotated[list[str], Field(min_length=1)]
-    by: Annotated[
-        Literal["judged", "trial", "part"],
-        Field(description="What a condition is judged by, or its course: a column for each part."),
-    ] = "judged"
+    rows: Annotated[dict[str, str], Field(min_length=1, description="Selection: its label.")]
+    columns: Annotated[list[str], Field(min_length=1, description="The rest of the selection.")]
     interval: bool = False
 
 

@@ -110,6 +110,17 @@ def difference(of: FloatArray, minus: FloatArray, share: bool = False) -> Estima
     )
 
 
+def from_known(found: Estimate, known: float, error: float = 0.0) -> Estimate:
+    """The difference to a known number, or to a published mean with its standard error."""
+    both = float(np.hypot(found.error, error))
+    freedom = found.freedom
+    if both > 0:
+        # People's error bars are of forty subjects.
+        each = found.error**4 / max(found.freedom, 1) + error**4 / 39
+        freedom = both**4 / each
+    return replace(found, value=found.value - known, error=both, freedom=freedom)
+
+
 def estimate(units: pd.DataFrame, contrast: Contrast, unit: str) -> Estimate:
     """The difference that a contrast asks for.
 
@@ -124,10 +135,13 @@ def estimate(units: pd.DataFrame, contrast: Contrast, unit: str) -> Estimate:
     share = contrast.measure != "attempts"
     of = selected(units, contrast.of, contrast.measure)
     known = contrast.minus
-    if isinstance(known, Selection) and known.learner in PUBLISHED:
-        known = float(selected(published_units(), known, contrast.measure).mean())
-    if isinstance(known, float):
-        return replace(found := mean_of(of.to_numpy(float), share), value=found.value - known)
+    if not isinstance(known, Selection):
+        return from_known(mean_of(of.to_numpy(float), share), known)
+    if known.learner in PUBLISHED:
+        means = published_units()
+        number = float(selected(means, known, contrast.measure).mean())
+        error = float(selected(means, known, "error").mean())
+        return from_known(mean_of(of.to_numpy(float), share), number, np.nan_to_num(error))
     minus = selected(units, known, contrast.measure)
     if paired(contrast.of, known, unit):
         together = of.index.intersection(minus.index)
