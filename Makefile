@@ -4,13 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help compare test lint style types imports tests bench docs notebooks json-schemas lock clean
+.PHONY: help compare test lint style types imports tests bench docs notebooks evidence evidence-check json-schemas lock clean
 
 help:
 	@echo "make compare  set up, run the default comparison, write results/default/report.html"
 	@echo "make test     set up, lint, type-check, run every test"
 	@echo "make bench    set up, measure speed against named peers"
 	@echo "make docs     set up, build the documentation: docs/_build/index.html"
+	@echo "make evidence  set up, run or complete every study behind the documentation (hours; resumable)"
 	@echo "make notebooks  set up, open the lessons in JupyterLab"
 
 compare: $(VENV)/installed
@@ -40,6 +41,15 @@ bench: $(VENV)/installed-test
 # Warnings are errors; nothing is loaded from the network.
 docs: $(VENV)/installed-test
 	$(BIN)/python -m sphinx -W --keep-going -q docs docs/_build
+
+# Every study whose numbers the documentation has; `causal-openlock evidence` lists them with the
+# time that each takes. It can be stopped, and goes on.
+evidence: $(VENV)/installed
+	$(BIN)/causal-openlock evidence --all
+
+# That all numbers and verdicts follow from what is stored: seconds, and one of the tests.
+evidence-check: $(VENV)/installed
+	$(BIN)/causal-openlock evidence --check
 
 # The lessons, to run and to change; it goes on until Ctrl-C.
 notebooks: $(VENV)/installed-notebooks
