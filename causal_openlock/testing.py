@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.contract.learner import InformedLearner, Learner
+from causal_openlock.contract.learner import InformedLearner, Learner, Step
 from causal_openlock.contract.probes import (
     GlobalRandomness,
     InputChangedError,
@@ -212,8 +212,7 @@ class LearnerContract:
 
     def test_it_sees_nothing_latent(self) -> None:
         """It plays the same in rooms that differ only in the names of their levers."""
-        if issubclass(learner_class(self.learner), InformedLearner):
-            raise unittest.SkipTest(f"{self.learner} is an InformedLearner")
+        self._skip_the_informed()
         self._require(
             not hasattr(learner_class(self.learner), "inform"),
             "it has a method inform, which is only called for an InformedLearner",
@@ -231,6 +230,37 @@ class LearnerContract:
             "it plays differently in rooms that differ in the names of their levers alone, which "
             "no learner sees",
         )
+
+    def test_it_acts_only_on_what_it_sees(self) -> None:
+        """In a room of another schema it acts the same for as long as it sees the same.
+
+        It plays in rooms of CC4. Then, from the same seed, it plays in rooms of CE4 in the same
+        layouts, and is shown what it saw in CC4. Its actions differ if it knows the schema from
+        anything but its views and steps, such as the session on the call stack. Both sessions call
+        it as in an experiment.
+        """
+        self._skip_the_informed()
+        layouts = Layout((5, 0, 3, 2)), Layout((1, 6, 4, 3))
+        protocol = replace(SHORT, stop_when_solved=False)  # so that both end at the same time
+        seen, shown = (
+            Condition("alike", (Trials(find_schema(schema), layouts, shuffle=False),))
+            for schema in ("CC4", "CE4")
+        )
+        session, learner = Session(seen, protocol, self.subjects, seed=7), self._made()
+        session.begin(learner)
+        course = [*session.steps(learner)]
+        elsewhere = _ShowsAnother(course, shown, protocol, self.subjects, seed=7)
+        again = self._made()
+        elsewhere.begin(again)
+        steps = elsewhere.steps(again)
+        for moment, step in enumerate(course, start=1):
+            next(steps)
+            self._require(
+                np.array_equal(step.action, elsewhere.taken),
+                f"it saw the same in rooms of CC4 and of CE4, and yet action {moment} of the "
+                f"subjects is {step.action.tolist()} and {elsewhere.taken.tolist()}; let it use "
+                "nothing but what it is given",
+            )
 
     # -- its input and its state ----------------------------------------------------------------
 
@@ -315,6 +345,10 @@ class LearnerContract:
 
     # -- how the tests play ---------------------------------------------------------------------
 
+    def _skip_the_informed(self) -> None:
+        if issubclass(learner_class(self.learner), InformedLearner):
+            raise unittest.SkipTest(f"{self.learner} is an InformedLearner")
+
     def _require(self, holds: bool, message: str) -> None:
         if not holds:
             raise AssertionError(f"{self.learner}: {message}")
@@ -394,6 +428,28 @@ class LearnerContract:
 
     def _answers(self, condition: Condition, *change: Change) -> list[NDArray[Any]]:
         return [*self._steps(self._session(condition), self._made(), *change)]
+
+
+class _ShowsAnother(Session):
+    """A session in its own rooms that shows the steps of another one, taken with the same actions.
+
+    Attributes:
+        taken: ``[B]`` the last actions.
+    """
+
+    taken: NDArray[Any]
+
+    def __init__(self, course: Sequence[Step], *session: Any, **more: Any) -> None:
+        super().__init__(*session, **more)
+        self._course = iter(course)
+        self._view = course[0].view
+
+    def step(self, action: Any) -> Step:
+        self.taken = np.array(action)
+        super().step(action)
+        shown = next(self._course)
+        self._view = shown.next
+        return shown
 
 
 def _steps_of(record: pa.Table) -> int:

@@ -256,7 +256,7 @@ def trace_trial(
         >>> condition = Condition.named("CC3", find_schema)
         >>> trace = trace_trial(create("bayes"), condition, PROTOCOLS["human"], seed=2018)
         >>> trace.found, trace.actions[0].name, round(trace.actions[0].predicted, 2)
-        (2, 'push_UPPERRIGHT', 1.5)
+        (2, 'push_UPPER', 1.5)
     """
     if not isinstance(learner, BeliefLearner):
         raise LearnerError(

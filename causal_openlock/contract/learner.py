@@ -2,9 +2,11 @@
 
 A :class:`Learner` plays B subjects at once: every array is ``[B, ...]`` and no subject sees
 another's data. It gets a :class:`Brief`, perceives a :class:`View`, returns actions, and learns
-from a :class:`Step` what they led to. None of these types can hold a role, a schema or a solution.
-Those are in :class:`Truth`, which only an :class:`InformedLearner` gets; results show it as a bound
-beside the others.
+from a :class:`Step` what they led to. None of these types can hold a role, a schema or a solution,
+and the generators in a brief carry no seed from which rooms can be drawn again. What is latent is
+in :class:`Truth`, which only an :class:`InformedLearner` gets; results show it as a bound beside
+the others. A class in the same process can still read it from the call stack: nothing is promised
+against malice.
 
 Learners are found by name through :mod:`causal_openlock.contract.registry`. A first learner is
 easier to write as a :class:`~causal_openlock.contract.one_subject.OneSubjectLearner`, which needs
@@ -38,7 +40,7 @@ class Brief:
         action_limit: The most actions that an attempt can have.
         attempt_limit: Attempts in a trial.
         trials: How many trials there will be.
-        generators: One source of randomness for each subject.
+        generators: One source of randomness for each subject; their seeds are hashes.
     """
 
     subjects: int

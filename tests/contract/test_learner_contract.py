@@ -6,7 +6,7 @@ import random
 import sys
 import tomllib
 import unittest
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -14,9 +14,13 @@ import pytest
 from pydantic import Field
 
 from causal_openlock.contract.learner import Learner
+from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
+from causal_openlock.experiment.protocol import PROTOCOLS, Condition, plan
+from causal_openlock.experiment.session import Session
+from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.testing import LearnerContract
-from causal_openlock.world.randomness import Streams
+from causal_openlock.world.randomness import Streams, generators
 from support.places import ROOT
 
 
@@ -278,6 +282,22 @@ class LooksBehindTheScenes(Dice):
         )
 
 
+class ReadsTheCallStack(Dice):
+    """Finds the session among the variables of its callers, and plays the solutions in order."""
+
+    def act(self, view):
+        frame = sys._getframe(1)
+        while not isinstance(session := frame.f_locals.get("self"), Session):
+            frame = frame.f_back
+        truth, actions = session.truth, []
+        for subject, room in enumerate(truth.room):
+            found = min(view.console.solutions_found[subject], 2)
+            used = self.brief.action_limit - view.console.actions_left[subject]
+            solution = truth.rooms[room].schema.solutions[found]
+            actions.append(truth.rooms[room].action_of(solution)[used])
+        return np.array(actions)
+
+
 class TurnsBits(Dice):
     def act(self, view):
         view.observation[0, 0] ^= 1
@@ -382,6 +402,7 @@ SEED = "test_the_same_seed_gives_the_same_record"
 FINISHED = "test_it_ignores_subjects_that_have_finished"
 GLOBAL = "test_it_keeps_no_global_randomness"
 LATENT = "test_it_sees_nothing_latent"
+SEEN = "test_it_acts_only_on_what_it_sees"
 GIVEN = "test_it_never_changes_what_it_is_given"
 RESUMES = "test_it_goes_on_from_a_checkpoint"
 PARAMETERS = "test_its_parameters_are_a_frozen_dataclass_that_explains_itself"
@@ -411,6 +432,7 @@ class TestDice(LearnerContract):
         (DrawsFromTorch, GLOBAL, "used or seeded torch;"),
         (DrawsItsOwnSeed, GLOBAL, "depends on the global generators"),
         (LooksBehindTheScenes, LATENT, "names of their levers alone"),
+        (ReadsTheCallStack, SEEN, r"action 1 of the subjects is .* nothing but what it is given"),
         (TurnsBits, GIVEN, "act changes an array .* copy"),
         (ClearsRewards, GIVEN, "learn changes an array .* copy"),
         (TurnsBitsThroughTorch, GIVEN, "act changes an array .* copy"),
@@ -431,6 +453,45 @@ def test_a_broken_promise_is_found(kind: type, test: str, says: str) -> None:
         getattr(contract, test)()
 
 
+def test_python_lets_a_learner_read_the_call_stack() -> None:
+    """Nothing in one process can prevent it; the contract test above is what finds it."""
+    session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 4)
+    assert set(session.play(ReadsTheCallStack())["attempt"].to_pylist()) == {1, 2, 3}
+
+
+class ReadsTheSeed(Learner):
+    """Draws the rooms again from what its generators carry."""
+
+    def begin(self, brief):
+        self.rooms = []
+        for subject, generator in enumerate(brief.generators):
+            held = generator.bit_generator.seed_seq
+            number = held.spawn_key[-1] if held.spawn_key else subject
+            (again,) = generators(held.entropy, "environment/CC4", [number])
+            visits = plan(Condition.named("CC4", find_schema), PROTOCOLS["human"], again)
+            self.rooms.append([visit.layout.name for visit in visits])
+
+    def act(self, view):
+        return np.zeros(len(view.playing), dtype=int)
+
+
+def test_the_generators_of_a_learner_do_not_lead_to_its_rooms() -> None:
+    subjects, cheat = [3, 8, 21], ReadsTheSeed()
+    session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], subjects, seed=2018)
+    rooms = [list(dict.fromkeys(of_one)) for of_one in _layouts(session)]
+    telling = generators(2018, "learner/learner/CC4/human", subjects)
+    cheat.begin(replace(session.brief, generators=telling))
+    assert cheat.rooms == rooms, "it would find them in generators that carry the seed"
+    cheat.begin(session.brief)
+    assert not any(found == room for found, room in zip(cheat.rooms, rooms, strict=True))
+
+
+def _layouts(session: Session) -> list[list[str]]:
+    """The layouts of each subject's trials, in order."""
+    record = session.play(create("oracle")).to_pandas()
+    return [rows.layout.tolist() for _, rows in record.groupby("subject")]
+
+
 def test_a_contract_without_a_learner_says_so() -> None:
     with pytest.raises(AssertionError, match=r'learner = "my_package:MyLearner"'):
         LearnerContract().test_it_plays_a_session_to_its_end()
@@ -440,6 +501,6 @@ def test_the_contract_runs_under_unittest() -> None:
     case = type("Case", (LearnerContract, unittest.TestCase), {"learner": "oracle"})
     result = unittest.TestResult()
     unittest.defaultTestLoader.loadTestsFromTestCase(case).run(result)
-    assert result.testsRun == 10
+    assert result.testsRun == 11
     assert result.wasSuccessful()
-    assert len(result.skipped) == 1
+    assert len(result.skipped) == 2
