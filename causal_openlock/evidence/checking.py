@@ -5,6 +5,7 @@ Recomputing takes seconds: it reads the stored units and runs nothing.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,6 @@ from pydantic import Field
 from causal_openlock.errors import EvidenceError, OpenLockError
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.pages import Pages, page_of, unbound_numbers
-from causal_openlock.evidence.running import UNITS
 from causal_openlock.evidence.study import Study, read_studies
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
@@ -71,7 +71,7 @@ def written(root: Path) -> Written:
         made.faults += _changed(study)
         found = pages.evidence(study.name)
         made.texts[study.folder / README] = page_of(found)
-        if (study.folder / UNITS).exists():
+        if found.was_run:
             made.texts[study.folder / VERDICTS] = csv_of(found.claims.round(6))
     for path, bound in _pages(root):
         text, faults = pages.renewed(path.read_text(encoding="utf-8"), path)
@@ -104,11 +104,12 @@ def write(root: Path) -> list[Path]:
 
 def _changed(study: Study) -> list[str]:
     """Whether what is declared has changed since it was run."""
-    if not (study.folder / UNITS).exists():
+    found = Evidence(study)
+    if not found.was_run:
         return []
     try:
-        run = Evidence(study).run
-        _ = Evidence(study).units
+        run = found.run
+        _ = found.units
     except OpenLockError as error:
         return [f"{study.folder}: {error}"]
     if run["declared"] == study.declared:
@@ -127,7 +128,7 @@ def _pages(root: Path) -> Iterator[tuple[Path, bool]]:
     declared = read_document(path).validate(PagesFile)
     for names, bound in ((declared.results, True), (declared.others, False)):
         for name in names:
-            page = Path(root / name)
+            page = Path(os.path.normpath(root / name))
             if not page.is_file():
                 raise EvidenceError(f"{path} names {name}, which is no file; mend the name")
             yield page, bound

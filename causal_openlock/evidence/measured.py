@@ -13,7 +13,7 @@ import pandas as pd
 
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.published import PUBLISHED, published_units
-from causal_openlock.evidence.running import read_run, read_units
+from causal_openlock.evidence.running import UNITS, read_run, read_units
 from causal_openlock.evidence.study import Contrast, Measure, Selection, Study, Table
 from causal_openlock.evidence.units import selected
 from causal_openlock.evidence.verdicts import (
@@ -24,7 +24,7 @@ from causal_openlock.evidence.verdicts import (
     together,
     verdict,
 )
-from causal_openlock.wording import nearest
+from causal_openlock.wording import joined, nearest
 
 ENDINGS = ("interval", "units", "sd", "verdict", "without_sign")
 OF_THE_RUN = ("core_hours", "machine", "date")
@@ -39,6 +39,11 @@ class Evidence:
     """
 
     study: Study
+
+    @property
+    def was_run(self) -> bool:
+        """Whether something was measured."""
+        return (self.study.folder / UNITS).exists()
 
     @cached_property
     def units(self) -> pd.DataFrame:
@@ -59,7 +64,7 @@ class Evidence:
                 try:
                     one = estimate(self.units, contrast, self.study.unit)
                 except EvidenceError as error:
-                    found[name, part] = str(error)
+                    found[name, part] = str(error) if self.was_run else "not run yet"
                 else:
                     found[name, part] = one, verdict(one, contrast.expected, contrast.smallest)
         return found
@@ -125,7 +130,7 @@ class Evidence:
         if claim is None:
             known = nearest(name, self.study.file.claims)
             raise EvidenceError(f"{self.study.name} has no claim {name!r}; {known}")
-        if ending == "verdict" and not part:
+        if ending == "verdict" and (not part or not self.was_run):
             return self.verdict(name)
         chosen = part[0] if part else next(iter(claim.contrasts))
         if chosen not in claim.contrasts:
@@ -199,7 +204,9 @@ def _contrast_in_words(
         "less": f"less by at least {wanted}",
         "same": f"the same within {wanted}",
     }[contrast.expected]
-    where = f"&nbsp;&nbsp;{part}: {contrast.measure.replace('_', ' ')}, expected {rule}"
+    sides = f"{_side(contrast.of)} − {_side(contrast.minus)}"
+    measure = contrast.measure.replace("_", " ")
+    where = f"&nbsp;&nbsp;{part}: {measure} of {sides}, expected: {rule}"
     if isinstance(found, str):
         return where, "undecided", found
     one, said = found

@@ -3,9 +3,9 @@
 A measured number on a page is a link to the study that measured it, and the link's title says what
 it is; a table stands between two comments that say the same::
 
-    The door opens in [.57](../evidence/figure6/README.md "opens learning_rate_005 CC4 part 1").
+    The door opens in [.57](../evidence/figure6/README.md "opens rate_005 CC4 part 1").
 
-    <!-- evidence: figure6 course -->
+    <!-- evidence: figure6 opens -->
     ...
     <!-- end of evidence -->
 
@@ -42,7 +42,7 @@ BLOCK = re.compile(
     re.DOTALL,
 )
 _NOT_PROSE = re.compile(
-    r"^```.*?^```|^\|.*?\|$|`[^`\n]+`|<!--.*?-->|\]\([^)]*\)|https?://\S+|^#.*?$|^    .*?$",
+    r"^```.*?^```|`[^`\n]+`|<!--.*?-->|\]\([^)]*\)|https?://\S+|^#.*?$|^    .*?$",
     re.DOTALL | re.MULTILINE,
 )
 _NAMES = re.compile(
@@ -134,11 +134,8 @@ def page_of(evidence: Evidence) -> str:
     parts = [f"# {file.title}\n"]
     if file.about:
         parts.append(f"{file.about.strip()}\n")
-    try:
-        run = evidence.run
-    except EvidenceError:
-        run = {}
-    if file.claims and run:
+    run = evidence.run if evidence.was_run else {}
+    if file.claims:
         parts.append(evidence.block("claims").replace("{here}", "..").rpartition("\n\n")[0] + "\n")
         parts.append(
             "What the verdicts mean, and by which rules they follow: "

@@ -1,8 +1,8 @@
 """Published results in the form of units, so that studies compare and show them as learners.
 
 ``people`` and ``published_model`` have attempts in the trials that the papers report, and
-``paper_ddqn`` the shares of the paper's Figures 6 and 7. Of these there are means and no units; means
-of attempts have a standard error (``error``), those of the figures none.
+``paper_ddqn`` the shares of the paper's Figures 6 and 7. These are means without units; means of
+attempts have a standard error (``error``), those of the figures none.
 """
 
 from __future__ import annotations

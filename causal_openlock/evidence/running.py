@@ -37,7 +37,13 @@ from causal_openlock.experiment.building import Changes, learner
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.store import merged_versions
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.files.checksums import json_bytes, read_json, read_table, table_bytes
+from causal_openlock.files.checksums import (
+    ChecksumError,
+    json_bytes,
+    read_json,
+    read_table,
+    table_bytes,
+)
 
 UNITS, RUN = "units.parquet", "run.json"
 
@@ -222,8 +228,8 @@ def read_units(study: Study) -> pd.DataFrame:
         raise EvidenceError(
             f"{study.name} has not been run; run it with: causal-openlock evidence {study.name}"
         ) from None
-    except OSError as error:
-        raise EvidenceError(f"{path}: {error.strerror}; check its permissions") from None
+    except ChecksumError as error:
+        raise EvidenceError(f"{path} is damaged: {error}; run the study again") from None
     return found
 
 
@@ -239,3 +245,5 @@ def read_run(study: Study) -> dict[str, Any]:
         raise EvidenceError(
             f"{study.name} has not been run; run it with: causal-openlock evidence {study.name}"
         ) from None
+    except ChecksumError as error:
+        raise EvidenceError(f"{study.folder / RUN} is damaged: {error}; run it again") from None

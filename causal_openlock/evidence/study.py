@@ -3,7 +3,7 @@
 Example of a ``study.yaml``::
 
     title: Whether the double deep Q-network forgets
-    experiment: ../../experiments/figure6.yaml
+    experiment: experiment.yaml
     measured: course
     hours: 2.5
     claims:

@@ -1,0 +1,243 @@
+"""Studies: what is kept of a run, what follows, and what no longer fits is found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import causal_openlock.evidence.running as running
+from causal_openlock.errors import EvidenceError, FileError
+from causal_openlock.evidence.checking import check, write
+from causal_openlock.evidence.measured import Evidence
+from causal_openlock.evidence.pages import unbound_numbers
+from causal_openlock.evidence.running import Watched, read_run, read_units, run_study
+from causal_openlock.evidence.study import read_studies, read_study
+
+EXPERIMENT = "name: small\nsubjects: 3\ncell_size: 3\nconditions: [CC3, CC3-CC4]\n"
+STUDY = """
+title: A small study
+experiment: experiment.yaml
+hours: 0.01
+claims:
+  faster:
+    text: The oracle is faster than random actions
+    contrasts:
+      CC3:
+        {measure: attempts, of: {learner: oracle, condition: CC3},
+         minus: {learner: random, condition: CC3}, expected: less, smallest: 1}
+  like_people:
+    text: It is as fast as people
+    contrasts:
+      CC3-CC4:
+        {measure: attempts, of: {learner: oracle, condition: CC3-CC4},
+         minus: {learner: people, condition: CC3-CC4}, expected: same, smallest: 1}
+tables:
+  attempts:
+    measure: attempts
+    columns: [CC3 trial 1, CC3, CC3-CC4]
+    rows: {people: People, oracle: Oracle}
+"""
+PAGE = """# Results
+
+The oracle needs [?](evidence/small/README.md "attempts oracle CC3") attempts.
+
+<!-- evidence: small attempts -->
+<!-- end of evidence -->
+"""
+NETWORKS = """
+title: Two kinds of networks
+experiment: experiment.yaml
+hours: 0.01
+networks:
+  command: python {train} {{file}} {{seed}} {{out}}
+  files: {{first: first.yaml, second: second.yaml}}
+  seeds: [1, 2]
+  learner: rl2
+"""
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A folder of one study, and a page that takes numbers from it."""
+    folder = tmp_path / "evidence" / "small"
+    folder.mkdir(parents=True)
+    (folder / "study.yaml").write_text(STUDY)
+    (folder / "experiment.yaml").write_text(EXPERIMENT + "learners: [oracle, random]\n")
+    (tmp_path / "page.md").write_text(PAGE)
+    (tmp_path / "evidence" / "pages.yaml").write_text("results: [../page.md]\n")
+    return tmp_path / "evidence"
+
+
+def run(root: Path) -> None:
+    (study,) = read_studies(root)
+    run_study(study, root.parent / "results", Watched(workers=0))
+
+
+def test_a_study_that_was_not_run_is_undecided(root: Path) -> None:
+    found = Evidence(read_study(root / "small"))
+    assert found.text("claim faster verdict") == "undecided"
+    assert "not run yet" in found.block("claims")
+    with pytest.raises(EvidenceError, match="has not been run; run it with: causal-openlock ev"):
+        found.text("attempts oracle CC3")
+
+
+def test_what_is_written_follows_from_what_was_measured(root: Path) -> None:
+    run(root)
+    assert write(root)
+    assert not check(root)
+    page = (root.parent / "page.md").read_text()
+    assert '[2.00](evidence/small/README.md "attempts oracle CC3")' in page
+    assert "| People | – | – | 5.53 |" in page
+    assert "| Oracle | 2.00 | 2.00 | 3.00 |" in page
+    assert "[How it was measured](evidence/small/README.md)" in page
+    verdicts = (root / "small" / "verdicts.csv").read_text()
+    assert "faster,CC3,attempts,less,1.0,-28.0" in verdicts
+    assert "like_people,CC3-CC4,attempts,same" in verdicts
+    readme = (root / "small" / "README.md").read_text()
+    assert "**holds**" in readme
+    assert "all of it was run" in readme
+    assert not write(root)
+
+
+def test_the_units_are_the_subjects(root: Path) -> None:
+    run(root)
+    units = read_units(read_study(root / "small"))
+    assert len(units) == 2 * 3 * (5 + 7)  # learners, subjects, trials
+    judged = units[units["judged"]]
+    assert set(judged.loc[judged["condition"] == "CC3", "trial"]) == {5}
+    assert set(judged.loc[judged["condition"] == "CC3-CC4", "phase"]) == {"test"}
+
+
+def test_a_page_that_says_something_else_is_found(root: Path) -> None:
+    run(root)
+    write(root)
+    page = root.parent / "page.md"
+    page.write_text(page.read_text().replace("[2.00]", "[1.99]"))
+    (fault,) = check(root)
+    assert fault.endswith("write it anew with: causal-openlock evidence --write")
+    page.write_text(page.read_text() + "\nIt took 17 attempts.\n")
+    write(root)
+    (fault,) = check(root)
+    assert fault.startswith(f"{page}:14: no evidence gives 17")
+
+
+def test_an_experiment_that_changed_since_is_found(root: Path) -> None:
+    run(root)
+    write(root)
+    experiment = root / "small" / "experiment.yaml"
+    experiment.write_text("# A comment changes nothing.\n" + experiment.read_text())
+    assert not check(root)
+    experiment.write_text(experiment.read_text().replace("subjects: 3", "subjects: 4"))
+    (fault,) = check(root)
+    assert "experiment.yaml, or a training of it, has changed since it was run" in fault
+
+
+def test_damaged_units_are_found(root: Path) -> None:
+    run(root)
+    path = root / "small" / "units.parquet"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(EvidenceError, match="damaged"):
+        read_units(read_study(root / "small"))
+
+
+def test_a_run_that_was_stopped_keeps_what_was_measured(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    play = running.play
+
+    def stopped(experiment: object, *rest: object, **options: object) -> None:
+        def done(*_: object) -> None:
+            raise KeyboardInterrupt
+
+        play(experiment, *rest, done=done, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(running, "play", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run(root)
+    study = read_study(root / "small")
+    assert not read_run(study)["complete"]
+    assert read_run(study)["cells"] == "1 of 4"
+    assert Evidence(study).text("claim faster verdict") == "undecided"
+    monkeypatch.setattr(running, "play", play)
+    run(root)
+    assert read_run(study)["complete"]
+    assert Evidence(study).text("claim faster verdict") == "holds"
+
+
+def test_networks_are_trained_and_each_is_a_unit(tmp_path: Path) -> None:
+    shipped = Path(running.__file__).parents[2] / "learners" / "checkpoints" / "rl2.npz"
+    train = tmp_path / "train.py"
+    train.write_text(f"import shutil, sys\nshutil.copyfile({str(shipped)!r}, sys.argv[3])\n")
+    folder = tmp_path / "evidence" / "networks"
+    folder.mkdir(parents=True)
+    (folder / "study.yaml").write_text(NETWORKS.format(train=train))
+    (folder / "experiment.yaml").write_text(EXPERIMENT + "learners: [rl2]\n")
+    for name in ("first", "second"):
+        (folder / f"{name}.yaml").write_text("actions: 1\n")
+    said: list[str] = []
+    run_study(read_study(folder), tmp_path / "results", Watched(said.append, workers=0))
+    units = read_units(read_study(folder))
+    assert {(*row,) for row in units[["learner", "unit"]].to_numpy().tolist()} == {
+        ("first", 1),
+        ("first", 2),
+        ("second", 1),
+        ("second", 2),
+    }
+    assert set(units["subjects"]) == {3}
+    assert said[0] == "training first, seed 1"
+    (folder / "second.yaml").write_text("actions: 2\n")
+    (fault,) = (one for one in check(tmp_path / "evidence") if "changed" in one)
+    assert "networks" in fault
+
+
+def test_a_training_that_fails_is_one_sentence(tmp_path: Path) -> None:
+    folder = tmp_path / "networks"
+    folder.mkdir()
+    train = tmp_path / "train.py"
+    train.write_text("raise SystemExit('no such schema')\n")
+    (folder / "study.yaml").write_text(NETWORKS.format(train=train))
+    (folder / "experiment.yaml").write_text(EXPERIMENT + "learners: [rl2]\n")
+    with pytest.raises(EvidenceError, match=r"the training .* failed: no such schema"):
+        run_study(read_study(folder), tmp_path / "results", Watched(workers=0))
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("It opens in .57 of `300` attempts of Figure 6 and CC4 (2018).", [".57"]),
+        ("About 30% and 1,000 subjects.", ["30%", "1,000"]),
+        ("```\n17\n```\n", []),
+        ('[3.75](../evidence/bayes/README.md "attempts bayes CC4") attempts', []),
+        ("| a | 3 |\n", ["3"]),
+        ("<!-- evidence: a b -->\n| a | 3 |\n<!-- end of evidence -->", []),
+        ("the four rooms of [a page](page2.md#part-3)", []),
+    ],
+)
+def test_numbers_that_no_evidence_gives(text: str, found: list[str]) -> None:
+    assert [number for _, number in unbound_numbers(text)] == found
+
+
+@pytest.mark.parametrize(
+    ("title", "sentence"),
+    [
+        ("attempts oracle CC9", "no unit has been run with condition CC9"),
+        ("attempts nobody CC3", "no unit has been run with learner nobody"),
+        ("atempts oracle CC3", "did you mean attempts"),
+        ("claim fastr", "faster"),
+        ("attempts oracle CC3 trial", "needs a number after it"),
+    ],
+)
+def test_a_title_that_means_nothing_is_explained(root: Path, title: str, sentence: str) -> None:
+    run(root)
+    with pytest.raises(EvidenceError, match=sentence):
+        Evidence(read_study(root / "small")).text(title)
+
+
+def test_a_study_file_with_a_mistake_names_the_line(root: Path) -> None:
+    study = root / "small" / "study.yaml"
+    study.write_text(STUDY.replace("expected: less", "expected: fewer"))
+    with pytest.raises(FileError, match=r"study.yaml:11"):
+        read_study(root / "small")
