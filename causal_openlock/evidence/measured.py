@@ -215,6 +215,18 @@ def _contrast_in_words(
     return where, said, f"{written} ({interval}), n = {' and '.join(map(str, one.units))}"
 
 
+def _side(selection: Selection | float) -> str:
+    """One side of a contrast in words, as :meth:`Selection.parse` reads it."""
+    if not isinstance(selection, Selection):
+        return f"{selection:g}"
+    words = [f"`{selection.learner}`"]
+    of = selection.condition or []
+    words += [joined([of] if isinstance(of, str) else of)] if of else []
+    words += [selection.phase] if selection.phase else []
+    words += [f"{name} {at}" for name in ("trial", "part") if (at := getattr(selection, name))]
+    return " ".join(words)
+
+
 def _written(found: Estimate, measure: str, ending: str, values: Sequence[float] | Any = ()) -> str:
     """An estimate as it stands on a page."""
     if ending == "units":
