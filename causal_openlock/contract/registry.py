@@ -268,7 +268,7 @@ def changed_parameters(name: str, parameters: Mapping[str, Any]) -> dict[str, An
     {'policy': 'thompson'}
     """
     defaults = {row.name: row.default for row in parameter_table(name)}
-    return {key: value for key, value in parameters.items() if value != defaults[key]}
+    return {key: value for key, value in parameters.items() if value != defaults.get(key)}
 
 
 def parameters_of(declared: Any) -> list[ParameterInfo]:

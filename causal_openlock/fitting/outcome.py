@@ -56,8 +56,9 @@ def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
 def entries(found: FittedLearner) -> list[dict[str, Any]]:
     """The fitted learner as an entry of an experiment file, or as one for each kind of subject."""
     names = [found.label, f"{found.label}_second"]
+    mixed = len(found.kinds) > 1
     return [
-        {"learner": kind.learner, "name": name, "subjects": kind.subjects,
+        {"learner": kind.learner, "name": name, **({"subjects": kind.subjects} if mixed else {}),
          "parameters": kind.parameters}
         for kind, name in zip(found.kinds, names, strict=False)
     ]  # fmt: skip

@@ -270,8 +270,8 @@ def _opened(plan: Plan, path: Path) -> Fit:
         raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
     if not same:
         raise StoreError(
-            f"{path.parent} holds another fit (its search space, seed, subjects, held-out points "
-            "or version differ); choose another folder with --out"
+            f"{path.parent} holds another fit (its search space, seed, subjects, held-out points, "
+            "objective or version differ); choose another folder with --out"
         )
     return state
 

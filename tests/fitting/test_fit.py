@@ -43,6 +43,7 @@ from causal_openlock.fitting.objective import (
 )
 from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
 from causal_openlock.fitting.search import (
+    Kind,
     Range,
     bundled_search,
     changed,
@@ -204,11 +205,11 @@ def test_what_a_candidate_plays_does_not_depend_on_how_it_is_cut():
     parts = [play(Job(ME, parameters, "CC4", first, many, 1)) for first, many in ((0, 2), (2, 3))]
     cut = joined(parts).sort_values(["subject", "trial"])["attempts"].to_numpy()
     assert cut.tolist() == whole.sort_values(["subject", "trial"])["attempts"].tolist()
-    assert [job.subjects for job in jobs(ME, {}, ("CC4",), 90, 1)] == [40, 40, 10]
+    assert [job.subjects for job in jobs([Kind(ME, {}, 0, 90)], ("CC4",), 1)] == [40, 40, 10]
 
 
 def test_the_score_takes_the_points_apart_as_they_are_held_out():
-    trials = joined([play(job) for job in jobs(ME, {}, conditions_to_fit("none"), 3, 1)])
+    trials = joined([play(job) for job in jobs([Kind(ME, {}, 0, 3)], conditions_to_fit("none"), 1)])
     found = score(points_of(trials), "transfer")
     points = points_of(trials)
     tests = points["phase"] == "test"
@@ -227,7 +228,7 @@ def test_the_score_takes_the_points_apart_as_they_are_held_out():
 def test_a_fit_finds_what_is_nearer_to_people_than_either_extreme(tmp_path):
     extremes = []
     for lapse in (0.0, 1.0):
-        trials = [play(job) for job in jobs(ME, {"lapse": lapse}, ("CC4", "CE4"), 6, 3)]
+        trials = [play(job) for job in jobs([Kind(ME, {"lapse": lapse}, 0, 6)], ("CC4", "CE4"), 3)]
         extremes.append(score(points_of(joined(trials)), "transfer").fitted)
     fitted, trials = fit(plan(candidates=8, subjects=6), tmp_path)
     assert fitted.table()["rmse"].min() < min(extremes) - 1
@@ -297,7 +298,10 @@ def test_the_best_few_are_played_again_and_that_decides(tmp_path):
     assert fitted.best.number == table["number"][2]  # whatever it came to at first
 
 
-@pytest.mark.parametrize("change", [{"seed": 4}, {"subjects": 5}, {"hold_out": "none"}])
+@pytest.mark.parametrize(
+    "change",
+    [{"seed": 4}, {"subjects": 5}, {"hold_out": "none"}, {"objective": "means_and_spreads"}],
+)
 def test_a_folder_with_another_fit_is_refused(tmp_path, change):
     (tmp_path / FILE).write_text(
         json.dumps({"plan": plan().as_dict(), "done": [], "again": {}}), encoding="utf-8"
@@ -379,6 +383,7 @@ def test_it_says_that_ranges_were_narrowed_with_the_tests_in_view(
         (["fit", "random"], "nothing is searched"),
         (["fit", "bayes", "--search", "lapse=2"], "is no range"),
         (["fit", "bayes", "--hold-out", "half"], "held out"),
+        (["fit", "bayes", "--objective", "spreads"], "means_and_spreads"),
         (["fit", "bayes", "--search", "directnes=0:1"], "did you mean directness"),
         (["fit", "nobody"], "there is no learner 'nobody'"),
         (["fit", "baies"], "there is no learner 'baies'; did you mean bayes?"),
