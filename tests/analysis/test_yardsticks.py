@@ -110,7 +110,7 @@ def test_spreads_are_standard_deviations_over_subjects():
 
 def test_in_a_mixture_every_subject_counts_once():
     near, far = made_up("near", subjects=30), made_up("far", subjects=10, off=8.0)
-    trials = mixture(pd.concat([near, far]), ["near", "far"], "both")
+    trials = mixture(pd.concat([near, far, made_up("other")]), {"near": 30, "far": 10}, "both")
     points = points_of(trials)
     assert points["subjects"].eq(40).all()
     assert distance(points)[0] == pytest.approx(2.0)  # a quarter is eight off

@@ -226,26 +226,26 @@ def distance_with_spreads(points: pd.DataFrame) -> float:
     return float(np.sqrt((distance(points)[0] ** 2 + spread_distance(points) ** 2) / 2))
 
 
-def mixture(trials: pd.DataFrame, parts: Sequence[str], name: str) -> pd.DataFrame:
+def mixture(trials: pd.DataFrame, parts: Mapping[str, int], name: str) -> pd.DataFrame:
     """Several learners as kinds of subjects in one group, each subject counting once.
 
-    >>> alone = pd.DataFrame({"learner": ["learns", "never"], "subject": [0, 0]})
-    >>> mixture(alone, ["learns", "never"], "both").values.tolist()
+    >>> alone = pd.DataFrame({"learner": ["learns", "learns", "never"], "subject": [0, 1, 0]})
+    >>> mixture(alone, {"learns": 1, "never": 1}, "both").values.tolist()
     [['both', 0], ['both', 1]]
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        parts: Labels of the learners; how many subjects each has decides its share.
+        parts: Labels of the learners, each with how many of its subjects are taken: the first.
         name: Label of the group.
 
     Returns:
         Their trials, with subjects numbered anew.
     """
     kinds, first = [], 0
-    for part in parts:
-        own = trials[trials["learner"] == part]
+    for part, number in parts.items():
+        own = trials[(trials["learner"] == part) & (trials["subject"] < number)]
         kinds.append(own.assign(learner=name, subject=own["subject"] + first))
-        first = int(kinds[-1]["subject"].max()) + 1
+        first += number
     return pd.concat(kinds, ignore_index=True)
 
 
