@@ -95,7 +95,9 @@ class TrainingFile(StrictModel):
         drawn = rooms.random_schemas
         if drawn:
             others = [find_schema(name, [beside]) for name in drawn.excluded]
-            made = random_schemas(drawn.number, drawn.levers, drawn.seed, others, drawn.solutions)
+            made = random_schemas(
+                drawn.number, drawn.levers, drawn.seed, others, drawn.solutions
+            )
             for schema in made:
                 weights[schema] = drawn.weight / drawn.number
         if not weights:
