@@ -224,12 +224,11 @@ def experiment_html(experiment: Experiment) -> str:
 
 def _changed(entry: LearnerSpec) -> dict[str, Any]:
     """The hyper-parameters that differ from their defaults."""
-    from causal_openlock.contract.registry import parameter_table
+    from causal_openlock.contract.registry import changed_parameters
 
     if entry.recorded is not None:  # showing results runs no code that they name
         return entry.parameters
-    defaults = {row.name: row.default for row in parameter_table(entry.learner)}
-    return {name: value for name, value in entry.parameters.items() if value != defaults[name]}
+    return changed_parameters(entry.learner, entry.parameters)
 
 
 def learner_html(learner: Learner) -> str:

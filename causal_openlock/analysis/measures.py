@@ -73,6 +73,8 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
         - ``schema``, ``layout``: of the room.
         - ``attempts``: number of the attempt that found the last solution; for a trial that was
           not solved the number of its last attempt, which is the limit.
+        - ``first_solution``: number of the attempt that found the first solution, or of its last
+          attempt if none was found.
         - ``last_attempt``: number of its last attempt; a trial may go on after it is solved.
         - ``solved``: whether every solution was found.
         - ``solutions_found``, ``solutions``: how many were found and how many there are.
@@ -300,6 +302,7 @@ class _Trials:
 
         last = reduce(np.maximum, attempt)
         solved_at = reduce(np.minimum, np.where(found >= solutions, attempt, _NEVER))
+        first_at = reduce(np.minimum, np.where(found >= 1, attempt, _NEVER))
         length = np.diff(starts, append=len(attempt))
         rows = np.add.reduceat(length[order], joins) if len(starts) else length
         table = pd.DataFrame(
@@ -311,6 +314,7 @@ class _Trials:
                     for column, values in sorted_key.items()
                 },
                 "attempts": np.minimum(solved_at, last).astype(np.int64),
+                "first_solution": np.minimum(first_at, last).astype(np.int64),
                 "last_attempt": last.astype(np.int64),
                 "solved": solved_at != _NEVER,
                 "solutions_found": reduce(np.maximum, found).astype(np.int64),

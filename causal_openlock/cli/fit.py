@@ -37,6 +37,13 @@ def fit(
             "alternate (every other one) or none."
         ),
     ] = "transfer",
+    objective: Annotated[
+        str,
+        typer.Option(
+            help="What is to come near to people's: means, or means_and_spreads (standard "
+            "deviations over subjects)."
+        ),
+    ] = "means",
     candidates: Annotated[int, typer.Option(min=1, help="Parameter settings to try.")] = 60,
     subjects: Annotated[
         int, typer.Option(min=2, help="Subjects that each of them plays in each condition.")
@@ -61,7 +68,7 @@ def fit(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.registry import learner_class
     from causal_openlock.experiment.workers import available_cores
-    from causal_openlock.fitting.objective import conditions_to_fit
+    from causal_openlock.fitting.objective import conditions_to_fit, objective_called
     from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
     from causal_openlock.fitting.search import bundled_search, changed, read_search
     from causal_openlock.fitting.study import Plan, require_optuna
@@ -78,7 +85,8 @@ def fit(
         raise LearnerError(_nothing_searched(learner))
     chosen = changed(known, learner, search or (), fix or ())
     conditions_to_fit(hold_out)  # fails at once if there is no such way
-    plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed)
+    objective_called(objective)
+    plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed, objective)
     console = Terminal()
     bar = Progress(
         TextColumn("{task.description}"),
@@ -147,13 +155,15 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     from causal_openlock.analysis.plots.likeness import CLEAR, signs
     from causal_openlock.comparison.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
-    from causal_openlock.fitting.outcome import entry
+    from causal_openlock.fitting.outcome import entries
 
     plan = fitted.plan
+    over = "means" if plan.objective == "means" else "means and standard deviations"
     console.print(
-        "\n[bold]The nearest candidates[/bold], RMSE in attempts on what is fitted", markup=True
+        f"\n[bold]The nearest candidates[/bold], RMSE of {over}, in attempts, on what is fitted",
+        markup=True,
     )
-    names = list(plan.space.ranges)
+    names = list(plan.space.searched)
     nearest = plain_table("number", *names, "RMSE", "again")
     for row in fitted.table().head(plan.finalists).to_dict("records"):
         again = f"{row['again']:.2f}" if row["again"] == row["again"] else ""
@@ -162,8 +172,8 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     console.print(nearest)
 
     console.print(
-        f"\n[bold]Distance from people[/bold], RMSE in attempts, {plan.final_subjects} subjects on "
-        "a seed that nothing was chosen by",
+        f"\n[bold]Distance from people[/bold], RMSE of {over}, in attempts, {plan.final_subjects} "
+        "subjects on a seed that nothing was chosen by",
         markup=True,
     )
     apart = plain_table("", "fitted", "held out", "all 14 points")
@@ -188,5 +198,5 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     console.print(effects)
     console.print(signs(found.effects))
     console.print("\n[bold]For an experiment file[/bold], under learners:", markup=True)
-    text = dump_yaml([entry(found, plan.space.learner)])
+    text = dump_yaml(entries(found))
     console.print(text, highlight=False, markup=False, soft_wrap=True, end="")

@@ -261,6 +261,16 @@ def parameter_table(name: str) -> list[ParameterInfo]:
     return parameters_of(learner_class(name).Parameters)
 
 
+def changed_parameters(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """The hyper-parameters of a learner that differ from their defaults.
+
+    >>> changed_parameters("bayes", {"policy": "thompson", "forgetting": 0.0})
+    {'policy': 'thompson'}
+    """
+    defaults = {row.name: row.default for row in parameter_table(name)}
+    return {key: value for key, value in parameters.items() if value != defaults.get(key)}
+
+
 def parameters_of(declared: Any) -> list[ParameterInfo]:
     """The same of a class of parameters."""
     hints = get_type_hints(declared, include_extras=True)

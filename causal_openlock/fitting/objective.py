@@ -9,10 +9,15 @@ held out of the search, which plays only the conditions that it needs:
 
 All candidates meet the same rooms and the same random numbers, so that their parameters alone make
 the difference.
+
+Distance is that of the means (``means``), or that of the means and of the standard deviations over
+subjects (``means_and_spreads``): people differ among themselves more than the subjects of a learner
+that is near their means.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +26,7 @@ import pandas as pd
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.results.people.human_likeness import (
     distance,
+    distance_with_spreads,
     published_points,
 )
 from causal_openlock.analysis.results.people.published import POINT
@@ -28,11 +34,17 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
+from causal_openlock.fitting.search import Kind
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import BoolArray
 
 HOLD_OUT = ("transfer", "alternate", "none")
+OBJECTIVES: Mapping[str, Callable[[pd.DataFrame], float]] = {
+    "means": lambda points: distance(points)[0],
+    "means_and_spreads": distance_with_spreads,
+}
+"""Distances from people that can be made small, in attempts."""
 CHUNK = 40
 """Subjects that are played at once."""
 
@@ -80,14 +92,14 @@ class Job:
     seed: int
 
 
-def jobs(
-    learner: str, parameters: dict[str, Any], conditions: tuple[str, ...], subjects: int, seed: int
-) -> list[Job]:
+def jobs(kinds: Sequence[Kind], conditions: tuple[str, ...], seed: int) -> list[Job]:
     """The jobs of one candidate."""
     return [
-        Job(learner, parameters, name, first, min(CHUNK, subjects - first), seed)
+        Job(kind.learner, kind.parameters, name, first, min(CHUNK, end - first), seed)
         for name in conditions
-        for first in range(0, subjects, CHUNK)
+        for kind in kinds
+        for end in [kind.first + kind.subjects]
+        for first in range(kind.first, end, CHUNK)
     ]
 
 
@@ -109,12 +121,13 @@ def play(job: Job) -> pd.DataFrame:
 
 
 def joined(played: list[pd.DataFrame]) -> pd.DataFrame:
-    """The trials of several jobs of one candidate."""
+    """The trials of several jobs of one candidate, whatever the kind of its subjects."""
     parts = [
         part.astype(dict.fromkeys(("learner", "condition", "protocol", "phase"), str))
         for part in played
     ]
-    return pd.concat(parts, ignore_index=True)
+    whole = pd.concat(parts, ignore_index=True)
+    return whole.assign(learner=whole["learner"].iloc[0])
 
 
 @dataclass(frozen=True)
@@ -126,7 +139,24 @@ class Score:
     all: float
 
 
-def score(points: pd.DataFrame, how: str) -> Score:
-    """How far the means of one learner are from people's; ``how`` is one of :data:`HOLD_OUT`."""
-    out = held_out(points, how)
-    return Score(distance(points[~out])[0], distance(points[out])[0], distance(points)[0])
+def score(points: pd.DataFrame, how: str, objective: str = "means") -> Score:
+    """How far one learner is from people.
+
+    Args:
+        points: From :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`.
+        how: One of :data:`HOLD_OUT`.
+        objective: One of :data:`OBJECTIVES`.
+    """
+    out, far = held_out(points, how), objective_called(objective)
+    return Score(far(points[~out]), far(points[out]), far(points))
+
+
+def objective_called(name: str) -> Callable[[pd.DataFrame], float]:
+    """One of :data:`OBJECTIVES`.
+
+    Raises:
+        OpenLockError: If there is none of that name.
+    """
+    if name not in OBJECTIVES:
+        raise OpenLockError(f"a fit has no objective {name!r}; {nearest(name, OBJECTIVES)}")
+    return OBJECTIVES[name]

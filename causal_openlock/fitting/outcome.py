@@ -21,7 +21,8 @@ from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.yaml_file import dump_yaml
-from causal_openlock.fitting.objective import Score, held_out, score
+from causal_openlock.fitting.objective import Score, held_out
+from causal_openlock.fitting.search import Kind
 from causal_openlock.fitting.study import Fit
 
 
@@ -30,7 +31,7 @@ class FittedLearner:
     """The learner with the parameters that a fit found."""
 
     label: str
-    parameters: dict[str, Any]  #: those that differ from the learner's defaults
+    kinds: list[Kind]  #: of subjects, with the parameters that differ from the defaults
     score: Score  #: on a seed that nothing was chosen by
     model: Score  #: of the published model, of which nothing was fitted here
     points: pd.DataFrame  #: means at people's points; held_out: whether it was not fitted to them
@@ -44,17 +45,23 @@ def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
     points = points_of(trials)
     return FittedLearner(
         label=label,
-        parameters=plan.space.parameters(fitted.best.chosen),
-        score=score(points, plan.hold_out),
-        model=score(points_of_model(), plan.hold_out),
+        kinds=plan.space.kinds(fitted.best.chosen, plan.final_subjects),
+        score=plan.score(points),
+        model=plan.score(points_of_model()),
         points=points.assign(learner=label, held_out=held_out(points, plan.hold_out)),
         effects=effects_of(points, trials),
     )
 
 
-def entry(found: FittedLearner, learner: str) -> dict[str, Any]:
-    """The fitted learner as an entry of an experiment file."""
-    return {"learner": learner, "name": found.label, "parameters": found.parameters}
+def entries(found: FittedLearner) -> list[dict[str, Any]]:
+    """The fitted learner as an entry of an experiment file, or as one for each kind of subject."""
+    names = [found.label, f"{found.label}_second"]
+    mixed = len(found.kinds) > 1
+    return [
+        {"learner": kind.learner, "name": name, **({"subjects": kind.subjects} if mixed else {}),
+         "parameters": kind.parameters}
+        for kind, name in zip(found.kinds, names, strict=False)
+    ]  # fmt: skip
 
 
 def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) -> list[Path]:
@@ -75,7 +82,7 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
         "protocol": "human",
         "subjects": plan.final_subjects,
         "conditions": list(PAPER_CONDITIONS),
-        "learners": [plan.space.learner, entry(found, plan.space.learner)],
+        "learners": [plan.space.learner, *entries(found)],
     }
     texts = {
         "experiment.yaml": dump_yaml(experiment),

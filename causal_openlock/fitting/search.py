@@ -10,6 +10,14 @@ A search space is a YAML file, or options of the command line::
 
 ``fixed`` holds parameters that are set and not searched; all others keep their defaults. Names and
 bounds are checked against the learner's parameters before anything is played.
+
+People differ more than subjects of one kind do. So a candidate may be a mixture: a share of its
+subjects, which is searched too, is of a second kind, a learner whose parameters are all set::
+
+    second:
+      learner: bayes
+      fixed: {policy: thompson, forgetting: 0.8}
+      share: {low: 0.0, high: 0.3}
 """
 
 from __future__ import annotations
@@ -29,6 +37,8 @@ from causal_openlock.wording import nearest
 
 BUNDLED = Path(__file__).parent
 FORM = "name=low:high, or name=low:high:log"
+SHARE = "share"
+"""Name of the share of subjects that are of a second kind, among what is searched."""
 
 
 @dataclass(frozen=True)
@@ -45,17 +55,52 @@ class Range:
 
 
 @dataclass(frozen=True)
+class Second:
+    """A second kind of subject: a learner with its parameters, and what share may be of it."""
+
+    learner: str
+    fixed: Mapping[str, Any]
+    share: Range
+
+
+@dataclass(frozen=True)
+class Kind:
+    """So many subjects of a candidate that play with the same parameters, from a number on."""
+
+    learner: str
+    parameters: dict[str, Any]
+    first: int
+    subjects: int
+
+
+@dataclass(frozen=True)
 class SearchSpace:
     """The parameters of a learner that are searched, and those that are set to a fixed value."""
 
     learner: str
     fixed: Mapping[str, Any]
     ranges: Mapping[str, Range]
+    second: Second | None = None
+
+    @property
+    def searched(self) -> dict[str, Range]:
+        """The ranges, and that of the share of the second kind under the name ``share``."""
+        return {**self.ranges, **({SHARE: self.second.share} if self.second else {})}
 
     def as_dict(self) -> dict[str, Any]:
         """The space as plain data."""
         ranges = {name: asdict(one) for name, one in self.ranges.items()}
-        return {"learner": self.learner, "fixed": dict(self.fixed), "search": ranges}
+        second = {"second": asdict(self.second)} if self.second else {}
+        return {"learner": self.learner, "fixed": dict(self.fixed), "search": ranges, **second}
+
+    def kinds(self, chosen: Mapping[str, float], subjects: int) -> list[Kind]:
+        """The kinds of subjects of a candidate; the last of its subjects are of the second kind."""
+        other = round(chosen[SHARE] * subjects) if self.second else 0
+        kinds = [Kind(self.learner, self.parameters(chosen), 0, subjects - other)]
+        if self.second:
+            own = dict(self.second.fixed)
+            kinds.append(Kind(self.second.learner, own, subjects - other, other))
+        return [kind for kind in kinds if kind.subjects]
 
     def parameters(self, chosen: Mapping[str, float]) -> dict[str, Any]:
         """All parameters that differ from the defaults, for a choice of those searched."""
@@ -74,6 +119,16 @@ class RangeFile(StrictModel):
     log: Annotated[bool, Field(description="Whether its logarithm is searched evenly.")] = False
 
 
+class SecondFile(StrictModel):
+    """A second kind of subject."""
+
+    learner: Annotated[str, Field(description="Registered name of a learner.")]
+    fixed: Annotated[dict[str, Any], Field(description="Parameters that are set.")] = Field(
+        default_factory=dict
+    )
+    share: Annotated[RangeFile, Field(description="The share of subjects that are of this kind.")]
+
+
 class SearchFile(StrictModel):
     """A search space."""
 
@@ -82,16 +137,20 @@ class SearchFile(StrictModel):
         default_factory=dict
     )
     search: Annotated[dict[str, RangeFile], Field(description="Parameters that are searched.")]
+    second: Annotated[SecondFile | None, Field(description="A second kind of subject.")] = None
 
 
 def search_space(
-    learner: str, ranges: Mapping[str, Range], fixed: Mapping[str, Any] | None = None
+    learner: str,
+    ranges: Mapping[str, Range],
+    fixed: Mapping[str, Any] | None = None,
+    second: Second | None = None,
 ) -> SearchSpace:
     """A search space, checked.
 
     Raises:
         LearnerError: If a parameter is unknown, is no number, is both fixed and searched, or has
-            bounds that it cannot take.
+            bounds that it cannot take; or if the share of a second kind is none.
     """
     fixed = dict(fixed or {})
     if not ranges:
@@ -121,7 +180,14 @@ def search_space(
         if whole and not (float(one.low).is_integer() and float(one.high).is_integer()):
             raise LearnerError(f"the bounds of {name} must be whole numbers, as {name} is one")
         checked[name] = Range(one.low, one.high, one.log, whole)
-    space = SearchSpace(learner, fixed, checked)
+    if second:
+        parse_parameters(second.learner, second.fixed)
+        if not 0 <= second.share.low < second.share.high <= 1 or SHARE in defaults:
+            raise LearnerError(
+                f"the share of {second.learner} must be searched from low to high within 0 and 1, "
+                f"and {learner} must not have a parameter of the name {SHARE}"
+            )
+    space = SearchSpace(learner, fixed, checked, second)
     for corner in ("low", "high"):
         parse_parameters(
             learner, space.parameters({name: getattr(one, corner) for name, one in checked.items()})
@@ -137,8 +203,14 @@ def read_search(path: Path | str) -> SearchSpace:
         LearnerError: If it does not fit the learner.
     """
     content = read_document(path).validate(SearchFile)
-    ranges = {name: Range(one.low, one.high, one.log) for name, one in content.search.items()}
-    return search_space(content.learner, ranges, content.fixed)
+    ranges = {name: _range(one) for name, one in content.search.items()}
+    other = content.second
+    second = Second(other.learner, other.fixed, _range(other.share)) if other else None
+    return search_space(content.learner, ranges, content.fixed, second)
+
+
+def _range(read: RangeFile) -> Range:
+    return Range(read.low, read.high, read.log)
 
 
 def bundled_search(learner: str) -> SearchSpace | None:
@@ -195,4 +267,4 @@ def changed(
         name: one for name, one in known_ranges.items() if name not in settings
     }
     kept = {name: value for name, value in known_fixed.items() if name not in wanted}
-    return search_space(learner, wanted, {**kept, **settings})
+    return search_space(learner, wanted, {**kept, **settings}, space.second if space else None)

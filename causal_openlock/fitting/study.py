@@ -32,7 +32,15 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.files.atomic import sweep, write_text
-from causal_openlock.fitting.objective import Job, conditions_to_fit, jobs, joined, play, score
+from causal_openlock.fitting.objective import (
+    Job,
+    Score,
+    conditions_to_fit,
+    jobs,
+    joined,
+    play,
+    score,
+)
 from causal_openlock.fitting.search import SearchSpace
 from causal_openlock.version import RESULTS_VERSION
 
@@ -69,6 +77,7 @@ class Plan:
     finalists: int = 5  #: so many of the best are played again
     final_subjects: int = 200
     seed: int = 2018  #: of the search and of all play; the next two seeds are used as well
+    objective: str = "means"  #: see :mod:`~causal_openlock.fitting.objective`
 
     def as_dict(self) -> dict[str, Any]:
         """All that determines the results of candidates."""
@@ -77,6 +86,10 @@ class Plan:
         del whole["candidates"]
         return whole
 
+    def score(self, points: pd.DataFrame) -> Score:
+        """How far a learner is from people, by the plan's objective."""
+        return score(points, self.hold_out, self.objective)
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -84,7 +97,7 @@ class Candidate:
 
     number: int  #: in the order of the proposals, from 0
     chosen: dict[str, int | float]
-    rmse: float  #: distance from people on the points that it is fitted to, in attempts
+    rmse: float  #: distance from people, by the objective, on the points that it is fitted to
 
 
 @dataclass
@@ -150,7 +163,7 @@ def fit(
             waiting = [start(one, conditions, plan.seed, plan.subjects) for one in proposed]
             for chosen, trials in zip(proposed, waiting, strict=True):
                 report(len(state.done), plan.candidates, "searching")
-                rmse = score(points_of(trials()), plan.hold_out).fitted
+                rmse = plan.score(points_of(trials())).fitted
                 state.done.append(Candidate(len(state.done), chosen, rmse))
                 _keep(state, path)
         _play_again(state, path, start, conditions, report)
@@ -175,7 +188,7 @@ def _play_again(
     }
     for number, trials in waiting.items():
         report(len(state.done), plan.candidates, "the best few again")
-        state.again[number] = score(points_of(trials()), plan.hold_out).fitted
+        state.again[number] = plan.score(points_of(trials())).fitted
         _keep(state, path)
 
 
@@ -190,7 +203,7 @@ def _players(space: SearchSpace, workers: int) -> Iterator[Start]:
         seed: int,
         subjects: int,
     ) -> Callable[[], pd.DataFrame]:
-        all_jobs = jobs(space.learner, space.parameters(chosen), conditions, subjects, seed)
+        all_jobs = jobs(space.kinds(chosen, subjects), conditions, seed)
         waiting = [submit(job) for job in all_jobs]
         return lambda: joined([trials() for trials in waiting])
 
@@ -222,7 +235,7 @@ def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
             name: IntDistribution(int(one.low), int(one.high), log=one.log)
             if one.whole
             else FloatDistribution(one.low, one.high, log=one.log)
-            for name, one in state.plan.space.ranges.items()
+            for name, one in state.plan.space.searched.items()
         }
         for known in state.done[:first]:
             study.add_trial(
@@ -251,14 +264,14 @@ def _opened(plan: Plan, path: Path) -> Fit:
         )
         if [one.number for one in state.done] != [*range(len(state.done))]:
             raise ValueError("the candidates are not numbered in order")
-        if same and any(set(one.chosen) != set(plan.space.ranges) for one in state.done):
+        if same and any(set(one.chosen) != set(plan.space.searched) for one in state.done):
             raise ValueError("a candidate has other parameters")
     except (ValueError, OSError, TypeError, LookupError, RecursionError):
         raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
     if not same:
         raise StoreError(
-            f"{path.parent} holds another fit (its search space, seed, subjects, held-out points "
-            "or version differ); choose another folder with --out"
+            f"{path.parent} holds another fit (its search space, seed, subjects, held-out points, "
+            "objective or version differ); choose another folder with --out"
         )
     return state
 

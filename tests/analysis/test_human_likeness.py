@@ -30,25 +30,9 @@ from causal_openlock.analysis.results.people.hypotheses import (
 )
 from support.fabricated_records import table
 from support.made_up_experiments import NOBODY
+from support.made_up_people import made_up
 
 NOTHING: dict[tuple[str, str], Bound] = {}
-
-
-def made_up(name: str = "a", subjects: int = 12, off: float = 0.0, seed: int = 0) -> pd.DataFrame:
-    """Trials of a learner whose means are people's, but for ``off``, and a little luck."""
-    rng = np.random.default_rng(seed)
-    rows = []
-    for point in published_points().itertuples():
-        luck = rng.normal(0, 1, subjects)
-        attempts = point.people_mean + off + luck - luck.mean()
-        rows += [
-            (name, point.condition, "human", "made up", 1, subject, point.phase, 1, point.trial,
-             value, True)
-            for subject, value in enumerate(attempts)
-        ]  # fmt: skip
-    columns = ["learner", "condition", "protocol", "experiment", "seed", "subject", "phase", "loop",
-               "trial", "attempts", "solved"]  # fmt: skip
-    return pd.DataFrame(rows, columns=columns)
 
 
 def material(*trials: pd.DataFrame) -> Material:
@@ -223,13 +207,14 @@ def test_the_nearest_stands_first_and_who_came_to_fewer_points_last():
 def test_the_section_tells_who_is_nearest_and_compares_with_the_published_model():
     found = section(material(made_up("far", off=4.0), made_up("near", off=1.0)))
     assert found is not None
-    table = found.tables[0].frame
+    distances, table, tests = (one.frame for one in found.tables)
     assert table["learner"].tolist() == ["near", PUBLISHED_MODEL, "far"]
-    assert table["RMSE"].tolist() == pytest.approx([1.0, 3.057, 4.0], abs=1e-3)
+    rmse = distances.set_index("learner")["RMSE"]
+    assert rmse[table["learner"]].tolist() == pytest.approx([1.0, 3.057, 4.0], abs=1e-3)
+    assert rmse.dropna().is_monotonic_increasing
+    assert "0.74 to 1.69" in found.text[1]
     assert table["congruency, CC4"].str[0].tolist() == ["✓", "✗", "✓"]
-    assert "near" in found.text[0]
-    assert "nearer to people than the published model" in found.text[0]
-    tests = found.tables[1].frame
+    assert "The nearest learner is near" in found.text[0]
     assert set(tests["learner"]) == {"people", "near", "far", PUBLISHED_MODEL}
     assert len(tests) == 4 * len(EFFECTS)
     published = table.set_index("learner").loc[PUBLISHED_MODEL]

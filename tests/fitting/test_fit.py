@@ -17,6 +17,7 @@ from pydantic import Field
 
 from causal_openlock.analysis.results.people.human_likeness import (
     distance,
+    distance_with_spreads,
     points_of,
     points_of_people,
     published_points,
@@ -43,7 +44,10 @@ from causal_openlock.fitting.objective import (
 )
 from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
 from causal_openlock.fitting.search import (
+    BUNDLED,
+    Kind,
     Range,
+    SearchSpace,
     bundled_search,
     changed,
     parse_range,
@@ -204,11 +208,11 @@ def test_what_a_candidate_plays_does_not_depend_on_how_it_is_cut():
     parts = [play(Job(ME, parameters, "CC4", first, many, 1)) for first, many in ((0, 2), (2, 3))]
     cut = joined(parts).sort_values(["subject", "trial"])["attempts"].to_numpy()
     assert cut.tolist() == whole.sort_values(["subject", "trial"])["attempts"].tolist()
-    assert [job.subjects for job in jobs(ME, {}, ("CC4",), 90, 1)] == [40, 40, 10]
+    assert [job.subjects for job in jobs([Kind(ME, {}, 0, 90)], ("CC4",), 1)] == [40, 40, 10]
 
 
 def test_the_score_takes_the_points_apart_as_they_are_held_out():
-    trials = joined([play(job) for job in jobs(ME, {}, conditions_to_fit("none"), 3, 1)])
+    trials = joined([play(job) for job in jobs([Kind(ME, {}, 0, 3)], conditions_to_fit("none"), 1)])
     found = score(points_of(trials), "transfer")
     points = points_of(trials)
     tests = points["phase"] == "test"
@@ -227,7 +231,7 @@ def test_the_score_takes_the_points_apart_as_they_are_held_out():
 def test_a_fit_finds_what_is_nearer_to_people_than_either_extreme(tmp_path):
     extremes = []
     for lapse in (0.0, 1.0):
-        trials = [play(job) for job in jobs(ME, {"lapse": lapse}, ("CC4", "CE4"), 6, 3)]
+        trials = [play(job) for job in jobs([Kind(ME, {"lapse": lapse}, 0, 6)], ("CC4", "CE4"), 3)]
         extremes.append(score(points_of(joined(trials)), "transfer").fitted)
     fitted, trials = fit(plan(candidates=8, subjects=6), tmp_path)
     assert fitted.table()["rmse"].min() < min(extremes) - 1
@@ -297,7 +301,10 @@ def test_the_best_few_are_played_again_and_that_decides(tmp_path):
     assert fitted.best.number == table["number"][2]  # whatever it came to at first
 
 
-@pytest.mark.parametrize("change", [{"seed": 4}, {"subjects": 5}, {"hold_out": "none"}])
+@pytest.mark.parametrize(
+    "change",
+    [{"seed": 4}, {"subjects": 5}, {"hold_out": "none"}, {"objective": "means_and_spreads"}],
+)
 def test_a_folder_with_another_fit_is_refused(tmp_path, change):
     (tmp_path / FILE).write_text(
         json.dumps({"plan": plan().as_dict(), "done": [], "again": {}}), encoding="utf-8"
@@ -319,6 +326,77 @@ def test_a_candidate_without_its_parameters_is_refused(tmp_path, chosen):
     (tmp_path / FILE).write_text(json.dumps(whole), encoding="utf-8")
     with pytest.raises(StoreError, match="this is no fit"):
         fit(plan(), tmp_path)
+
+
+# -- a mixture of subjects, and spreads -----------------------------------------------------------
+
+MIXED = f"""
+learner: {ME}
+search:
+  lapse: {{low: 0.0, high: 0.6}}
+second:
+  learner: {ME}
+  fixed: {{lapse: 1.0}}
+  share: {{low: 0.2, high: 0.8}}
+"""
+
+
+def mixed(tmp_path: Path, text: str = MIXED) -> SearchSpace:
+    file = tmp_path / "mixed.yaml"
+    file.write_text(text, encoding="utf-8")
+    return read_search(file)
+
+
+def test_a_share_of_the_subjects_is_of_the_second_kind(tmp_path):
+    space = mixed(tmp_path)
+    assert set(space.searched) == {"lapse", "share"}
+    first, second = space.kinds({"lapse": 0.0, "share": 0.3}, 10)
+    assert (first.first, first.subjects, first.parameters) == (0, 7, {"lapse": 0.0})
+    assert (second.first, second.subjects, second.parameters) == (7, 3, {"lapse": 1.0})
+    assert [kind.subjects for kind in space.kinds({"lapse": 0.0, "share": 0.04}, 10)] == [10]
+    trials = joined([play(job) for job in jobs([first, second], ("CC4",), 1)])
+    assert trials["learner"].nunique() == 1
+    last = trials[trials["trial"] == 5].set_index("subject")["attempts"]
+    assert sorted(last.index) == [*range(10)]
+    assert (last[:7] == 3).all()
+    assert (last[7:] > 20).all()
+
+
+def test_the_share_is_searched_and_both_kinds_are_written(tmp_path):
+    space = mixed(tmp_path)
+    fitted, trials = fit(plan(space=space, candidates=2, objective="means_and_spreads"), tmp_path)
+    assert 0.2 <= fitted.best.chosen["share"] <= 0.8
+    found = fitted_learner(fitted, trials)
+    points = points_of(trials)
+    assert found.score.all == pytest.approx(distance_with_spreads(points))
+    assert found.model.all == pytest.approx(3.789, abs=1e-3)
+    with drawn(*KINDS):
+        write_fitted_learner(fitted, found, tmp_path)
+    _, first, second = read_experiment(tmp_path / "experiment.yaml").learners
+    assert first.subjects + second.subjects == fitted.plan.final_subjects
+    assert second.subjects == round(6 * fitted.best.chosen["share"])
+    assert second.parameters["lapse"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("share: {low: 0.2, high: 0.8}", "share: {low: 0.2, high: 1.8}"), "within 0 and 1"),
+        (("share: {low: 0.2, high: 0.8}", "share: {low: 0.8, high: 0.2}"), "within 0 and 1"),
+        (("fixed: {lapse: 1.0}", "fixed: {lapses: 1.0}"), "lapses"),
+    ],
+)
+def test_a_second_kind_that_cannot_be_is_one_sentence(change, said, tmp_path):
+    with pytest.raises(OpenLockError, match=said):
+        mixed(tmp_path, MIXED.replace(*change))
+
+
+def test_the_bundled_mixture_can_be_read():
+    space = read_search(BUNDLED / "bayes_mixture.yaml")
+    plain = bundled_search("bayes")
+    assert plain is not None
+    assert (space.fixed, space.ranges) == (plain.fixed, plain.ranges)
+    assert space.second is not None
 
 
 # -- what comes of it -----------------------------------------------------------------------------
@@ -379,6 +457,7 @@ def test_it_says_that_ranges_were_narrowed_with_the_tests_in_view(
         (["fit", "random"], "nothing is searched"),
         (["fit", "bayes", "--search", "lapse=2"], "is no range"),
         (["fit", "bayes", "--hold-out", "half"], "held out"),
+        (["fit", "bayes", "--objective", "spreads"], "means_and_spreads"),
         (["fit", "bayes", "--search", "directnes=0:1"], "did you mean directness"),
         (["fit", "nobody"], "there is no learner 'nobody'"),
         (["fit", "baies"], "there is no learner 'baies'; did you mean bayes?"),

@@ -19,6 +19,11 @@ from causal_openlock.analysis.results.people.human_likeness import (
     points_of_people,
     published_points,
 )
+from causal_openlock.analysis.results.people.yardsticks import (
+    beside_yardsticks,
+    noise_ceiling,
+)
+from causal_openlock.contract.registry import changed_parameters, is_ours
 
 _PROSE = Prose("human_likeness")
 
@@ -34,9 +39,11 @@ def section(material: Material) -> Section | None:
     tests = {"people": effects_of(points_of_people()), **found}
     each = pd.concat([tests[name].assign(learner=name) for name in order], ignore_index=True)
     published = table["learner"] == PUBLISHED_MODEL
+    beside = beside_yardsticks(like, material.trials, chosen_settings(material))
     return _PROSE.section(
         "human_likeness",
         [
+            _PROSE.table("human_likeness_distances", _shown(beside), _FORMATS),
             _PROSE.table("human_likeness", _differences(table), _FORMATS, effects=EFFECTS),
             _PROSE.table("human_likeness_tests", each[_TESTED], _FORMATS),
         ],
@@ -45,14 +52,35 @@ def section(material: Material) -> Section | None:
         effects=len(EFFECTS),
         nearest=table[~published].iloc[0],
         published=table[published].iloc[0],
+        ceiling=noise_ceiling(points_of_people()),
+        # Of those that come out no farther than the nearest one beyond people's sampling error.
+        alike=beside.loc[beside["verdict"] == "not ranked", "learner"].tolist(),
     )
+
+
+def chosen_settings(material: Material) -> dict[str, int]:
+    """How many settings of each of the toolkit's learners differ from the learner's defaults.
+
+    Learners of others are left out: showing results runs no code that they name.
+    """
+    return {
+        spec.name: len(changed_parameters(spec.learner, spec.parameters))
+        for spec in material.experiment.learners
+        if is_ours(spec.learner)
+    }
 
 
 _TESTED = ["learner", "effect", "difference", "t", "df", "p"]
 _FORMATS: Mapping[str, str] = {
-    **dict.fromkeys(("RMSE", "RMSE (SE)", "t"), ".2f"),
-    **{"difference": "+.2f", "p": ".3f"},
+    **dict.fromkeys(("RMSE", "perfect", "spreads", "all", "first", "second", "t"), ".2f"),
+    **{"difference": "+.2f", "p": ".3f", "low": "+.2f", "high": "+.2f"},
 }
+
+
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    """The distances, without those of parts of the points."""
+    names = {"rmse": "RMSE", "ceiling": "perfect"}
+    return table.rename(columns=names).drop(columns=["baselines", "tests"])
 
 
 def _differences(table: pd.DataFrame) -> pd.DataFrame:
@@ -64,7 +92,7 @@ def _differences(table: pd.DataFrame) -> pd.DataFrame:
         ]
         for effect in EFFECTS
     }
-    names = {"rmse": "RMSE", "rmse_se": "RMSE (SE)", "shown": "signs"}
-    frame = table.assign(**ticks).rename(columns=names)
+    frame = table.assign(**ticks).rename(columns={"shown": "signs"})
+    frame = frame.drop(columns=["rmse", "rmse_se"])
     frame.insert(frame.columns.get_loc("signs") + 1, "p < .05", frame.pop("clear"))
     return frame

@@ -130,7 +130,7 @@ def people_over_trials() -> dict[str, list[float]]:
     paper's own four-lever baselines are beside them.
     """
     facts = reference.results()
-    training = {name: facts["cogsci2019"][f"{name}_human"]["mean"] for name in ("CC3", "CE3")}
+    training = {name: own["mean"] for name, own in facts["cogsci2019"]["human"]["all"].items()}
     both = np.mean([training["CC3"], training["CE3"]], axis=0).round(6).tolist()
     baseline = facts["cogsci2018"]["human"]["baseline"]
     return {

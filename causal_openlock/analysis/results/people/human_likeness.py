@@ -12,6 +12,11 @@ test of each of the four transfer conditions. A learner's likeness is measured t
 A small distance without the effects is an average, and effects without a small distance are a
 caricature; so both are reported. The same is computed for the published theory-based model, of
 which, as of people, only means and error bars are known: a t-test needs no more.
+
+Error bars also say how much people differ (SD = SE · √40), which gives a distance between spreads.
+And people's training in three-lever rooms is published elsewhere: 36 more means, which nothing here
+is fitted to. What a distance is worth is the question of
+:mod:`~causal_openlock.analysis.results.people.yardsticks`.
 """
 
 from __future__ import annotations
@@ -25,6 +30,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import (
     BASELINES,
+    CELL,
     SUBJECT,
     TRANSFERS,
     by_subject,
@@ -33,13 +39,17 @@ from causal_openlock.analysis.measures import (
 from causal_openlock.analysis.results.people.hypotheses import GroupSummary, contrast_test
 from causal_openlock.analysis.results.people.published import (
     POINT,
+    TRAINING_POINT,
     Pairs,
     did_what_people_did,
     model,
+    model_in_training,
     people,
+    people_in_training,
 )
 
 PUBLISHED_MODEL = "published model"
+TRAINING_MODEL = "model of CogSci 2019"
 Place = tuple[str, str, int]
 
 
@@ -103,11 +113,11 @@ EFFECTS = (
 def published_points() -> pd.DataFrame:
     """People's and the published model's means and error bars at each of the fourteen points.
 
-    Columns: :data:`~causal_openlock.analysis.results.people.published.POINT`, ``people_mean``,
-    ``people_se``, ``model_mean`` and ``model_se``, in attempts.
+    Columns: :data:`~causal_openlock.analysis.results.people.published.POINT`, and for people and
+    model ``X_subjects``, ``X_mean`` and ``X_se``, in attempts.
     """
     both = [
-        table.set_index(POINT)[["mean", "se"]].add_prefix(f"{name}_")
+        table.set_index(POINT)[["subjects", "mean", "se"]].add_prefix(f"{name}_")
         for name, table in (("people", people()), ("model", model()))
     ]
     return both[0].join(both[1], validate="one_to_one").reset_index()
@@ -118,7 +128,8 @@ def points_of(trials: pd.DataFrame) -> pd.DataFrame:
 
     Returns:
         One row for each ``learner`` and point, in the order of publication: ``condition``,
-        ``phase``, ``trial``, ``subjects``, ``mean`` and ``se``, ``people_mean`` and ``people_se``.
+        ``phase``, ``trial``, ``subjects``, ``mean`` and ``se``; ``people_subjects``,
+        ``people_mean`` and ``people_se``.
     """
     names = ["learner", "condition", "phase"]
     return _beside_people(mean_by_trial(trials).astype(dict.fromkeys(names, str)))
@@ -136,8 +147,56 @@ def points_of_people() -> pd.DataFrame:
 
 def _beside_people(means: pd.DataFrame) -> pd.DataFrame:
     found = published_points().merge(means, on=POINT).sort_values("learner", kind="stable")
-    columns = ["learner", *POINT, "subjects", "mean", "se", "people_mean", "people_se"]
-    return found[columns].reset_index(drop=True)
+    return found[["learner", *POINT, *_MEANS]].reset_index(drop=True)
+
+
+_MEANS = ["subjects", "mean", "se", "people_subjects", "people_mean", "people_se"]
+
+
+def training_points_of(trials: pd.DataFrame) -> pd.DataFrame:
+    """What each learner came to in the training trials of the transfer conditions.
+
+    As published of people, conditions with the same training are taken together, and the attempts
+    to the first solution, and from there to the second, are those of subjects that solved every
+    training trial.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, of learners that
+            did what people did.
+
+    Returns:
+        One row for each ``learner`` and point of
+        :func:`~causal_openlock.analysis.results.people.published.people_in_training`: ``schema``,
+        ``solution``, ``trial``, ``subjects``, ``mean``, ``se``, and the same three of people.
+        :func:`distance` takes the rows of one learner and solution.
+    """
+    played = trials[trials["condition"].isin(TRANSFERS) & (trials["phase"] == "train")]
+    schema = played["condition"].astype(str).str[:3]
+    played = played.assign(learner=played["learner"].astype(str), schema=schema)
+    done = played[played.groupby([*CELL, *SUBJECT], observed=True)["solved"].transform("all")]
+    parts = []
+    for solution, own in (
+        ("all", played),
+        ("first", done.assign(attempts=done["first_solution"])),
+        ("second", done.assign(attempts=done["attempts"] - done["first_solution"])),
+    ):
+        each = by_subject(own, ["schema", "trial"]).groupby(["learner", "schema", "trial"])
+        means = each["attempts"].agg(["size", "mean", lambda some: some.std(ddof=0)]).reset_index()
+        means.columns = pd.Index(["learner", "schema", "trial", "subjects", "mean", "sd"])
+        se = means["sd"] / np.sqrt(means["subjects"])
+        parts.append(means.assign(solution=solution, se=se))
+    return _beside_people_in_training(pd.concat(parts, ignore_index=True))
+
+
+def training_points_of_model() -> pd.DataFrame:
+    """The points of CogSci 2019's own model, in the form of :func:`training_points_of`."""
+    return _beside_people_in_training(model_in_training().assign(learner=TRAINING_MODEL))
+
+
+def _beside_people_in_training(means: pd.DataFrame) -> pd.DataFrame:
+    known = people_in_training().set_index(TRAINING_POINT).add_prefix("people_").reset_index()
+    found = known.merge(means, on=TRAINING_POINT).sort_values("learner", kind="stable")
+    return found[["learner", *TRAINING_POINT, *_MEANS]].reset_index(drop=True)
 
 
 def distance(points: pd.DataFrame) -> tuple[float, float]:
@@ -150,6 +209,44 @@ def distance(points: pd.DataFrame) -> tuple[float, float]:
     off = (points["mean"] - points["people_mean"]).to_numpy(float)
     error = points["people_se"].to_numpy(float)
     return float(np.sqrt((off**2).mean())), float(np.sqrt(((off / error) ** 2).mean()))
+
+
+def spread_distance(points: pd.DataFrame) -> float:
+    """How far standard deviations over subjects are from people's: root mean square, in attempts.
+
+    SD = SE · √n, for people as for learners. NaN without points.
+    """
+    own = points["se"] * np.sqrt(points["subjects"])
+    theirs = points["people_se"] * np.sqrt(points["people_subjects"])
+    return float(np.sqrt(((own - theirs) ** 2).mean()))
+
+
+def distance_with_spreads(points: pd.DataFrame) -> float:
+    """Root mean square over the deviations of means and those of spreads, both in attempts."""
+    return float(np.sqrt((distance(points)[0] ** 2 + spread_distance(points) ** 2) / 2))
+
+
+def mixture(trials: pd.DataFrame, parts: Mapping[str, int], name: str) -> pd.DataFrame:
+    """Several learners as kinds of subjects in one group, each subject counting once.
+
+    >>> alone = pd.DataFrame({"learner": ["learns", "learns", "never"], "subject": [0, 1, 0]})
+    >>> mixture(alone, {"learns": 1, "never": 1}, "both").values.tolist()
+    [['both', 0], ['both', 1]]
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        parts: Labels of the learners, each with how many of its subjects are taken: the first.
+        name: Label of the group.
+
+    Returns:
+        Their trials, with subjects numbered anew.
+    """
+    kinds, first = [], 0
+    for part, number in parts.items():
+        own = trials[(trials["learner"] == part) & (trials["subject"] < number)]
+        kinds.append(own.assign(learner=name, subject=own["subject"] + first))
+        first += number
+    return pd.concat(kinds, ignore_index=True)
 
 
 def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.DataFrame:

@@ -9,6 +9,9 @@ called ``CC4`` too: so the rooms and budgets of the experiment are compared with
 where they differ, no published result is shown.
 
 Of the paper's own DDQN the categories of attempts are published (Figures 6 and 7).
+
+How people trained in three-lever rooms before the test is published in a third paper, *Decomposing
+Human Causal Learning* (Edmonds et al., CogSci 2019, Figure 4), with a model of its own.
 """
 
 from __future__ import annotations
@@ -36,6 +39,9 @@ PUBLISHED_COLUMNS = ("human_attempts", "human_se", "difference", "model_attempts
 
 POINT = ["condition", "phase", "trial"]
 """What identifies the trials of which means are published."""
+
+TRAINING_POINT = ["schema", "solution", "trial"]
+"""What identifies the training trials of which means are published."""
 
 Pairs = Collection[tuple[str, str]]
 """Labels of learners, each with the name of a condition that it played."""
@@ -71,6 +77,38 @@ def _means(source: Mapping[str, Any], subjects: int) -> pd.DataFrame:
         for condition, values in source["transfer"].items()
     ]
     return pd.DataFrame(rows, columns=[*POINT, "subjects", "mean", "se"])
+
+
+def people_in_training() -> pd.DataFrame:
+    """What people did in the six training trials before the test, by the schema of the rooms.
+
+    >>> people_in_training().query("schema == 'CC3' and solution == 'second'")["mean"].tolist()
+    [4.9, 2.68, 2.23, 1.54, 1.31, 1.23]
+
+    Returns:
+        One row for each ``schema`` (CC3, CE3), ``solution`` and ``trial``, with ``subjects``,
+        ``mean`` and ``se``. ``all`` counts attempts until both solutions are found, a trial that
+        is not solved as 30; ``first`` those until the first is found, and ``second`` those from
+        there to the second, in people who solved every trial (which is inferred: the paper does
+        not say who is left out).
+    """
+    return _training("human")
+
+
+def model_in_training() -> pd.DataFrame:
+    """What the model of CogSci 2019 did, in the form of :func:`people_in_training`."""
+    return _training("model")
+
+
+def _training(who: str) -> pd.DataFrame:
+    facts = reference.results()["cogsci2019"]
+    rows = [
+        (schema, solution, trial, facts["subjects"][who][solution], mean, se)
+        for solution, by_schema in facts[who].items()
+        for schema, values in by_schema.items()
+        for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
+    ]
+    return pd.DataFrame(rows, columns=[*TRAINING_POINT, "subjects", "mean", "se"])
 
 
 def paper_ddqn() -> pd.DataFrame:
