@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.derived import DERIVED
 from causal_openlock.evidence.published import PUBLISHED, published_units
 from causal_openlock.evidence.running import UNITS, read_run, read_units
 from causal_openlock.evidence.study import Contrast, Measure, Selection, Study, Table
@@ -49,6 +50,18 @@ class Evidence:
     def units(self) -> pd.DataFrame:
         """The units of the study, and what is published."""
         return pd.concat([read_units(self.study), published_units()], ignore_index=True)
+
+    @cached_property
+    def derived(self) -> pd.DataFrame:
+        """What is computed from all units together, by learner.
+
+        Raises:
+            EvidenceError: If the study declares no such table.
+        """
+        name = self.study.file.derived
+        if name is None:
+            raise EvidenceError(f"{self.study.name} derives no table")
+        return DERIVED[name](self.study, read_units(self.study)).set_index("learner")
 
     @cached_property
     def run(self) -> dict[str, Any]:
@@ -113,6 +126,8 @@ class Evidence:
         if words[0] in OF_THE_RUN:
             return str(self.run[words[0]])
         ending = words.pop() if words[-1] in ENDINGS else ""
+        if words[0] == "derived":
+            return self._derived_number(words[1:])
         if words[0] == "claim":
             return self._of_claim(words[1:], ending)
         measure, *rest = words
@@ -123,6 +138,15 @@ class Evidence:
             )
         values = selected(self.units, Selection.parse(rest), measure).to_numpy(float)
         return _written(mean_of(values, measure != "attempts"), measure, ending, values)
+
+    def _derived_number(self, words: Sequence[str]) -> str:
+        *learner, column = words
+        table = self.derived
+        name = " ".join(learner)
+        if name not in table.index or column not in table:
+            known = nearest(name, table.index) if name not in table.index else ", ".join(table)
+            raise EvidenceError(f"{self.study.name} derives no {column!r} of {name!r}; {known}")
+        return _plain(table.loc[name, column])
 
     def _of_claim(self, words: Sequence[str], ending: str) -> str:
         name, *part = words
@@ -149,6 +173,8 @@ class Evidence:
         """The Markdown of a table: ``claims``, or one that the study declares."""
         if what == "claims":
             return self._claims()
+        if what == "derived" and self.study.file.derived:
+            return self._derived_table()
         if what not in self.study.file.tables:
             known = nearest(what, ["claims", *self.study.file.tables])
             raise EvidenceError(f"{self.study.name} has no table {what!r}; {known}")
@@ -179,7 +205,17 @@ class Evidence:
         n = " or ".join(str(size) for size in sorted(sizes)) or "no"
         note = f"Means over {n} {self.study.unit}s"
         note += ", 95% intervals of Student's t." if table.interval else "."
-        return f"{markdown(['', *table.columns], rows)}\n\n{note} {self._source()}\n"
+        return f"{markdown(['', *table.columns], rows)}\n\n{note}\n"
+
+    def _derived_table(self) -> str:
+        if not self.was_run:
+            return "*not run yet*\n"
+        table = self.derived
+        rows = [
+            [name, *map(_plain, row)]
+            for name, row in zip(table.index, table.to_numpy(object), strict=True)
+        ]
+        return f"{markdown(['', *table.columns], rows)}\n"
 
     def _claims(self) -> str:
         rows = []
@@ -189,10 +225,7 @@ class Evidence:
             for part, contrast in claim.contrasts.items():
                 found = self.estimates[name, part]
                 rows.append([*_contrast_in_words(part, contrast, found)])
-        return f"{markdown(['claim', 'verdict', 'by'], rows)}\n\n{self._source()}\n"
-
-    def _source(self) -> str:
-        return f"[How it was measured]({{here}}/{self.study.name}/README.md)."
+        return f"{markdown(['claim', 'verdict', 'by'], rows)}\n"
 
 
 def _contrast_in_words(
@@ -252,6 +285,15 @@ def _number(value: float, measure: str) -> str:
     if measure != "attempts":
         text = re.sub(r"^(−?)0\.", r"\1.", text)
     return {"−.00": ".00", "−0.00": "0.00"}.get(text, text)
+
+
+def _plain(value: Any) -> str:
+    """A value of a derived table."""
+    if pd.isna(value):
+        return "–"
+    if isinstance(value, float | np.floating):
+        return f"{value:.2f}".replace("-", "−")
+    return str(value)
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -14,8 +14,9 @@ prose of a page that no link, table or code (for settings, such as ```.005```) a
 
 A link's title is ``MEASURE LEARNER [CONDITION] [train|test] [trial N|part N]``, the mean over
 units, or ``claim NAME [CONTRAST]``, the difference; ended by ``interval``, ``units``, ``sd``,
-``verdict`` or ``without_sign``, that of it. ``core_hours``, ``machine`` and ``date`` are of the
-run.
+``verdict`` or ``without_sign``, that of it.
+``derived LEARNER COLUMN`` is of a table that is computed from all units; ``core_hours``,
+``machine`` and ``date`` are of the run.
 """
 
 from __future__ import annotations
@@ -106,7 +107,8 @@ class Pages:
             except EvidenceError as error:
                 fault(found.start(), error)
                 return found[0]
-            return f"{found['start']}{body.replace('{here}', here)}{found['end']}"
+            source = f"[How it was measured]({here}/{found['study']}/README.md)."
+            return f"{found['start']}{body}\n{source}\n{found['end']}"
 
         return BLOCK.sub(block, LINK.sub(link, text)), faults
 
@@ -136,13 +138,14 @@ def page_of(evidence: Evidence) -> str:
         parts.append(f"{file.about.strip()}\n")
     run = evidence.run if evidence.was_run else {}
     if file.claims:
-        parts.append(evidence.block("claims").replace("{here}", "..").rpartition("\n\n")[0] + "\n")
+        parts.append(evidence.block("claims"))
         parts.append(
             "What the verdicts mean, and by which rules they follow: "
             "[evidence](../README.md#verdicts).\n"
         )
-    for name in file.tables if run else ():
-        parts.append(evidence.block(name).replace("{here}", "..").rpartition(" [")[0] + "\n")
+    derived = ["derived"] if file.derived else []
+    for name in (*derived, *file.tables) if run else ():
+        parts.append(evidence.block(name))
     parts.append(f"## How it was measured\n\n{_run_in_words(study, run)}\n")
     return "\n".join(parts)
 

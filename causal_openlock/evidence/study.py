@@ -137,6 +137,10 @@ class StudyFile(StrictModel):
         Literal["trials", "course"],
         Field(description="Each trial of people's protocol, or parts of a long course."),
     ] = "trials"
+    derived: Annotated[
+        Literal["distances_from_people"] | None,
+        Field(description="A table that is computed from all units together."),
+    ] = None
     networks: Networks | None = None
     hours: Annotated[float, Field(gt=0, description="Of one core, for all of it.")]
     claims: dict[str, Claim] = Field(default_factory=dict)

@@ -10,7 +10,8 @@ people's protocol) or ``part`` (of a long course, see
 this row; ``unit``, the number of the subject or of the network, ``subjects``, how many were
 averaged; and the measures:
 
-- ``attempts``: attempts to find every solution; a trial that was not solved counts as its limit.
+- ``attempts``, ``first_solution``: attempts to find every solution and the first one; a trial that
+  was not solved counts as its limit.
 - ``solved``, of a course ``finds_all``: the share of trials in which every solution was found.
 - ``found``: solutions found of those to be found.
 - ``opens``, ``unlocks``, ``else``, of a course: the shares of attempts that open the door, that
@@ -52,7 +53,7 @@ def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
     if measured == "course":
         when, measures, table = "part", COURSE, shares(trials)
     else:
-        when, measures = "trial", ["attempts", "solved", "found"]
+        when, measures = "trial", ["attempts", "first_solution", "solved", "found"]
         each = trials.assign(
             solved=trials["solved"].astype(float),
             found=trials["solutions_found"] / trials["solutions"],

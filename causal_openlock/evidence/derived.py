@@ -1,0 +1,45 @@
+"""What is computed from all units of a study together, in a table with a row for each learner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import pandas as pd
+
+from causal_openlock.analysis.results.people.human_likeness import likeness
+from causal_openlock.analysis.results.people.yardsticks import beside_yardsticks
+from causal_openlock.contract.registry import changed_parameters
+from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.study import Study
+from causal_openlock.experiment.file import read_experiment
+
+
+def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
+    """How far learners are from people's means, beside what such distances are worth.
+
+    Columns: as :func:`~causal_openlock.analysis.results.people.yardsticks.beside_yardsticks`
+    returns, and ``effects``, of how many of people's six effects a learner has the sign.
+
+    Raises:
+        EvidenceError: If no learner has played all six conditions.
+    """
+    trials = units.rename(columns={"unit": "subject"})
+    trials = trials.assign(experiment=study.name, seed=0, loop=1)
+    learners = list(dict.fromkeys(trials["learner"]))
+    like = likeness(trials, None, learners)
+    if like is None:
+        raise EvidenceError("no learner has played all six conditions yet")
+    settings = {
+        spec.name: len(changed_parameters(spec.learner, spec.parameters))
+        for spec in read_experiment(study.experiment).learners
+    }
+    played = trials[trials["learner"].isin(like.points)]
+    table = beside_yardsticks(like, played, settings)
+    return table.merge(like.table[["learner", "shown"]].rename(columns={"shown": "effects"}),
+                       on="learner", how="left")  # fmt: skip
+
+
+DERIVED: Mapping[str, Callable[[Study, pd.DataFrame], pd.DataFrame]] = {
+    "distances_from_people": distances_from_people,
+}
+"""What a study may declare as ``derived``."""
