@@ -91,7 +91,9 @@ from .analysis.plots.style import plot_style as plot_style
 from .analysis.plots.subjects import plot_subjects as plot_subjects
 from .analysis.plots.survival import plot_survival as plot_survival
 from .analysis.report.writing import write_report as write_report
+from .analysis.results.cost import learning_costs as learning_costs
 from .analysis.results.people.published import people as people
+from .analysis.results.standing import standings as standings
 from .analysis.results.summary import headline_table as headline_table
 from .analysis.results.summary import summary_table as summary_table
 from .analysis.statistics import mean_interval as mean_interval

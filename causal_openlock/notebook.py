@@ -251,7 +251,7 @@ def learner_html(learner: Learner) -> str:
 
 def results_html(results: Results) -> str:
     """Results: the table of each protocol, and below it what a reader should know."""
-    from causal_openlock.comparison.tables import lines, number
+    from causal_openlock.analysis.results.verdict import in_cell, number
 
     def small(texts: Sequence[str]) -> str:
         first, *rest = map(escape, texts or [""])
@@ -265,7 +265,7 @@ def results_html(results: Results) -> str:
             for name, row in table.beside.items()
         ]
         rows += [
-            [f"<b>{escape(learner)}</b>", *(small(lines(row)) for row in cells)]
+            [f"<b>{escape(learner)}</b>", *(small(in_cell(row)) for row in cells)]
             for learner, cells in table.rows.items()
         ]
         parts.append(f"<div>protocol {escape(table.protocol)}</div>{_table(heads, rows)}")

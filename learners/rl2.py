@@ -23,6 +23,7 @@ from pydantic import Field
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.errors import LearnerError
+from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
 from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams
 from learners.networks.checkpointed import Checkpointed
@@ -92,6 +93,13 @@ class RL2(Checkpointed, Learner):
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise LearnerError(f"the network of rl2 cannot be read: {path}: {reason}") from None
+
+    @classmethod
+    def prior_attempts(cls, parameters: RL2Parameters) -> int:
+        """The attempts of its meta-training, of three actions each."""
+        from learners.networks.network_file import BUNDLED, trained_actions
+
+        return trained_actions(parameters.checkpoint or BUNDLED) // PAPER_ACTION_LIMIT
 
     def begin(self, brief: Brief) -> None:
         """Load the network, once for each subject."""

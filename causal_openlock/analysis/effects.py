@@ -4,9 +4,9 @@ Whether a difference is more than chance depends on the number of subjects; how 
 not. Learners can be given as many subjects as one likes, so that the smallest difference becomes
 significant: what compares them with people are sizes of effects.
 
-Comparisons of learners follow Agarwal et al., *Deep Reinforcement Learning at the Edge of the
-Statistical Precipice* (NeurIPS 2021): the interquartile mean, which a few hopeless subjects do not
-move, and the probability of improvement, which depends only on which of two subjects was better.
+An estimate comes with its interval first, and with the p of a test second. Means are compared, and
+not interquartile means: of attempts, which are small integers that many subjects share, the middle
+half is often a single number, so that its interval would have no width where learners differ.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.analysis.statistics import RESAMPLES, SEED, bootstrap_interval
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval
+from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.randomness import generators
 
 ALPHA = 0.05
@@ -76,96 +76,6 @@ def holm(p: FloatArray) -> FloatArray:
     return corrected
 
 
-def interquartile_mean(scores: FloatArray) -> FloatArray:
-    """Mean of the middle half of ``[..., N]`` values: a quarter is left out at either end.
-
-    >>> float(interquartile_mean(np.array([1.0, 4, 5, 6, 7, 30, 30, 30])))
-    12.0
-    """
-    from scipy.stats import trim_mean
-
-    mean: FloatArray = np.asarray(trim_mean(scores, 0.25, axis=-1))
-    return mean
-
-
-def interquartile_interval(
-    strata: Sequence[FloatArray], rng: np.random.Generator, *, resamples: int = RESAMPLES
-) -> tuple[FloatArray, FloatArray]:
-    """Bootstrap interval of the interquartile mean of ``[n_g]`` values of several groups together.
-
-    It is stratified: the subjects of each group are resampled among themselves. NaN if a group has
-    fewer than two.
-    """
-    values = np.unique(np.concatenate(strata))
-    many = sum(map(len, strata))
-    cut = many // 4
-
-    def middle(*counts: IntArray) -> FloatArray:
-        reached = np.clip(np.cumsum(sum(counts), axis=-1), cut, many - cut)
-        mean: FloatArray = np.diff(reached, axis=-1, prepend=cut) @ values / (many - 2 * cut)
-        return mean
-
-    groups = [_counts(one, values) for one in strata]
-    return bootstrap_interval(middle, groups, rng, counted=True, resamples=resamples)
-
-
-def probability_of_improvement(first: Sequence[FloatArray], second: Sequence[FloatArray]) -> float:
-    """How probable it is that a subject of one learner scores more than one of another.
-
-    >>> probability_of_improvement([np.array([3, 5])], [np.array([1, 5])])
-    0.625
-
-    Args:
-        first: ``[n_c]`` scores of one learner in each of C conditions; more is better.
-        second: ``[m_c]`` scores of the other in the same conditions.
-
-    Returns:
-        P(first > second), ties counting half, averaged over conditions; 0.5 for equals.
-    """
-    return float(_mean_wins(*_counted(first, second)))
-
-
-def improvement_interval(
-    first: Sequence[FloatArray],
-    second: Sequence[FloatArray],
-    rng: np.random.Generator,
-    *,
-    resamples: int = RESAMPLES,
-) -> tuple[FloatArray, FloatArray]:
-    """Bootstrap interval of :func:`probability_of_improvement`, stratified over conditions.
-
-    NaN where a learner has fewer than two subjects in a condition.
-    """
-    groups = _counted(first, second)
-    return bootstrap_interval(_mean_wins, groups, rng, counted=True, resamples=resamples)
-
-
-def _counted(first: Sequence[FloatArray], second: Sequence[FloatArray]) -> list[IntArray]:
-    """``[U]`` counts of both learners in each condition, of the U scores that occur there."""
-    return [
-        _counts(scores, np.unique(np.concatenate(both)))
-        for both in zip(first, second, strict=True)
-        for scores in both
-    ]
-
-
-def _counts(scores: FloatArray, values: FloatArray) -> IntArray:
-    """``[U]`` how often each of U sorted values occurs."""
-    counts = np.bincount(np.searchsorted(values, scores), minlength=len(values))
-    return counts.astype(np.int64)
-
-
-def _mean_wins(*counts: IntArray) -> FloatArray:
-    """``[...]`` share of pairs in which the first is larger, the mean over pairs of groups."""
-    shares = [
-        (one * (np.cumsum(other, axis=-1) - other / 2)).sum(axis=-1)
-        / (one.sum(axis=-1) * other.sum(axis=-1))
-        for one, other in zip(counts[::2], counts[1::2], strict=True)
-    ]
-    mean: FloatArray = np.asarray(sum(shares) / len(shares))
-    return mean
-
-
 def power_of_t(d: float, subjects: int) -> float:
     """Probability that a two-sided t test of two groups, at least 2 subjects each, finds Cohen's d.
 
@@ -217,7 +127,7 @@ def _fewest(power_at: Callable[[int], float]) -> int | None:
 
 
 class Difference(NamedTuple):
-    """How the means of two groups differ, with its 95% bootstrap interval and the p of a test.
+    """How means differ, with the 95% interval and the p of a test that they do not.
 
     NaN, but for the value, if a group has one subject.
     """
@@ -226,6 +136,58 @@ class Difference(NamedTuple):
     low: float
     high: float
     p: float
+
+
+class Group(NamedTuple):
+    """What a comparison of means needs of a group of subjects, or of differences of pairs.
+
+    ``variance`` has size − 1 in the denominator; the ``weight`` is that of the group's mean.
+    """
+
+    weight: float
+    size: int
+    mean: float
+    variance: float
+
+    @classmethod
+    def of(cls, weight: float, values: FloatArray) -> Group:
+        """The group of ``[n]`` values."""
+        alike = len(values) < 2 or bool(np.ptp(values) == 0)
+        mean = float(values[0] if alike else values.mean())
+        return cls(weight, len(values), mean, 0.0 if alike else float(values.var(ddof=1)))
+
+
+def weighted_difference(groups: Sequence[Group]) -> Difference:
+    """A weighted sum of the means of independent groups, with Welch's interval and test.
+
+    A group of weight 1 is a one-sample t-test, two of weights 1 and −1 are Welch's, and several
+    conditions have the mean of their differences. Groups need not be equally scattered: the degrees
+    of freedom are Welch's and Satterthwaite's.
+
+    >>> found = weighted_difference([Group.of(1, np.array([1.0, 2, 3, 2]))])
+    >>> [round(number, 2) for number in found]
+    [2.0, 0.7, 3.3, 0.02]
+
+    Returns:
+        The interval is NaN if a group has one subject, and also if nobody differs: an interval
+        without a width would claim that no other subject could. p is then the chance that all N
+        signs agree, 2 / 2ᴺ, or 1 where there is no difference.
+    """
+    from scipy.special import stdtr, stdtrit
+
+    weight, size, mean, variance = np.array(groups, float).T
+    value = float(weight @ mean) + 0.0
+    if not len(groups) or size.min() < 2:
+        return Difference(value, math.nan, math.nan, math.nan)
+    spread = weight**2 * variance / size
+    error = math.sqrt(spread.sum())
+    if error == 0:
+        sides = [size[side].sum() for side in (weight > 0, weight < 0) if side.any()]
+        agree = float(min(1.0, 2.0 ** (1 - min(sides))))
+        return Difference(value, math.nan, math.nan, agree if value else 1.0)
+    df = spread.sum() ** 2 / (spread**2 / (size - 1)).sum()
+    half = error * float(stdtrit(df, (1 + LEVEL) / 2))
+    return Difference(value, value - half, value + half, float(2 * stdtr(df, -abs(value) / error)))
 
 
 def difference(first: FloatArray, second: FloatArray, keys: tuple[str, str]) -> Difference:

@@ -74,7 +74,9 @@ def bootstrap_interval(
     tail = (1 - level) / 2
     ordered = np.sort(np.concatenate(drawn, axis=-1), axis=-1)
     varies = ordered[..., 0] < ordered[..., -1]
-    low, high = np.where(varies, _quantiles(ordered, np.array([tail, 1 - tail])), alone[..., 0])
+    alike = counted | np.all([(one == one[..., :1]).all(axis=-1) for one in groups], axis=0)
+    constant = np.where(alike, alone[..., 0], ordered[..., 0])
+    low, high = np.where(varies, _quantiles(ordered, np.array([tail, 1 - tail])), constant)
     return low, high
 
 

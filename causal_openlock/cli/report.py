@@ -60,11 +60,11 @@ def report_store(folder: Path, console: Terminal, others: Sequence[Path] = ()) -
     """Write the report of a results folder, perhaps beside others, and print its headline."""
     from causal_openlock.analysis.report.missing import missing_cells
     from causal_openlock.comparison.results import open_results
-    from causal_openlock.comparison.tables import print_verdict
+    from causal_openlock.comparison.tables import print_standings
 
     results = open_results(folder, *others)
     page = results.report(folder)
-    print_verdict(results.verdict, console)
+    print_standings(results.standings, console)
     _print_missing(missing_cells(results.experiment), console)
     console.print_line(f"report: {page.path}")
 

@@ -20,9 +20,9 @@ from causal_openlock.analysis.report.missing import missing_cells
 from causal_openlock.analysis.report.sections import columns_of
 from causal_openlock.analysis.report.writing import Report, make_report
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.pairwise import pairwise_table, scores_under
+from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
 from causal_openlock.analysis.results.reading import beside, read_results
-from causal_openlock.analysis.results.scores import scores_by_condition
+from causal_openlock.analysis.results.standing import standings
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
@@ -76,8 +76,16 @@ class Results(Material):
     # -- tables ---------------------------------------------------------------------------------
 
     @cached_property
+    def standings(self) -> pd.DataFrame:
+        """The table that answers first, a row for each learner and protocol.
+
+        See :func:`~causal_openlock.analysis.results.standing.standings`.
+        """
+        return standings(self)
+
+    @cached_property
     def verdict(self) -> list[VerdictTable]:
-        """The table that answers first, one for each protocol."""
+        """Attempts in each condition, a table for each protocol."""
         return verdict_tables(self.headline, self.learners, self.conditions)
 
     @cached_property
@@ -136,15 +144,14 @@ class Results(Material):
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
-        """How probably a subject of one learner needs fewer attempts than one of another.
+        """How many attempts one learner needs more than another, paired by subject.
 
-        A row for each ordered pair of learners under a ``protocol``; the other columns are those
-        of :func:`~causal_openlock.analysis.results.pairwise.pairwise_table`.
+        A row for each pair of learners under a ``protocol``; the other columns are those of
+        :func:`~causal_openlock.analysis.results.pairwise.pairwise_table`.
         """
-        held = scores_by_condition(self.trials)
         tables = [
-            pairwise_table(scores_under(protocol, held, self.learners)).assign(protocol=protocol)
-            for protocol in dict.fromkeys(protocol for _, protocol in held)
+            pairwise_table(outcomes(self.trials, protocol)).assign(protocol=protocol)
+            for protocol in self.trials["protocol"].unique()
         ]
         return pd.concat(tables, ignore_index=True)
 
@@ -239,11 +246,11 @@ class Results(Material):
     def __repr__(self) -> str:
         """The table that answers first, as text, and what a reader should know."""
         from causal_openlock.comparison.console import Terminal
-        from causal_openlock.comparison.tables import print_verdict
+        from causal_openlock.comparison.tables import print_standings
 
         text = StringIO()
         plain = {"force_terminal": False, "force_jupyter": False, "no_color": True}
-        print_verdict(self.verdict, Terminal(file=text, width=100, **plain))
+        print_standings(self.standings, Terminal(file=text, width=100, **plain))
         return "\n".join([text.getvalue().strip(), *self.cautions])
 
 

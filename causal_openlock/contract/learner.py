@@ -170,6 +170,14 @@ class Learner(ABC):
         """
         return ""
 
+    @classmethod
+    def prior_attempts(cls, parameters: Any) -> int:
+        """How many attempts it was trained with before the experiment, such as meta-training.
+
+        The cost of learning counts them.
+        """
+        return 0
+
     @abstractmethod
     def begin(self, brief: Brief) -> None:
         """Get ready to play; called once, before anything else."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from causal_openlock.contract.learner import Learner
+from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.version import RESULTS_VERSION
@@ -21,6 +21,8 @@ from causal_openlock.wording import counted
 from causal_openlock.world.rewards import RewardFunction
 
 RANDOM_CLASS = "learners.random:RandomLearner"
+
+_NOTES = ("prior_attempts", "informed")  # of a learner's origin: they follow from its code
 
 
 @dataclass(frozen=True)
@@ -31,11 +33,15 @@ class Origin:
         class_name: Its class, ``module:Class``.
         package: Its package and version, or its file and a hash of the file.
         artifact_hash: Hash of files that its parameters name, such as trained weights; or empty.
+        prior_attempts: Attempts that it was trained with before the experiment.
+        informed: Whether it is told what subjects cannot perceive.
     """
 
     class_name: str
     package: str
     artifact_hash: str = ""
+    prior_attempts: int = 0
+    informed: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,10 +73,12 @@ class LearnerSpec:
         if self.recorded is not None:
             return self.recorded
         kind = learner_class(self.learner)
-        artifacts = ""
-        if issubclass(kind, Learner):
-            artifacts = kind.artifact_hash(parse_parameters(self.learner, self.parameters))
-        return Origin(f"{kind.__module__}:{kind.__qualname__}", origin(self.learner), artifacts)
+        place = f"{kind.__module__}:{kind.__qualname__}", origin(self.learner)
+        if not issubclass(kind, Learner):
+            return Origin(*place)
+        given = parse_parameters(self.learner, self.parameters)
+        made_of, before = kind.artifact_hash(given), kind.prior_attempts(given)
+        return Origin(*place, made_of, before, issubclass(kind, InformedLearner))
 
     @property
     def is_random(self) -> bool:
@@ -80,6 +88,7 @@ class LearnerSpec:
     def as_dict(self) -> dict[str, Any]:
         """The learner as plain data, with its origin."""
         made_of = self.origin.artifact_hash
+        known = {name: getattr(self.origin, name) for name in _NOTES}
         return {
             "name": self.name,
             "learner": self.learner,
@@ -90,6 +99,7 @@ class LearnerSpec:
             "protocol": self.protocol.as_dict(),
             "reward": self.reward.as_dict(),
             "subjects": self.subjects,
+            **{name: value for name, value in known.items() if value},
         }
 
 
@@ -107,7 +117,7 @@ class Cell:
     @cached_property
     def identity(self) -> str:
         """A hash of everything that determines the cell's record."""
-        learner = self.spec.as_dict()
+        learner = _deciding(self.spec.as_dict())
         del learner["subjects"]
         return _digest(
             {
@@ -223,7 +233,13 @@ class Experiment:
         """A hash of everything in :meth:`as_dict` that determines the results."""
         decides = self.as_dict()
         del decides["title"], decides["command"]
+        decides["learners"] = list(map(_deciding, decides["learners"]))
         return _digest(decides)
+
+
+def _deciding(learner: dict[str, Any]) -> dict[str, Any]:
+    """What of a learner's description its results depend on, and identities are made of."""
+    return {key: value for key, value in learner.items() if key not in _NOTES}
 
 
 def _digest(data: Any) -> str:

@@ -500,7 +500,7 @@ def _is_variant(held: Experiment, experiment: Experiment) -> bool:
     """
 
     def settings(parts: Iterable[LearnerSpec | Condition]) -> set[str]:
-        code = ("class", "package", "material", "subjects")
+        code = ("class", "package", "material", "subjects", "prior_attempts", "informed")
         data = ({k: v for k, v in part.as_dict().items() if k not in code} for part in parts)
         return {json.dumps(one, sort_keys=True) for one in data}
 

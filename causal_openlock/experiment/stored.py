@@ -170,6 +170,8 @@ class _Learner(StrictModel):
     protocol: Protocol
     reward: _Reward
     subjects: Count
+    prior_attempts: Annotated[int, Field(ge=0)] = 0
+    informed: bool = False
 
     def built(self) -> LearnerSpec:
         reward = self.reward
@@ -180,7 +182,9 @@ class _Learner(StrictModel):
             protocol=self.protocol,
             reward=reward if isinstance(reward, AuthorsReward) else reward.built(),
             subjects=self.subjects,
-            recorded=Origin(self.class_, self.package, self.material),
+            recorded=Origin(
+                self.class_, self.package, self.material, self.prior_attempts, self.informed
+            ),
         )
 
 

@@ -39,6 +39,7 @@ class About(StrictModel, extra="ignore"):
     format: Literal[1]
     sizes: Sizes
     positions: Annotated[int, Field(ge=len(PAPER_POSITIONS), le=MAX_LEVERS)]
+    actions: Annotated[int, Field(ge=0)] = 0
 
 
 def write_network(
@@ -62,9 +63,7 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
     """
     try:
         with open_archive(path, MOST_BYTES) as archive:
-            if archive.sizes.get("about", 0) > _MOST_ABOUT:
-                raise StateError("its description is too long")
-            about = json.loads(str(archive.read("about")))
+            about = _about(archive)
             checked = About.model_validate(about)
             sizes, positions = checked.sizes, checked.positions
             # A stack of no networks has all shapes and takes no memory.
@@ -90,6 +89,24 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
     for name, tensor in network.state_dict().items():
         tensor.copy_(torch.from_numpy(weights[name]).expand_as(tensor))
     return network, about
+
+
+def trained_actions(path: Path | str) -> int:
+    """How many actions a network was trained with, by its file.
+
+    0 if the file does not say or is no network; :func:`read_network` names what is wrong with it.
+    """
+    try:
+        with open_archive(path, MOST_BYTES) as archive:
+            return About.model_validate(_about(archive)).actions
+    except (StateError, OSError, ValueError):
+        return 0
+
+
+def _about(archive: Archive) -> Any:
+    if archive.sizes.get("about", 0) > _MOST_ABOUT:
+        raise StateError("its description is too long")
+    return json.loads(str(archive.read("about")))
 
 
 def _weights(archive: Archive, name: str, shape: tuple[int, ...]) -> Any:

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from causal_openlock.analysis.measures import BASELINES
+from causal_openlock.analysis.measures import BASELINES, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, Panels, in_rows, panels, trials_under
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.pairwise import decided, ranking_of
+from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
 from causal_openlock.analysis.results.scores import (
     CONGRUENCY,
     MODEL,
@@ -49,9 +49,9 @@ def plot_pairs(
     """How probable it is that one learner is better than another, as numbers on colours.
 
     A number is the probability that a subject of the learner in the row needs fewer attempts than
-    one of the learner in the column, in the mean over the conditions that both played; ties count
-    half. Bold: its 95% interval leaves out one half. The learners stand in the order of their
-    interquartile means, the best first.
+    the subject of the same number, in the same room, of the learner in the column, in the mean over
+    the conditions that both played; ties count half. The learners stand in the order of their mean
+    attempts, the best first, and each pair is there once.
 
     >>> import causal_openlock as ol
     >>> [text.get_text() for text in ol.plot_pairs(results).get_yticklabels()]
@@ -62,22 +62,29 @@ def plot_pairs(
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     protocol, trials = trials_under(results, protocol, learners, conditions)
-    found = ranking_of(replace(results, trials=trials), protocol)
-    if found is None:
+    held = outcomes(trials, protocol)
+    table = pairwise_table(held)
+    if table.empty:
         raise NothingToDrawError(
             f"no two such learners played a condition in common under the protocol {protocol}"
         )
-    names, pairs = list(found.ranks["learner"]), found.pairs
+    means = {
+        name: np.mean([one["attempts"].mean() for one in held[name].values()])
+        for name in ordered(set(table["learner"]) | set(table["other"]), list(held))
+    }
+    names = sorted(means, key=means.__getitem__)
     size = len(names)
     place = {name: number for number, name in enumerate(names)}
-    at = pairs["learner"].map(place), pairs["other"].map(place)
-    values, sure = np.full((size, size), np.nan), np.zeros((size, size), bool)
-    values[at], sure[at] = pairs["probability"], decided(pairs)
+    rows, columns = table["learner"].map(place), table["other"].map(place)
+    values = np.full((size, size), np.nan)
+    values[np.minimum(rows, columns), np.maximum(rows, columns)] = np.where(
+        rows < columns, table["probability"], 1 - table["probability"]
+    )
     shown = [style.label(name, 22) for name in names]
-    counts = sorted(set(pairs["conditions"]))
+    counts = sorted(set(table["conditions"]))
     note = (
         f"mean over {' to '.join(map(str, counts[:: max(1, len(counts) - 1)]))} "
-        f"condition{'s' * (counts != [1])}; ties count half;\nbold: the 95% interval leaves out 0.5"
+        f"condition{'s' * (counts != [1])}; ties count half"
     )
     edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
     cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
@@ -96,13 +103,13 @@ def plot_pairs(
             axes.set_xlabel(note, fontsize="small")
         axes.imshow(values, cmap=_COLOURS, vmin=0, vmax=1)
         for (row, column), value in np.ndenumerate(values):
-            known = not np.isnan(value)
-            axes.text(
-                column, row, f"{value:.2f}" if known else "–", ha="center", va="center",
-                fontsize="medium" if cell > 0.45 else "small",
-                fontweight="bold" if sure[row, column] else "normal",
-                color="white" if known and abs(value - 0.5) > 0.34 else "black",
-            )  # fmt: skip
+            if row < column:
+                known = not np.isnan(value)
+                axes.text(
+                    column, row, f"{value:.2f}" if known else "–", ha="center", va="center",
+                    fontsize="medium" if cell > 0.45 else "small",
+                    color="white" if known and abs(value - 0.5) > 0.34 else "black",
+                )  # fmt: skip
         axes.set_xticks(range(size), shown, rotation=40, ha="left", va="bottom")
         axes.set_yticks(range(size), shown)
         axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)

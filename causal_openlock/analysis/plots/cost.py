@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
-from causal_openlock.analysis.results.cost import WITHIN, cost_of_learning, median_cost
+from causal_openlock.analysis.results.cost import WITHIN, median_cost, subject_costs
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError
 
@@ -33,11 +33,11 @@ def plot_cost(
     """How many attempts, all training counted, until a new room is first solved well.
 
     Well is within ``within`` times the attempts of the ideal observer; see
-    :func:`~causal_openlock.analysis.results.cost.cost_of_learning`. A panel for each condition, a
-    row for each learner, a dot for each subject, on a logarithmic axis; black: the median with its
-    95% bootstrap interval. On the right, in grey, are subjects that never came so far, with how
-    many there are, and the most attempts that one of them made. Training before the experiment,
-    such as the meta-training of ``rl2``, is not on record and does not count.
+    :func:`~causal_openlock.analysis.results.cost.learning_costs`. A row for each learner, a dot for
+    each subject of all conditions, on a logarithmic axis; black: the median with its 95% bootstrap
+    interval. On the right, in grey, are subjects that never came so far, with how many there are,
+    and the most attempts that one of them made. What a learner was trained with before the
+    experiment, such as the meta-training of ``rl2``, counts.
 
     >>> import causal_openlock as ol
     >>> axes = ol.plot_cost(results, conditions=["CC4"])
@@ -49,7 +49,7 @@ def plot_cost(
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     trials = rows_of(results, results.trials, learners, conditions)
-    table = cost_of_learning(trials, results.bounds, within, repeats)
+    table = subject_costs(results, trials, within, repeats)
     if table.empty:
         raise NothingToDrawError(
             "no such learner played a condition of which the attempts of the ideal observer are "
@@ -58,20 +58,15 @@ def plot_cost(
     table = table.assign(row=_rows(table))
     names = [name for learner in results.learners
              for name in ordered(table.loc[table["learner"] == learner, "row"])]  # fmt: skip
-    shown = ordered(table["condition"].unique(), results.conditions)
     finite = table.loc[np.isfinite(table["cost"]), "cost"]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (1.0, 10.0)
     edge = max(high, 3 * low) * 1.6
-    end = edge * (edge / low) ** 0.4  # of the grey part
-    with panels(ax, len(shown), in_rows(len(shown), 2, 0.24 * len(names) + 0.75)) as at:
-        for axes, condition in zip(at.axes, shown, strict=True):
-            here = table[table["condition"] == condition]
-            _scale(axes, names, (low / 1.5, edge, end))
-            for place, name in enumerate(names):
-                own = here[here["row"] == name]
-                if len(own):
-                    _row(axes, place, own, (edge, end))
-            style.panel_title(axes, condition)
+    end = edge * max(edge / low, 20) ** 0.55  # of the grey part
+    with panels(ax, 1, in_rows(1, 1, 0.27 * len(names) + 0.75, style.WIDTH / 0.62)) as at:
+        (axes,) = at.axes
+        _scale(axes, names, (low / 1.5, edge, end))
+        for place, name in enumerate(names):
+            _row(axes, place, table[table["row"] == name], (edge, end))
         dots: Any = {"ls": "", "marker": "o", "ms": 4, "mec": "#1F6F9F", "label": "subjects"}
         line: Any = {"color": "black", "lw": 1.6, "marker": "|", "ms": 9, "mew": 2}
         at.legend(
@@ -130,6 +125,6 @@ def _row(axes: Axes, place: int, own: pd.DataFrame, never: tuple[float, float]) 
     if missed := len(cost) - len(reached):
         asked = int(own.loc[np.isinf(own["cost"]), "asked"].max())
         axes.text(
-            (edge * end) ** 0.5, place, f"{missed} of {len(cost)} not\nwithin {asked:,}",
+            (edge * end) ** 0.5, place, f"{missed} of {len(cost)} not within {asked:,}",
             ha="center", va="center", fontsize="small",
         )  # fmt: skip

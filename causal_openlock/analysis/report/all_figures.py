@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from causal_openlock.analysis.plots.attempts import means_like_people, plot_attempts, plot_transfer
 from causal_openlock.analysis.plots.categories import KINDS, counts_like_ddqn, plot_categories
 from causal_openlock.analysis.plots.course import course_of, plot_course
 from causal_openlock.analysis.report.prose import Prose
@@ -17,14 +16,6 @@ _PROSE = Prose("figures")
 def figures_of(material: Material) -> list[SectionPlot]:
     """Every figure that the record has data for, in the order of the page."""
     plots = []
-    for name, phase, plot in (
-        ("baseline_attempts", "train", plot_attempts),
-        ("transfer_attempts", "test", plot_transfer),
-    ):
-        means = means_like_people(material, phase)
-        if len(means):
-            ideal = bounds_in_words(bounds_of(material.bounds, means).values())
-            plots.append(_PROSE.plot(name, plot, material, ideal=ideal))
     for kind in KINDS:
         if len(counts_like_ddqn(material, kind)):
             plots.append(

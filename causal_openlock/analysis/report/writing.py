@@ -19,17 +19,20 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.cautions import warnings_of
+from causal_openlock.analysis.report.first_screen import MEANING, first_tables
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
-from causal_openlock.analysis.report.sections import ORDER, sections_of
+from causal_openlock.analysis.report.sections import ORDER, decisions_of, sections_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import model, people
+from causal_openlock.analysis.results.standing import standings
 from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.analysis.results.verdict import records, verdict_tables
+from causal_openlock.analysis.results.verdict import in_cell, records, verdict_tables
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_text
@@ -100,6 +103,10 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
     write_table(with_missing(summary, missing), folder / "summary.csv")
     written = Written(folder)
     plots, pages = figures_of(material), learner_pages(material, described["learners"])
+    decisions = decisions_of(material, sections)
+    stand = standings(material)
+    write_table(stand, folder / "tables" / "standings.csv")
+    written.files.append("tables/standings.csv")
     page = render(
         "report.html.j2",
         title=experiment.title or experiment.name,
@@ -110,13 +117,18 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
         model_size=style.sizes(model()),
         missing=[cell.text for cell in missing],
         failed=sum(cell.failed for cell in missing),
-        headline=verdict_tables(material.headline, learners),
+        first=list(first_tables(stand)),
+        headline={one.protocol: one for one in verdict_tables(material.headline, learners)},
+        in_cell=in_cell,
+        meaning=MEANING,
         sizes={
             key: style.sizes(rows)
             for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)
         },
         figures=[written.plot(plot) for plot in plots],
-        sections=[written.section(one) for one in sections_of(material, sections)],
+        sections=[written.section(one) for one in sections_of(material, sections, decisions)],
+        tests=decisions.total,
+        alpha=ALPHA,
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners),
         described=described,

@@ -5,8 +5,8 @@ So every attempt counts here, those of all trials of training too, up to the fir
 solved within some multiple of what the ideal observer needs
 (:mod:`~causal_openlock.analysis.results.bounds`).
 
-What a learner went through before the experiment, such as the meta-training of ``rl2``, is not on
-record and does not count.
+What a learner was trained with before the experiment, such as the meta-training of ``rl2``, counts
+as well: a learner declares it (``Learner.prior_attempts``), and it is kept with the experiment.
 """
 
 from __future__ import annotations
@@ -16,11 +16,58 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.results.bounds import Bounds
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import SEED, bootstrap_interval
 from causal_openlock.world.fsm import FloatArray
 
 WITHIN = 1.5
 """A room is solved well in so many times the attempts of the ideal observer."""
+
+
+def learning_costs(
+    results: Material, within: float = WITHIN, repeats: bool = False
+) -> pd.DataFrame:
+    """How many attempts each learner needs, all training counted, until it solves a new room well.
+
+    >>> import causal_openlock as ol
+    >>> table = ol.learning_costs(results)
+    >>> table[["learner", "before", "attempts", "reached"]].values.tolist()
+    [['random', 0, inf, 0.0], ['oracle', 0, 3.0, 1.0]]
+
+    Args:
+        results: What was played.
+        within: As in :func:`cost_of_learning`, as ``repeats``.
+        repeats: As there.
+
+    Returns:
+        A row for each ``learner`` and ``protocol``, of all conditions in which the attempts of the
+        ideal observer are known: ``subjects`` (in all of them); ``before``, the attempts of its
+        training before the experiment; the share of subjects that ``reached`` it; ``attempts``,
+        the median of subjects, ``before`` included, with its 95% interval ``ci_low`` and
+        ``ci_high``, inf where it is beyond what was played; and ``asked``, the most attempts that
+        one of its subjects had, ``before`` included.
+    """
+    each = subject_costs(results, results.trials, within, repeats)
+    rows = []
+    for (learner, protocol), own in each.groupby(["learner", "protocol"], observed=True, sort=True):
+        cost = own["cost"].to_numpy(float)
+        reached = float(np.isfinite(cost).mean())
+        size, before = len(own), int(own["before"].iloc[0])
+        about = (str(learner), str(protocol), size, before, reached)
+        rows.append((*about, *median_cost(cost), int(own["asked"].max())))
+    columns = ["learner", "protocol", "subjects", "before", "reached"]
+    return pd.DataFrame(rows, columns=[*columns, "attempts", "ci_low", "ci_high", "asked"])
+
+
+def subject_costs(
+    results: Material, trials: pd.DataFrame, within: float = WITHIN, repeats: bool = False
+) -> pd.DataFrame:
+    """:func:`cost_of_learning` with what learners were trained with ``before``, which it counts."""
+    table = cost_of_learning(trials, results.bounds, within, repeats)
+    known = {spec.name: spec.origin.prior_attempts for spec in results.experiment.learners}
+    before = table["learner"].astype(str).map(known).fillna(0).astype(int)
+    added = table[["cost", "asked"]].add(before, axis=0)
+    return table.assign(before=before, **added)
 
 
 def cost_of_learning(

@@ -1,149 +1,105 @@
-"""Learners against learners: which is better than which, and how good each is in the middle.
+"""Learners against learners, paired by subject: the same number, the same room.
 
 A condition is judged by one number of each subject: the attempts in its test, or in the last trial
-of a baseline. Whether one learner is better than another is then a question about two subjects
-drawn at random, one of each (:func:`~causal_openlock.analysis.effects.probability_of_improvement`):
-it needs no scale, so all conditions count together. How good a learner is by itself is the
-interquartile mean over all its subjects in all its conditions.
+of a baseline. Subjects of the same number meet the same rooms in the same order, whatever learner
+they are of, so that rooms that are harder are harder for both: a comparison is the mean of the
+differences of such pairs, the mean over conditions. Where learners share no rooms, their subjects
+count as independent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.effects import (
-    improvement_interval,
-    interquartile_interval,
-    interquartile_mean,
-    probability_of_improvement,
-)
-from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.scores import normalised_score, scores_by_condition
-from causal_openlock.analysis.statistics import SEED
-from causal_openlock.world.fsm import BoolArray, FloatArray
+from causal_openlock.analysis.effects import Difference, Group, weighted_difference
+from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
+from causal_openlock.analysis.results.summary import judged
 
-Scores = Mapping[str, Mapping[str, FloatArray]]
-"""By learner, by condition: ``[n]`` attempts of its subjects."""
+Outcomes = Mapping[str, Mapping[str, pd.DataFrame]]
+"""By learner, by condition, from :func:`outcomes`."""
+
+PAIR_COLUMNS = ["learner", "other", "conditions", "pairs", *Difference._fields, "probability"]
+"""Columns of :func:`pairwise_table`."""
 
 
-class Ranking(NamedTuple):
-    """Learners in their order (:func:`ranking_table`), and against each other."""
-
-    ranks: pd.DataFrame
-    pairs: pd.DataFrame
-
-
-def ranking_of(results: Material, protocol: str) -> Ranking | None:
-    """Learners compared under a protocol; None if no two of them can be compared."""
-    held = scores_by_condition(results.trials)
-    scores = scores_under(protocol, held, results.learners)
-    pairs = pairwise_table(scores)
-    if pairs.empty:
-        return None
-    scores = {name: own for name, own in scores.items() if name in set(pairs["learner"])}
-    ranks = ranking_table(scores, pairs, _bounds(results, held, protocol))
-    return Ranking(ranks, pairs)
-
-
-def scores_under(
-    protocol: str, held: Mapping[tuple[str, str], Mapping[str, FloatArray]], learners: Sequence[str]
-) -> Scores:
-    """The scores of one protocol, of those of all, in the order of the learners."""
-    return {name: held[name, protocol] for name in learners if (name, protocol) in held}
-
-
-def pairwise_table(scores: Scores) -> pd.DataFrame:
-    """How probable it is that a subject of one learner needs fewer attempts than one of another.
+def outcomes(trials: pd.DataFrame, protocol: str) -> dict[str, dict[str, pd.DataFrame]]:
+    """What subjects came to in the trials that conditions are judged by, under a protocol.
 
     Returns:
-        A row for each ordered pair of learners that played a condition in common: ``learner``,
-        ``other``, ``conditions`` (how many in common), ``probability`` (ties count half, the mean
-        over conditions), ``ci_low`` and ``ci_high`` (95% bootstrap, stratified over conditions; NaN
-        with a single subject).
+        By learner, by condition: a row for each subject with the means over its trials of
+        ``attempts``, ``solved``, ``found`` (solutions) and ``solutions``. The index is what pairs
+        subjects of different learners: seed, subject, the first layout and how many trials.
     """
-    rows = []
-    names = list(scores)
-    for one, other in combinations(names, 2):
-        common = [name for name in scores[one] if name in scores[other]]
-        if not common:
-            continue
-        # Fewer attempts are better, so the negative is the score.
-        first, second = ([-scores[of][name] for name in common] for of in (one, other))
-        found = probability_of_improvement(first, second)
-        low, high = improvement_interval(first, second, np.random.default_rng(SEED))
-        rows.append((one, other, len(common), found, low, high))
-        rows.append((other, one, len(common), 1 - found, 1 - high, 1 - low))
-    rows.sort(key=lambda row: (names.index(row[0]), names.index(row[1])))
-    columns = ["learner", "other", "conditions", "probability", "ci_low", "ci_high"]
-    return pd.DataFrame(rows, columns=columns)
+    rows = judged(trials[trials["protocol"] == protocol]).sort_values(VISIT, kind="stable")
+    grouped = rows.assign(layout=rows["layout"].astype(str)).groupby(
+        ["learner", "condition", *SUBJECT], observed=True, sort=True
+    )
+    table = grouped.agg(
+        layout=("layout", "first"),
+        trials=("layout", "size"),
+        attempts=("attempts", "mean"),
+        solved=("solved", "mean"),
+        found=("solutions_found", "mean"),
+        solutions=("solutions", "mean"),
+    ).reset_index()
+    parts = [table.pop(name).astype(str) for name in (*SUBJECT[1:], "layout", "trials")]
+    table.index = pd.Index(parts[0].str.cat(parts[1:], sep="/"), name="paired by")
+    table = table.drop(columns=SUBJECT[0])
+    held: dict[str, dict[str, pd.DataFrame]] = {}
+    for (learner, condition), own in table.groupby(["learner", "condition"], observed=True):
+        held.setdefault(str(learner), {})[str(condition)] = own.drop(columns=CELL[:2])
+    return held
 
 
-def ranking_table(
-    scores: Scores,
-    pairs: pd.DataFrame,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-) -> pd.DataFrame:
-    """Learners in the order of their interquartile means (of equal ones: means), the best first.
+def compared(
+    one: Mapping[str, pd.DataFrame], other: Mapping[str, pd.DataFrame]
+) -> tuple[Difference, int, float]:
+    """How many attempts more the one learner needs than the other, over their common conditions.
+
+    Returns:
+        The difference; how many pairs of subjects it is of (0 where they share no rooms); and how
+        probable it is that a subject of the one needs fewer attempts than its pair, or than any
+        subject of the other; ties count half.
+    """
+    common = [name for name in one if name in other]
+    groups, wins, pairs = [], [], 0
+    for name in common:
+        first, second = one[name]["attempts"], other[name]["attempts"]
+        shared = first.index.intersection(second.index)
+        weight = 1 / len(common)
+        if len(shared):
+            gap = (first[shared] - second[shared]).to_numpy(float)
+            groups.append(Group.of(weight, gap))
+            pairs += len(gap)
+        else:
+            values = first.to_numpy(float), second.to_numpy(float)
+            groups += [Group.of(weight, values[0]), Group.of(-weight, values[1])]
+            gap = np.subtract.outer(*values)
+        wins.append(float(np.mean((gap < 0) + (gap == 0) / 2)))
+    return weighted_difference(groups), pairs, float(np.mean(wins))
+
+
+def pairwise_table(held: Outcomes) -> pd.DataFrame:
+    """Every two learners that played a condition in common, each pair once.
 
     Args:
-        scores: By learner, by condition: ``[n]`` attempts of its subjects.
-        pairs: From :func:`pairwise_table`.
-        bounds: By condition, what a random learner and the ideal observer need; without it there
-            is no normalised score.
+        held: From :func:`outcomes`, in the order of learners.
 
     Returns:
-        A row for each learner: ``learner``, ``conditions``, ``subjects`` (in all of them),
-        ``iqm`` (attempts), ``ci_low``, ``ci_high`` (95% bootstrap, stratified over conditions),
-        ``normalised`` (interquartile mean of normalised scores over the conditions whose bounds
-        are known, NaN if none is), and of the comparison with the learner in the row below
-        ``better_than_next``, ``next_low``, ``next_high``.
+        A row for each pair with the columns :data:`PAIR_COLUMNS`: ``learner``, ``other``,
+        ``conditions`` (how many in common), ``pairs`` (of subjects), ``value`` with ``low`` and
+        ``high`` (by how many attempts the learner needs more than the other, with its 95%
+        interval), ``p`` (as if it were the only comparison) and ``probability`` (that a subject
+        of the learner needs fewer attempts than one of the other).
     """
     rows = []
-    for name, own in scores.items():
-        strata = list(own.values())
-        everyone = np.concatenate(strata)
-        iqm = float(interquartile_mean(everyone))
-        interval = interquartile_interval(strata, np.random.default_rng(SEED))
-        normalised = [
-            normalised_score(own[condition], *bound)
-            for condition, bound in (bounds or {}).items()
-            if condition in own
-        ]
-        score = float(interquartile_mean(np.concatenate(normalised))) if normalised else np.nan
-        rows.append((name, len(own), len(everyone), iqm, *interval, score, everyone.mean()))
-    columns = ["learner", "conditions", "subjects", "iqm", "ci_low", "ci_high", "normalised"]
-    table = pd.DataFrame(rows, columns=[*columns, "mean"])
-    table = table.sort_values(["iqm", "mean"], kind="stable", ignore_index=True)[columns]
-    known = pairs.set_index(["learner", "other"])[["probability", "ci_low", "ci_high"]]
-    following = [*table["learner"].iloc[1:], None]
-    keys = pd.MultiIndex.from_arrays([table["learner"], following])
-    beside = known.reindex(keys).to_numpy(float)
-    return table.assign(
-        better_than_next=beside[:, 0], next_low=beside[:, 1], next_high=beside[:, 2]
-    )
-
-
-def decided(pairs: pd.DataFrame) -> BoolArray:
-    """``[N]`` whether the interval of each comparison leaves out one half."""
-    known: BoolArray = ((pairs["ci_low"] > 0.5) | (pairs["ci_high"] < 0.5)).to_numpy(bool)
-    return known
-
-
-def _bounds(
-    results: Material, held: Mapping[tuple[str, str], Mapping[str, FloatArray]], protocol: str
-) -> dict[str, tuple[float, float]]:
-    """By condition, what the random learner of the record needs, and the ideal observer."""
-    found = {}
-    in_test = results.trials["phase"] == "test"
-    tested = set(results.trials.loc[in_test, "condition"])
-    for name in filter(results.experiment.random_learners.__contains__, results.learners):
-        for condition, attempts in held.get((name, protocol), {}).items():
-            key = (condition, protocol, "test" if condition in tested else "train")
-            if key in results.bounds:
-                found[condition] = (float(attempts.mean()), results.bounds[key].attempts)
-    return found
+    for one, other in combinations(held, 2):
+        common = len(held[one].keys() & held[other].keys())
+        if common:
+            found, pairs, wins = compared(held[one], held[other])
+            rows.append((one, other, common, pairs, *found, wins))
+    return pd.DataFrame(rows, columns=PAIR_COLUMNS)

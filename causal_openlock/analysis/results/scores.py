@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.measures import (
     CELL,
     TRANSFERS,
@@ -30,7 +31,7 @@ from causal_openlock.world.fsm import FloatArray
 
 SCORE_COLUMNS = (
     *("learner", "protocol", "score", "condition", "subjects"),
-    *("attempts", "against", "value", "ci_low", "ci_high"),
+    *("attempts", "against", "value", "ci_low", "ci_high", "p"),
 )
 """Columns of :func:`transfer_scores`."""
 
@@ -119,7 +120,9 @@ def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
         - ``against``: the mean of those compared with: trained with the other structure, or
           without training.
         - ``value``, ``ci_low``, ``ci_high``: the score and its 95% bootstrap interval, subjects of
-          both groups resampled among themselves; NaN for an interval of one subject.
+          both groups resampled among themselves; NaN for an interval of one subject, and where
+          nobody differs from the others of its group though the groups differ.
+        - ``p``: of Welch's test that congruency is 0; NaN for savings.
     """
     tests = scores_by_condition(trials[trials["condition"].isin(TRANSFERS)])
     first_visits = trials[(trials["loop"] == 1) & (trials["trial"] == 1)]
@@ -139,7 +142,10 @@ def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
             )
             ends = bootstrap_interval(function, groups, np.random.default_rng(SEED))
             means = (float(one.mean()), float(two.mean()), float(function(*groups)))
-            rows.append((*group, score, condition, len(one), *means, *ends))
+            ends = ends if ends[0] < ends[1] or not means[2] else (np.nan, np.nan)
+            tested = weighted_difference([Group.of(1, one), Group.of(-1, two)])
+            p = tested.p if score == CONGRUENCY else np.nan
+            rows.append((*group, score, condition, len(one), *means, *ends, p))
     return pd.DataFrame(rows, columns=SCORE_COLUMNS)
 
 
@@ -169,7 +175,7 @@ def published_transfer_scores(name: str, means: pd.DataFrame) -> pd.DataFrame:
             error = np.hypot(se[condition] / two, one * se[other] / two**2)
         size = int(first["subjects"][condition])
         low, high = value - z * error, value + z * error
-        rows.append((name, "human", score, condition, size, one, two, value, low, high))
+        rows.append((name, "human", score, condition, size, one, two, value, low, high, np.nan))
     return pd.DataFrame(rows, columns=SCORE_COLUMNS)
 
 

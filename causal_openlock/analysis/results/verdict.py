@@ -1,8 +1,8 @@
-"""The table that answers first: a row for each learner, a column for each condition.
+"""Attempts by condition: a row for each learner, a column for each condition.
 
 People, the published model and the ideal observer have rows of their own above the learners, where
-the learners played what these are known for. The page of the report, the terminal and notebooks
-all show this table.
+the learners played what these are known for. A mean that unsolved trials are in is a lower bound,
+since they count as the limit, and is marked as that.
 """
 
 from __future__ import annotations
@@ -87,6 +87,43 @@ def verdict_tables(
             )
         )
     return tables
+
+
+def in_cell(row: Row | None) -> list[str]:
+    """A learner's result in a condition as lines: the mean, its interval, and what was not solved.
+
+    >>> in_cell({"attempts": 28.0, "ci_low": 24.8, "ci_high": 30.0, "share_solved": 0.1})
+    ['≥ 28.00', '24.80–30.00', '10% solved']
+    """
+    if row is None:
+        return ["–"]
+    mean = number(row["attempts"])
+    if row["share_solved"] == 0:
+        return [f"not within {row['attempts']:g}"]
+    found = [mean if row["share_solved"] == 1 else f"≥ {mean}"]
+    if row["ci_low"] is not None and row["ci_low"] < row["ci_high"]:
+        found.append(f"{number(row['ci_low'])}–{number(row['ci_high'])}")
+    if row["share_solved"] < 1:
+        found.append(f"{share(row['share_solved'])} solved")
+    return found
+
+
+def number(attempts: float) -> str:
+    """Attempts as tables print them.
+
+    >>> number(3.7512), number(150.2)
+    ('3.75', '150')
+    """
+    return f"{attempts:.2f}" if attempts < 100 else f"{attempts:,.0f}"
+
+
+def share(value: float) -> str:
+    """A share as tables print it: 0% is none and 100% is all.
+
+    >>> share(0.125), share(0.001), share(0.999), share(1.0)
+    ('12%', '<1%', '>99%', '100%')
+    """
+    return "<1%" if 0 < value < 0.01 else ">99%" if 0.99 < value < 1 else f"{value:.0%}"
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -3,7 +3,11 @@
 To add one, write a module here with a function ``section(material)``, which returns a
 :class:`~causal_openlock.analysis.report.section.Section`, or None where the record holds nothing
 that it is about; write its sentences into ``templates/NAME.txt.j2``
-(:mod:`~causal_openlock.analysis.report.prose`); and name it in :data:`ORDER`. Columns of the record
+(:mod:`~causal_openlock.analysis.report.prose`); and name it in :data:`ORDER`. A section that calls
+effects found has a function ``tests(material)`` too, which returns the p of each by a key of its
+own, and its ``section(material, decisions)`` asks what is found
+(:class:`~causal_openlock.analysis.results.decisions.Decisions`): all tests of a report are
+corrected together, before anything of it is written. Columns of the record
 that are read on request only (:data:`~causal_openlock.analysis.results.reading.UNREAD`) are named
 in ``COLUMNS`` of the module.
 """
@@ -15,9 +19,12 @@ from importlib import import_module
 from typing import Any
 
 from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
 
 ORDER = (
+    "learning_cost",
+    "survival",
     "human_likeness",
     "paper_findings",
     "transfer",
@@ -31,17 +38,33 @@ ORDER = (
 """Modules of this package, in the order in which their sections are read."""
 
 
-def sections_of(material: Material, order: Sequence[str] = ORDER) -> list[Section]:
+def decisions_of(material: Material, order: Sequence[str] = ORDER) -> Decisions:
+    """What is found in a report of these sections, of all their tests together."""
+    decisions = Decisions()
+    for name in order:
+        if hasattr(module := _module(name), "tests"):
+            decisions.register(name, module.tests(material))
+    return decisions
+
+
+def sections_of(
+    material: Material, order: Sequence[str] = ORDER, decisions: Decisions | None = None
+) -> list[Section]:
     """All sections that the record has something for.
 
     Args:
         material: What they are made of.
         order: Modules of this package, or others by their full names.
+        decisions: From :func:`decisions_of`; by default of these sections.
 
     Raises:
         ValueError: If two sections, tables or plots have the same name.
     """
-    found = [_module(name).section(material) for name in order]
+    decided = decisions_of(material, order) if decisions is None else decisions
+    found = [
+        module.section(material, decided) if hasattr(module, "tests") else module.section(material)
+        for module in map(_module, order)
+    ]
     sections = [section for section in found if section is not None]
     for what, names in (
         ("sections", [section.name for section in sections]),

@@ -1,7 +1,8 @@
-"""Learners against learners: their order, and which of them is surely better than which."""
+"""Learners against learners: by how many attempts they differ, each pair once."""
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterator
 from typing import Any
 
 import pandas as pd
@@ -10,69 +11,62 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots.comparisons import plot_pairs
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.pairwise import decided, ranking_of
+from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
 from causal_openlock.wording import file_names
 
 _PROSE = Prose("pairwise")
-_NAMES = {
-    "iqm": "IQM",
-    "ci_low": "low",
-    "ci_high": "high",
-    "better_than_next": "better than next",
-    "next_low": "next low",
-    "next_high": "next high",
+_NAMES = {"value": "difference", "p_corrected": "p corrected", "probability": "P(fewer)"}
+_FORMATS = {
+    **dict.fromkeys(("difference", "low", "high"), "+.2f"),
+    **dict.fromkeys(("p", "p corrected"), ".2g"),
+    **{"P(fewer)": ".3f", "pairs": ","},
 }
-_RANKS = {**dict.fromkeys([*_NAMES.values(), "normalised"], ".2f"), "subjects": ","}
-_PAIRS = dict.fromkeys(["probability", "ci_low", "ci_high"], ".3f")
 
 
-def section(material: Material) -> Section | None:
+def tests(material: Material) -> dict[Hashable, float]:
+    """The p of every pair, by protocol and names."""
+    return {
+        (protocol, row.learner, row.other): row.p
+        for protocol, table in _tables(material)
+        for row in table.itertuples()
+    }
+
+
+def section(material: Material, decisions: Decisions) -> Section | None:
     """Comparisons of all learners under each protocol; None if nowhere two of them can compare."""
+    found = dict(_tables(material))
     protocols: list[dict[str, Any]] = []
     tables: list[SectionTable] = []
     plots: list[SectionPlot] = []
-    names = ordered(material.trials["protocol"].unique(), ("human",))
-    for protocol, part in file_names(names).items():
-        found = ranking_of(material, protocol)
-        if found is None:
-            continue
-        protocols.append({"protocol": protocol, **compared(*found)})
-        known = bool(found.ranks["normalised"].notna().any())
-        shown = found.ranks if known else found.ranks.drop(columns="normalised")
-        tables += [
-            _PROSE.table(
-                "ranking", shown.rename(columns=_NAMES), _RANKS, f"ranking_{part}",
-                protocol=protocol, normalised=known,
-            ),
-            _PROSE.table("pairwise", found.pairs, _PAIRS, f"pairwise_{part}", protocol=protocol),
-        ]  # fmt: skip
-        options = {"protocol": protocol}
-        plots.append(
-            _PROSE.plot("pairwise", plot_pairs, material, options, f"pairwise_{part}", **options)
-        )
+    for protocol, part in file_names(found).items():
+        keys = [(protocol, row.learner, row.other) for row in found[protocol].itertuples()]
+        corrected = [decisions.p("pairwise", key) for key in keys]
+        table = found[protocol].assign(p_corrected=corrected)
+        protocols.append({"protocol": protocol, **_said(table, decisions, keys)})
+        name, options = f"pairwise_{part}", {"protocol": protocol}
+        shown = table.rename(columns=_NAMES)
+        tables.append(_PROSE.table("pairwise", shown, _FORMATS, name, protocol=protocol))
+        plots.append(_PROSE.plot("pairwise", plot_pairs, material, options, name, **options))
     if not protocols:
         return None
-    return _PROSE.section("pairwise", tables, plots, protocols=protocols)
+    return _PROSE.section("pairwise", tables, plots, protocols=protocols, total=decisions.total)
 
 
-def compared(ranks: pd.DataFrame, pairs: pd.DataFrame) -> dict[str, Any]:
-    """Which learner leads, and which comparisons do not follow the order.
+def _tables(material: Material) -> Iterator[tuple[str, pd.DataFrame]]:
+    for protocol in ordered(material.trials["protocol"].unique(), ("human",)):
+        table = pairwise_table(outcomes(material.trials, protocol))
+        if len(table):
+            yield protocol, table
 
-    Returns:
-        ``first`` and ``last`` of the ranks; ``total``, how many comparisons there are of more than
-        one subject each; those in which the later learner is better (``against``), and those that
-        are not decided (``even``), as pairs of names, the one that ranks first at first.
-    """
-    order = {name: number for number, name in enumerate(ranks["learner"])}
-    ahead = pairs["learner"].map(order) < pairs["other"].map(order)
-    each = pairs[ahead & pairs["ci_low"].notna()]
-    sure = decided(each)
-    behind = sure & (each["probability"] < 0.5).to_numpy()
+
+def _said(table: pd.DataFrame, decisions: Decisions, keys: list[Hashable]) -> dict[str, Any]:
+    """How many pairs there are, how many differ, and those of which that is not found."""
+    differ = [decisions.found("pairwise", key) for key in keys]
+    rows = table.to_dict("records")
     return {
-        "first": ranks.iloc[0],
-        "last": ranks.iloc[-1],
-        "total": len(each),
-        "against": each.loc[behind, ["learner", "other"]].to_numpy().tolist(),
-        "even": each.loc[~sure, ["learner", "other"]].to_numpy().tolist(),
+        "total": len(rows),
+        "differ": sum(differ),
+        "alike": [row for row, found in zip(rows, differ, strict=True) if not found],
     }

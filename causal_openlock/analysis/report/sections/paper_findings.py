@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from causal_openlock.analysis.effects import (
 )
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section, SectionTable
+from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.paper_tests import (
     PEOPLE,
@@ -38,12 +39,30 @@ _SUBJECTS_OF_PEOPLE = 40
 _PROSE = Prose("paper_findings")
 
 
-def section(material: Material) -> Section | None:
-    """The paper's tests of every learner that did what people did; None if there is none."""
+def _all_tests(material: Material) -> pd.DataFrame:
     chosen = material.trials[did_what_people_did(material.trials, material.like_people)]
-    tests = paper_tests(chosen, material.learners)
+    return paper_tests(chosen, material.learners)
+
+
+def tests(material: Material) -> dict[Hashable, float]:
+    """The p of every test of a learner, by learner, family and test."""
+    found = _all_tests(material)
+    own = found[found["learner"] != PEOPLE]
+    return {(row.learner, row.family, row.test): row.p for row in own.itertuples()}
+
+
+def section(material: Material, decisions: Decisions) -> Section | None:
+    """The paper's tests of every learner that did what people did; None if there is none."""
+    tests = _all_tests(material)
     if tests.empty:
         return None
+    corrected = [
+        np.nan
+        if row.learner == PEOPLE
+        else decisions.p("paper_findings", (row.learner, row.family, row.test))
+        for row in tests.itertuples()
+    ]
+    tests.insert(tests.columns.get_loc("p") + 1, "p_corrected", corrected)
     own = tests[tests["learner"] != PEOPLE]
     undefined, defined = _split(own)
     families, tables = [], []
@@ -71,7 +90,6 @@ def section(material: Material) -> Section | None:
         tables,
         families=families,
         undefined=_reasons(undefined),
-        lost=_lost(),
         alpha=ALPHA,
         subjects=subjects,
         weak=int((power["power_here"] < POWER).sum()),
@@ -81,7 +99,7 @@ def section(material: Material) -> Section | None:
 
 
 _NUMBERS = {
-    **dict.fromkeys(("p", "p_holm"), ".2g"),
+    **dict.fromkeys(("p", "p_corrected"), ".2g"),
     **dict.fromkeys(("value", "hedges_g", "effect_size"), ".2f"),
     **{"difference": "+.2f", "subjects": ","},
 }
@@ -153,7 +171,7 @@ def finding(test: PaperTest, rows: pd.DataFrame) -> dict[str, Any]:
         ``opposite``, or is ``absent`` or ``undefined``.
     """
     defined = rows[rows["note"] == ""]
-    significant = defined["p_holm"] < ALPHA
+    significant = defined["p_corrected"] < ALPHA
     with_sign = (defined["difference"] > 0) | (not test.directed)
     people = printed_tests().set_index(["family", "test"]).loc[(test.family, test.name)]
     return {
@@ -183,13 +201,6 @@ def _reasons(rows: pd.DataFrame) -> dict[str, list[str]]:
         several = "subjects do not differ" if alike else "for reasons given in the tables"
         why.setdefault(reasons[0] if len(reasons) == 1 else several, []).append(str(name))
     return why
-
-
-def _lost() -> list[dict[Any, Any]]:
-    """Effects of people that the paper reports and that Holm's correction takes away."""
-    people = printed_tests()
-    lost = people[(people["p"] < ALPHA) & (people["p_holm"] >= ALPHA)]
-    return lost.assign(family=lost["family"].map(FAMILIES)).to_dict("records")
 
 
 def _power_table(power: pd.DataFrame, subjects: int) -> SectionTable:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from functools import partial
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS
@@ -15,6 +17,7 @@ from causal_openlock.analysis.plots.comparisons import (
 )
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.scores import (
     CONGRUENCY,
@@ -28,7 +31,17 @@ from causal_openlock.wording import file_names
 _PROSE = Prose("transfer")
 
 
-def section(material: Material) -> Section | None:
+def tests(material: Material) -> dict[Hashable, float]:
+    """The p of every learner's congruency, by protocol, learner and condition."""
+    return {
+        (protocol, row.learner, row.condition): row.p
+        for protocol, scores in scores_of(material).items()
+        for row in scores.itertuples()
+        if row.score == CONGRUENCY and row.learner not in (PEOPLE, MODEL)
+    }
+
+
+def section(material: Material, decisions: Decisions) -> Section | None:
     """What training was worth; None if no transfer condition and its counterpart were played."""
     found = scores_of(material)
     findings: list[dict[str, Any]] = []
@@ -39,7 +52,7 @@ def section(material: Material) -> Section | None:
         of = {kind: scores[scores["score"] == kind] for kind in (CONGRUENCY, SAVINGS)}
         about: dict[str, Any] = {"protocol": protocol if len(found) > 1 else ""}
         for kind, found_in, frame, plot in (
-            (CONGRUENCY, _helped, _congruency, plot_congruency),
+            (CONGRUENCY, partial(_helped, protocol, decisions), _congruency, plot_congruency),
             (SAVINGS, _saved, _savings, plot_savings),
         ):
             rows = of[kind]
@@ -66,25 +79,31 @@ def section(material: Material) -> Section | None:
 
 _FORMATS = {
     **dict.fromkeys(("attempts", "against", "value", "ci_low", "ci_high"), ".2f"),
+    "p": ".2g",
     **{f"{tested}{end}": "+.2f" for tested in BASELINES for end in ("", " low", " high")},
     **dict.fromkeys((f"{tested} untrained" for tested in BASELINES), ".2f"),
     **dict.fromkeys(TRANSFERS, ".1%"),
 }
 
 
-def _helped(scores: pd.DataFrame) -> dict[str, Any]:
+def _helped(protocol: str, decisions: Decisions, scores: pd.DataFrame) -> dict[str, Any]:
     """By structure that is tested, what it saved people, and which learners it helps or harms."""
     own = scores[~scores["learner"].isin([PEOPLE, MODEL])]
     published = scores[scores["learner"] == PEOPLE].set_index("condition")["value"]
     tests = []
     for condition in CONGRUENCY_TESTS:
         rows = own[own["condition"] == condition]
+        found = [
+            decisions.found("transfer", (protocol, learner, condition))
+            for learner in rows["learner"]
+        ]
+        beyond = rows[np.array(found, bool)]
         tests.append(
             {
                 "tested": condition.split("-")[1],
                 "played": len(rows),
-                "helped": rows[rows["ci_high"] < 0].to_dict("records"),
-                "harmed": rows[rows["ci_low"] > 0].to_dict("records"),
+                "helped": beyond[beyond["value"] < 0].to_dict("records"),
+                "harmed": beyond[beyond["value"] > 0].to_dict("records"),
                 "people": published.get(condition),
             }
         )

@@ -25,17 +25,32 @@ def chance_of_opening(schema: Schema, action_limit: int, positions: int) -> floa
     return opened
 
 
-@lru_cache(maxsize=256)
 def chance_of_finding_all(
     schema: Schema, action_limit: int, positions: int, attempts: int
 ) -> float:
     """Probability that random actions find every solution within so many attempts."""
+    return float(_found_within(schema, action_limit, positions, attempts)[-1])
+
+
+def attempts_at_random(schema: Schema, action_limit: int, positions: int, attempts: int) -> float:
+    """Mean attempts of random actions to find every solution; at the limit ``attempts`` they stop.
+
+    >>> from causal_openlock import find_schema
+    >>> round(attempts_at_random(find_schema("CC3"), 3, 7, 30), 2)
+    29.97
+    """
+    return float((1 - _found_within(schema, action_limit, positions, attempts)[:-1]).sum())
+
+
+@lru_cache(maxsize=256)
+def _found_within(schema: Schema, action_limit: int, positions: int, attempts: int) -> FloatArray:
+    """``[attempts + 1]`` probability that every solution is found within 0, 1, ... attempts."""
     from scipy.special import gammaln
 
     _, solutions = _outcomes(schema, action_limit, positions)
-    if not (solutions > 0).all():
-        return 0.0
     n = np.arange(attempts + 1)
+    if not (solutions > 0).all():
+        return np.zeros(len(n))
     # ways[n]: probability that n given attempts find nothing, or solutions considered so far,
     # each of these at least once. One solution after the other is given j of the n attempts.
     ways: FloatArray = (1.0 - solutions.sum()) ** n
@@ -43,7 +58,7 @@ def chance_of_finding_all(
     share = np.where((n >= 1) & (n <= n[:, None]), log_choose, -np.inf)
     for chance in solutions:
         ways = (np.exp(share + n * np.log(chance)) * ways[n[:, None] - n]).sum(axis=1)
-    return float(ways[-1])
+    return ways
 
 
 @lru_cache(maxsize=256)

@@ -3,8 +3,8 @@
 The paper tests whether people learn over the baseline trials, and which structure is the harder
 one; whether the groups that are trained learn alike; and whether training with one structure helps
 more with the same structure than with the other. The same tests are run on learners here, and what
-the paper prints stands beside them. The p values of a family of tests are corrected after Holm,
-learner by learner.
+the paper prints stands beside them. Their p values are not corrected; a report corrects all that it
+has (:mod:`~causal_openlock.analysis.results.decisions`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.effects import hedges_g, holm, partial_eta_squared
+from causal_openlock.analysis.effects import hedges_g, partial_eta_squared
 from causal_openlock.analysis.measures import SUBJECT, by_subject
 from causal_openlock.analysis.results.people.hypotheses import (
     INTERACTION,
@@ -33,7 +33,7 @@ from causal_openlock.world.fsm import FloatArray
 
 TEST_COLUMNS = (
     *("learner", "family", "test", "subjects", "difference", "statistic", "df", "value"),
-    *("p", "p_holm", "effect", "effect_size", "hedges_g", "paper", "note"),
+    *("p", "effect", "effect_size", "hedges_g", "paper", "note"),
 )
 """Columns of the tables of this module; see :func:`paper_tests`."""
 
@@ -149,7 +149,7 @@ def printed_tests() -> pd.DataFrame:
             one = test.run({str(name): row.to_numpy()[None] for name, row in by_condition})
             outcome = replace(outcome, difference=one.difference)
         rows.append(_row(PEOPLE, test, size * len(test.conditions), outcome, text, ""))
-    return _corrected(rows)
+    return _table(rows)
 
 
 def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
@@ -166,15 +166,14 @@ def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
         - ``difference``: of means, in attempts: the first minus the second of ``test``; of trials
           the first minus the last; of the interaction what training with the structure of the
           test saves, the mean over both structures.
-        - ``statistic`` (t or F), ``df`` (such as ``1, 78``), ``value``, ``p``, and ``p_holm``,
-          which is corrected within the family.
+        - ``statistic`` (t or F), ``df`` (such as ``1, 78``), ``value`` and ``p``.
         - ``effect`` (``d`` or ``ηp²``), ``effect_size`` and, of d, ``hedges_g``.
         - ``paper``: what the paper prints of people.
         - ``note``: why the test is not defined; then its numbers are NaN. Empty otherwise.
     """
     means = by_subject(trials, ["phase", "trial"])
     own = [table for name in learners if len(table := _tests_of(means, name))]
-    return pd.concat([printed_tests(), *own], ignore_index=True) if own else _corrected([])
+    return pd.concat([printed_tests(), *own], ignore_index=True) if own else _table([])
 
 
 def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
@@ -196,17 +195,17 @@ def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
             note = f"not defined: no subject solved a trial within {limit:g} attempts"
         subjects = sum(map(len, attempts.values()))
         rows.append(_row(learner, test, subjects, outcome, printed[test.key], note))
-    return _corrected(rows)
+    return _table(rows)
 
 
 def outcome_text(row: Mapping[Any, Any]) -> str:
-    """A row of such a table as a paper prints it, with the corrected p and the effect's size."""
+    """A row as a paper prints it, with ``p_corrected``, NaN for none, and the effect's size."""
     if row["note"]:
         return str(row["note"])
     parts = [
         f"{row['statistic']}({row['df']}) = {_number(row['value'])}",
         _p("p", row["p"]),
-        _p("Holm", row["p_holm"]),
+        *([] if np.isnan(row["p_corrected"]) else [_p("corrected", row["p_corrected"])]),
         f"{row['effect']} = {_number(row['effect_size'])}",
     ]
     return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
@@ -273,11 +272,7 @@ def _row(
     }
 
 
-def _corrected(rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
-    table = pd.DataFrame(list(rows), columns=[name for name in TEST_COLUMNS if name != "p_holm"])
+def _table(rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
     numbers = ["difference", "value", "p", "effect_size", "hedges_g"]
-    table = table.astype(dict.fromkeys(numbers, float))
-    table["p_holm"] = np.nan
-    for _, family in table.groupby("family"):
-        table.loc[family.index, "p_holm"] = holm(family["p"].to_numpy())
-    return table[list(TEST_COLUMNS)]
+    table = pd.DataFrame(list(rows), columns=list(TEST_COLUMNS))
+    return table.astype(dict.fromkeys(numbers, float))
