@@ -19,8 +19,7 @@ def print_standings(standings: pd.DataFrame, console: Terminal) -> None:
         console.print(f"\nProtocol {table.protocol}: {table.measured}", style="bold")
         shown = plain_table(*table.short_heads)
         shown.columns[0].no_wrap = False
-        for name, row in table.rows.items():
-            cells = [f"{main} [{small}]" if small else main for main, small in row]
-            shown.add_row(name, *cells, style="bold" if name == SHOWN_PEOPLE else "")
+        for name, row in table.short_rows.items():
+            shown.add_row(name, *row, style="bold" if name == SHOWN_PEOPLE else "")
         console.print_whole(shown)
     console.print(f"\n{MEANING}", style="dim", highlight=False)

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import stats
 
 from causal_openlock.analysis.effects import (
+    Group,
     contrast_subjects_needed,
     hedges_g,
     holm,
-    improvement_interval,
-    interquartile_interval,
-    interquartile_mean,
     partial_eta_squared,
     power_of_contrast,
     power_of_t,
-    probability_of_improvement,
     subjects_needed,
+    weighted_difference,
 )
 from causal_openlock.analysis.results.people.hypotheses import INTERACTION, contrast_test, t_test
-from causal_openlock.analysis.statistics import bootstrap_interval
-
-SCORES = st.lists(st.integers(0, 6), min_size=1, max_size=8)
 
 
 def test_d_and_hedges_g_worked_by_hand() -> None:
@@ -69,85 +60,33 @@ def test_holm_worked_by_hand() -> None:
 # -- comparisons ----------------------------------------------------------------------------------
 
 
-def test_the_interquartile_mean_leaves_out_a_quarter_at_either_end() -> None:
-    assert interquartile_mean(np.array([100.0, 1, 2, 3, 4, 5, 9, -90])) == 3.5
-    assert interquartile_mean(np.array([[1.0, 2, 9], [3, 3, 3]])).tolist() == [4.0, 3.0]
-
-
-def test_its_interval_is_that_of_resampled_subjects() -> None:
+def test_one_group_is_students_t_and_two_are_welchs() -> None:
     rng = np.random.default_rng(3)
-    strata = [rng.integers(3, 20, 30).astype(float), rng.integers(8, 31, 13).astype(float)]
-    ours = interquartile_interval(strata, np.random.default_rng(1), resamples=6000)
-    theirs = bootstrap_interval(
-        lambda *drawn: interquartile_mean(np.concatenate(drawn, axis=-1)),
-        strata,
-        np.random.default_rng(2),
-        resamples=6000,
-    )
-    assert ours == pytest.approx(theirs, abs=0.12)
-    assert ours[0] < interquartile_mean(np.concatenate(strata)) < ours[1]
-    equal = [np.full(7, 4.0), np.full(2, 4.0)]
-    assert interquartile_interval(equal, rng) == (4.0, 4.0)
-    assert np.isnan(interquartile_interval([np.ones(1), np.ones(9)], rng)).all()
+    one, other = rng.integers(3, 20, 12).astype(float), rng.integers(3, 9, 7).astype(float)
+    alone = stats.ttest_1samp(one, 0.0)
+    ours = weighted_difference([Group.of(1, one)])
+    assert ours == pytest.approx((one.mean(), *alone.confidence_interval(), alone.pvalue))
+    welch = stats.ttest_ind(one, other, equal_var=False)
+    ours = weighted_difference([Group.of(1, one), Group.of(-1, other)])
+    ends = welch.confidence_interval()
+    assert ours == pytest.approx((one.mean() - other.mean(), *ends, welch.pvalue))
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(SCORES, SCORES), min_size=1, max_size=4))
-def test_probability_of_improvement_is_counted_pair_by_pair(
-    scores: list[tuple[list[int], list[int]]],
-) -> None:
-    first = [np.array(one, float) for one, _ in scores]
-    second = [np.array(other, float) for _, other in scores]
-    by_pairs = [
-        np.mean([(x > y) + (x == y) / 2 for x, y in itertools.product(one, other)])
-        for one, other in scores
-    ]
-    found = probability_of_improvement(first, second)
-    assert found == pytest.approx(np.mean(by_pairs))
-    assert probability_of_improvement(second, first) == pytest.approx(1 - found)
-    # rliable: the Mann-Whitney U of each condition, over n m, averaged.
-    u = [
-        stats.mannwhitneyu(x, y).statistic / x.size / y.size
-        for x, y in zip(first, second, strict=True)
-    ]
-    assert found == pytest.approx(np.mean(u))
-    # It asks for order alone.
-    assert probability_of_improvement(
-        [one**3 for one in first], [one**3 for one in second]
-    ) == pytest.approx(found)
+def test_conditions_count_alike_whatever_their_size() -> None:
+    large, small = np.tile([1.0, 3.0], 40), np.tile([9.0, 11.0], 2)
+    found = weighted_difference([Group.of(0.5, large), Group.of(0.5, small)])
+    assert found.value == pytest.approx(6.0)
+    assert found.low < 6.0 < found.high
 
 
-def test_the_interval_of_improvement_is_that_of_resampled_subjects() -> None:
-    rng = np.random.default_rng(3)
-    first = [rng.integers(0, 9, 20).astype(float), rng.integers(2, 9, 30).astype(float)]
-    second = [rng.integers(0, 9, 25).astype(float), rng.integers(0, 9, 30).astype(float)]
-    low, high = improvement_interval(first, second, np.random.default_rng(1), resamples=4000)
-    drawn = [
-        probability_of_improvement(
-            *([rng.choice(one, len(one)) for one in of] for of in (first, second))
-        )
-        for _ in range(1500)
-    ]
-    assert (low, high) == pytest.approx(tuple(np.quantile(drawn, [0.025, 0.975])), abs=0.012)
-    assert low < probability_of_improvement(first, second) < high
-
-
-def test_intervals_of_improvement_cover_what_they_should() -> None:
-    rng = np.random.default_rng(5)
-    covered = 0
-    for _ in range(200):  # equals, many of them tied
-        pairs = [[rng.integers(3, 8, 25).astype(float) for _ in range(2)] for _ in range(2)]
-        low, high = improvement_interval(*pairs, np.random.default_rng(0), resamples=400)
-        covered += low <= 0.5 <= high
-    assert 0.88 < covered / 200 < 0.99
-
-
-def test_improvement_without_spread_or_company() -> None:
-    better, worse = [np.full(5, 9.0)], [np.full(5, 1.0)]
-    rng = np.random.default_rng(0)
-    assert improvement_interval(better, worse, rng) == (1.0, 1.0)
-    assert improvement_interval(better, better, rng) == (0.5, 0.5)
-    assert np.isnan(improvement_interval(better, [np.ones(1)], rng)).all()
+def test_where_nobody_differs_there_is_no_interval_and_p_is_that_of_equal_signs() -> None:
+    found = weighted_difference([Group.of(1, np.full(5, 2.0))])
+    assert (found.value, found.p) == (2.0, 2 / 2**5)
+    assert np.isnan([found.low, found.high]).all()
+    assert weighted_difference([Group.of(1, np.zeros(5))]).p == 1.0
+    unpaired = weighted_difference([Group.of(1, np.full(5, 30.0)), Group.of(-1, np.full(3, 4.0))])
+    assert (unpaired.value, unpaired.p) == (26.0, 2 / 2**3)
+    assert np.isnan(weighted_difference([Group.of(1, np.ones(1))])[1:]).all()
 
 
 # -- power ----------------------------------------------------------------------------------------

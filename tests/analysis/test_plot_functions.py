@@ -210,7 +210,6 @@ def test_a_matrix_says_what_its_numbers_are_in_a_figure_and_in_axes() -> None:
         assert title == "P(row needs fewer attempts than column)"
         assert note.split("; ")[0] == "mean over 6 conditions"
         assert "ties count half" in note
-        assert "bold: the 95% interval leaves out 0.5" in note
     with style.settings():
         figure.draw_without_rendering()
     for text in figure.texts:  # two learners are the narrowest figure
@@ -299,7 +298,7 @@ def test_the_line_under_a_figure_of_the_report_makes_it_again(made: str) -> None
 
 
 REPORTED = {
-    "results": {"attempts", "transfer", "course", "likeness", "pairs", "congruency", "savings",
+    "results": {"cost", "survival", "course", "likeness", "pairs", "congruency", "savings",
                 "subjects"},
     "trained": {"categories"},
     "believed": {"beliefs"},

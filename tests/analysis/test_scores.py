@@ -11,7 +11,8 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.sections import transfer
+from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.report.sections import sections_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import people
 from causal_openlock.analysis.results.scores import (
@@ -26,6 +27,10 @@ from causal_openlock.analysis.results.summary import headline_table, judged
 from causal_openlock.wording import file_names
 from support.fabricated_records import table, trial_rows
 from support.paper_play import material, play, same, scattered
+
+
+def written(held: Material) -> Section | None:
+    return next(iter(sections_of(held, ["transfer"])), None)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +126,7 @@ def test_the_error_of_savings_is_that_of_a_simulation() -> None:
 def test_the_section_shows_people_first_and_says_who_is_helped(played: Material) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        section = transfer.section(played)
+        section = written(played)
     assert section is not None
     names = ["transfer_congruency_human", "transfer_savings_human"]
     assert [one.name for one in section.tables] == [*names, "transfer_scores_human"]
@@ -137,7 +142,7 @@ def test_the_section_shows_people_first_and_says_who_is_helped(played: Material)
 
 
 def test_published_scores_stand_beside_nobody_who_did_something_else(played: Material) -> None:
-    section = transfer.section(
+    section = written(
         Material(
             played.record,
             played.experiment,
@@ -153,10 +158,8 @@ def test_published_scores_stand_beside_nobody_who_did_something_else(played: Mat
 
 def test_without_a_counterpart_there_is_no_section() -> None:
     rows = play("good", scattered(1), 2, ("CC4", "CE3-CE4"))
-    assert transfer.section(material(rows, ("good",))) is None
-    section = transfer.section(
-        material(play("good", scattered(1), 2, ("CC4", "CC3-CC4")), ("good",))
-    )
+    assert written(material(rows, ("good",))) is None
+    section = written(material(play("good", scattered(1), 2, ("CC4", "CC3-CC4")), ("good",)))
     assert section is not None
     assert [one.name for one in section.tables] == [
         "transfer_savings_human", "transfer_scores_human",
@@ -167,7 +170,7 @@ def test_without_a_counterpart_there_is_no_section() -> None:
 
 def test_protocols_have_their_own_tables_and_drawings() -> None:
     rows = [*play("a", scattered(1), 2), *play("b", scattered(2), 2, protocol="My one")]
-    section = transfer.section(material(rows, ("a", "b")))
+    section = written(material(rows, ("a", "b")))
     assert section is not None
     assert [one.name for one in section.tables] == [
         f"transfer_{score}_{part}" for part in ("human", "my_one")

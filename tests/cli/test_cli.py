@@ -15,10 +15,9 @@ import pytest
 
 from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.reading import beside, read_results
-from causal_openlock.analysis.results.verdict import verdict_tables
 from causal_openlock.cli.terminal import write_anything
 from causal_openlock.comparison.console import Terminal
-from causal_openlock.comparison.tables import print_verdict
+from causal_openlock.comparison.tables import print_standings
 from causal_openlock.experiment.store import Store
 from support.command import at_once, modules_of
 from support.places import ROOT
@@ -431,22 +430,21 @@ def test_starting_loads_nothing_heavy(statement: str, tmp_path: Path) -> None:
 
 
 def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> None:
-    names = [f"condition_{number}" for number in range(12)]
-    rows = pd.DataFrame(
-        [
-            {
-                "learner": "somebody", "protocol": "human", "condition": name, "measured": "test",
-                "attempts": 12.0, "ci_low": 11.0, "ci_high": 13.0, "share_solved": 1.0,
-                "human_attempts": float("nan"), "model_attempts": float("nan"),
-                "ideal_attempts": 3.0,
-            }
-            for name in names
-        ]
-    )  # fmt: skip
+    names = [f"learner_{number}" for number in range(3)]
+    row = {
+        "protocol": "human", "conditions": 6, "subjects": 40, "limit": 30, "solved": 0.0,
+        "found": 0.25, "solutions": 3.0, "median": float("nan"), "attempts": 30.0, "score": 0.5,
+        "best": names[0], "to_best": 26.25, "to_best_low": 25.5, "to_best_high": 27.5,
+        "to_people": 21.25, "to_people_low": 20.5, "to_people_high": 22.5,
+    }  # fmt: skip
     console = Terminal(width=60, file=io.StringIO())
-    print_verdict(verdict_tables(rows), console)
+    rows = [{**row, "learner": name} for name in names]
+    print_standings(pd.DataFrame(rows), console)
     printed = console.file.getvalue()
-    assert all(name in printed for name in [*names, "somebody", "ideal observer"])
+    shown = ("human", "at most 30", "6 conditions", "0.25 of 3", "> 30", "0.50", "− people")
+    assert all(text in printed for text in [*names, *shown])
+    assert "≥ 21.2 [20.5, 22.5]" in printed
+    assert max(map(len, printed.splitlines())) <= 100
 
 
 def test_what_a_learner_changes_in_its_process_stays_with_its_cell(

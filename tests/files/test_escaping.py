@@ -16,11 +16,11 @@ from rich.progress import Progress, TextColumn
 from rich.table import Table
 
 from causal_openlock import cli
+from causal_openlock.analysis.results.standing import STANDING_COLUMNS
 from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.analysis.results.verdict import verdict_tables
 from causal_openlock.cli.terminal import complain, say
 from causal_openlock.comparison.console import Terminal
-from causal_openlock.comparison.tables import print_verdict
+from causal_openlock.comparison.tables import print_standings
 from causal_openlock.errors import LearnerError
 from causal_openlock.export.as_csv import flat
 from causal_openlock.files.escaping import cell, csv_of, printable
@@ -86,20 +86,17 @@ def test_a_folder_of_any_name_is_named_without_power(
 
 def test_the_headline_shows_labels_as_they_are() -> None:
     row = {
+        **dict.fromkeys(STANDING_COLUMNS, np.nan),
+        **{"conditions": 1, "subjects": 3, "limit": 30, "solved": 1.0, "found": 3.0},
+        **{"solutions": 3.0, "median": 4.0, "best": "[/]c"},
+        **{"to_best": 1.0, "to_best_low": 0.5, "to_best_high": 1.5},
         "protocol": "[bold]p[/]",
-        "condition": "[/]c",
         "learner": "[red]l\x1b[31m",
-        "measured": "[x]trial 5",
-        "attempts": 3.0,
-        "ci_low": 2.0,
-        "ci_high": 4.0,
-        "share_solved": 0.5,
-        **dict.fromkeys(("human_attempts", "model_attempts", "ideal_attempts"), np.nan),
     }
     out = io.StringIO()
     console = Terminal(file=out, width=100)
-    print_verdict(verdict_tables(pd.DataFrame([row])), console)
-    for said in ("protocol [bold]p[/]", "[/]c", r"[red]l\x1b[31m", "[x]trial 5", "2.00–4.00"):
+    print_standings(pd.DataFrame([row]), console)
+    for said in ("[bold]p[/]", "− [/]c", r"[red]l\x1b[31m", "1.00 [0.50, 1.50]"):
         assert said in out.getvalue()
     assert "\x1b" not in out.getvalue()
 

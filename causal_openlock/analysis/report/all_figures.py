@@ -6,7 +6,7 @@ from causal_openlock.analysis.plots.categories import KINDS, counts_like_ddqn, p
 from causal_openlock.analysis.plots.course import course_of, plot_course
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import SectionPlot
-from causal_openlock.analysis.results.bounds import bounds_in_words, bounds_of
+from causal_openlock.analysis.results.bounds import bounds_in_words
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.wording import file_names
 

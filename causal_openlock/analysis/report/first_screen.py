@@ -12,17 +12,19 @@ from typing import Any
 
 import pandas as pd
 
+from causal_openlock.analysis.report.section import printed
 from causal_openlock.analysis.results.scores import PEOPLE
 from causal_openlock.analysis.results.verdict import records, share
 
 MEANING = (
-    "Solved, found: of trials and of solutions. Median: attempts where solved. Score: 0 as at "
-    "random, 1 ideal. Then attempts more than the best learner and than people, with 95% intervals; "
-    "≥ and *: trials not solved count as the limit."
+    "Solved: share of trials. Found: solutions, of those to be found. Median: attempts where "
+    "solved. Score: 0 as at random, 1 ideal. Then attempts more than the best learner and than "
+    "people, with 95% intervals ([all]: the same in every subject); unsolved trials count as the "
+    "limit, so that ≥ marks a lower bound and * a value that may be off either way."
 )
-"""What the columns mean, where there is no room for more."""
+"""What the columns of the narrow table mean."""
 
-SHOWN_PEOPLE = "people (published)"
+SHOWN_PEOPLE = "people"
 
 Cell = tuple[str, str]
 """A value, and its interval or what else stands beside it in small type."""
@@ -39,6 +41,7 @@ class FirstTable:
         heads: Over the columns, in words; the first is over the names.
         short_heads: The same for a narrow table.
         rows: By learner, what is in the other columns; :data:`SHOWN_PEOPLE` stand first.
+        short_rows: The same for a narrow table, a text each.
     """
 
     protocol: str
@@ -47,6 +50,7 @@ class FirstTable:
     heads: tuple[str, ...]
     short_heads: tuple[str, ...]
     rows: Mapping[str, tuple[Cell, ...]]
+    short_rows: Mapping[str, tuple[str, ...]]
 
     @property
     def measured(self) -> str:
@@ -77,18 +81,19 @@ def first_tables(standings: pd.DataFrame) -> Iterator[FirstTable]:
         }  # fmt: skip
         kept = {name: column for name, column in columns.items() if column[2]}
         cut_off = {row["learner"]: (row["solved"] or 1) < 1 for row in records(rows)}
+        asked = [
+            (_name(row["learner"]), [(name, row, cut_off.get(best, False)) for name in kept])
+            for row in records(rows)
+        ]
         yield FirstTable(
             protocol=str(protocol),
             limit=int(rows["limit"].iloc[0]),
             conditions=int(rows["conditions"].max()),
             heads=("Learner", *(column[0] for column in kept.values())),
             short_heads=("", *(column[1] for column in kept.values())),
-            rows={
-                _name(row["learner"]): tuple(_cell(name, row, cut_off.get(best, False))
-                                             for name in kept)
-                for row in records(rows)
-            },
-        )  # fmt: skip
+            rows={name: tuple(_cell(*one) for one in cells) for name, cells in asked},
+            short_rows={name: tuple(_short_cell(*one) for one in cells) for name, cells in asked},
+        )
 
 
 def _name(learner: str) -> str:
@@ -104,22 +109,41 @@ def _cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> Cell:
     if column == "solved":
         return share(value), ""
     if column == "found":
-        return f"{_short(value)} of {_short(row['solutions'])}", ""
+        return f"{_plain(value)} of {_plain(row['solutions'])}", ""
     if column in ("n", "median"):
         return f"{value:g}", ""
     if column == "score":
-        return f"{value + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−"), ""
-    cut_off = row["solved"] is not None and row["solved"] < 1
-    both = cut_off and column == "to_best" and best_cut_off
+        return printed(float(value), ".2f"), ""
     low, high = row[f"{column}_low"], row[f"{column}_high"]
-    small = "in every subject" if low is None else f"{_signed(low)} to {_signed(high)}"
-    return f"{'≥ ' if cut_off and not both else ''}{_signed(value)}{'*' if both else ''}", small
+    before, after = _marks(column, row, best_cut_off)
+    small = (
+        "in every subject"
+        if low is None
+        else f"{printed(float(low), '+.2f')} to {printed(float(high), '+.2f')}"
+    )
+    return f"{before}{printed(float(value), '+.2f')}{after}", small
 
 
-def _short(value: float) -> str:
+def _short_cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> str:
+    main, small = _cell(column, row, best_cut_off)
+    if not small:
+        return main.replace("not within ", "> ")
+    low, value, high = row[f"{column}_low"], row[column], row[f"{column}_high"]
+    before, after = _marks(column, row, best_cut_off)
+    interval = "all" if low is None else f"{_narrow(low)}, {_narrow(high)}"
+    return f"{before}{_narrow(value)}{after} [{interval}]"
+
+
+def _marks(column: str, row: Mapping[str, Any], best_cut_off: bool) -> tuple[str, str]:
+    """What is before and after a difference that the limit of attempts has cut off."""
+    if row["solved"] is None or row["solved"] == 1:
+        return "", ""
+    return ("", "*") if column == "to_best" and best_cut_off else ("≥ ", "")
+
+
+def _narrow(value: float) -> str:
+    return printed(float(value), ".2f" if abs(value) < 10 else ".1f")
+
+
+def _plain(value: float) -> str:
     return f"{value:.2f}".rstrip("0").rstrip(".")
-
-
-def _signed(value: float) -> str:
-    text = f"{value + 0.0:+.2f}" if abs(value) < 10 else f"{value:+,.1f}"
-    return "0.00" if text in ("+0.00", "-0.00") else text.replace("-", "−")

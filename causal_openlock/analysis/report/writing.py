@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.effects import ALPHA
+from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.cautions import warnings_of
-from causal_openlock.analysis.report.first_screen import MEANING, first_tables
+from causal_openlock.analysis.report.first_screen import first_tables
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
@@ -120,7 +120,6 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
         first=list(first_tables(stand)),
         headline={one.protocol: one for one in verdict_tables(material.headline, learners)},
         in_cell=in_cell,
-        meaning=MEANING,
         sizes={
             key: style.sizes(rows)
             for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)

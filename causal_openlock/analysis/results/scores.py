@@ -142,7 +142,8 @@ def transfer_scores(trials: pd.DataFrame) -> pd.DataFrame:
             )
             ends = bootstrap_interval(function, groups, np.random.default_rng(SEED))
             means = (float(one.mean()), float(two.mean()), float(function(*groups)))
-            ends = ends if ends[0] < ends[1] or not means[2] else (np.nan, np.nan)
+            if means[2] and ends[0] == ends[1]:
+                ends = np.array(np.nan), np.array(np.nan)
             tested = weighted_difference([Group.of(1, one), Group.of(-1, two)])
             p = tested.p if score == CONGRUENCY else np.nan
             rows.append((*group, score, condition, len(one), *means, *ends, p))

@@ -29,8 +29,8 @@ def test_files_beside_the_page(tmp_path: Path) -> None:
     report = written(pa.concat_tables(cells), tmp_path)
     names = {path.name for path in (report.parent / "figures").iterdir()}
     stems = {
-        "baseline_attempts",
-        "transfer_attempts",
+        "cost_of_learning",
+        "survival_human",
         "baseline_categories",
         "transfer_categories",
         "attempts_by_trial_human",
@@ -82,7 +82,7 @@ def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Pat
     written(table(rows), tmp_path)
     assert {path.name for path in figures.iterdir()} == {
         *(f"{stem}.{kind}"
-          for stem in ("baseline_attempts", "attempts_by_trial_human", "learner_a")
+          for stem in ("cost_of_learning", "survival_human", "attempts_by_trial_human", "learner_a")
           for kind in ("png", "svg", "pdf")),
         "mine.png",
         "baseline_attempts_mine.svg",

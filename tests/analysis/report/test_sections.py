@@ -44,9 +44,9 @@ def test_a_section_of_ones_own_is_on_the_page_and_in_the_contents(folder: Path) 
     assert shown[1] == ["a", "+0.000", "12.5%", "yes", "1,234,567", "–"]
 
 
-def test_sections_stand_between_the_figures_and_the_learners(folder: Path) -> None:
+def test_sections_stand_between_the_results_and_the_learners(folder: Path) -> None:
     text = (folder / "report.html").read_text("utf-8")
-    marks = [f'<section id="{name}"' for name in ("figures", "paid", "learners", "run")]
+    marks = [f'<section id="{name}"' for name in ("results", "paid", "figures", "learners", "run")]
     places = [text.index(mark) for mark in marks]
     assert places == sorted(places)
 
@@ -155,7 +155,7 @@ def test_long_tables_are_closed_on_the_page() -> None:
         )
         for one in told
     ]
-    assert '<details class="long"><summary>25 rows' in pages[0]
+    assert '<details class="table"><summary>T (25 rows)' in pages[0]
     assert "<details" not in pages[1]
 
 

@@ -23,7 +23,7 @@ def section(material: Material) -> Section | None:
     return _PROSE.section(
         "learning_cost",
         [_PROSE.table("learning_cost", shown(table), {"reached": ".0%", "n": ","})],
-        [_PROSE.plot("learning_cost", plot_cost, material)],
+        [_PROSE.plot("learning_cost", plot_cost, material, name="cost_of_learning")],
         within=WITHIN,
         able=able.sort_values("attempts", kind="stable").to_dict("records"),
         total=len(table),

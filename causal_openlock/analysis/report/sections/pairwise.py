@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots.comparisons import plot_pairs
 from causal_openlock.analysis.report.prose import Prose
@@ -41,17 +42,20 @@ def section(material: Material, decisions: Decisions) -> Section | None:
     tables: list[SectionTable] = []
     plots: list[SectionPlot] = []
     for protocol, part in file_names(found).items():
-        keys = [(protocol, row.learner, row.other) for row in found[protocol].itertuples()]
-        corrected = [decisions.p("pairwise", key) for key in keys]
+        rows = found[protocol].itertuples()
+        corrected = [decisions.p("pairwise", (protocol, r.learner, r.other)) for r in rows]
         table = found[protocol].assign(p_corrected=corrected)
-        protocols.append({"protocol": protocol, **_said(table, decisions, keys)})
+        differ = table["p_corrected"] < ALPHA
+        alike = table[~differ].to_dict("records")
+        about = {"total": len(table), "differ": int(differ.sum()), "alike": alike}
+        protocols.append({"protocol": protocol, **about})
         name, options = f"pairwise_{part}", {"protocol": protocol}
         shown = table.rename(columns=_NAMES)
         tables.append(_PROSE.table("pairwise", shown, _FORMATS, name, protocol=protocol))
         plots.append(_PROSE.plot("pairwise", plot_pairs, material, options, name, **options))
     if not protocols:
         return None
-    return _PROSE.section("pairwise", tables, plots, protocols=protocols, total=decisions.total)
+    return _PROSE.section("pairwise", tables, plots, protocols=protocols)
 
 
 def _tables(material: Material) -> Iterator[tuple[str, pd.DataFrame]]:
@@ -59,14 +63,3 @@ def _tables(material: Material) -> Iterator[tuple[str, pd.DataFrame]]:
         table = pairwise_table(outcomes(material.trials, protocol))
         if len(table):
             yield protocol, table
-
-
-def _said(table: pd.DataFrame, decisions: Decisions, keys: list[Hashable]) -> dict[str, Any]:
-    """How many pairs there are, how many differ, and those of which that is not found."""
-    differ = [decisions.found("pairwise", key) for key in keys]
-    rows = table.to_dict("records")
-    return {
-        "total": len(rows),
-        "differ": sum(differ),
-        "alike": [row for row, found in zip(rows, differ, strict=True) if not found],
-    }

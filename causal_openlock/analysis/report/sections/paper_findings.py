@@ -150,7 +150,10 @@ def _family_table(
         played = [test for test in asked if test.name in cells]
         n = sorted({round(cells[test.name]["subjects"] / len(test.conditions)) for test in played})
         outcomes = {test.name: "not played" for test in asked}
-        outcomes |= {test.name: outcome_text(cells[test.name]) for test in played}
+        outcomes |= {
+            test.name: outcome_text(cells[test.name], cells[test.name]["p_corrected"])
+            for test in played
+        }
         shown.append(
             {
                 "learner": f"{PEOPLE} (printed)" if name == PEOPLE else name,

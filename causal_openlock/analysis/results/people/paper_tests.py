@@ -198,14 +198,14 @@ def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
     return _table(rows)
 
 
-def outcome_text(row: Mapping[Any, Any]) -> str:
-    """A row as a paper prints it, with ``p_corrected``, NaN for none, and the effect's size."""
+def outcome_text(row: Mapping[Any, Any], corrected: float = np.nan) -> str:
+    """A row as a paper prints it, with the corrected p, if there is one, and the effect's size."""
     if row["note"]:
         return str(row["note"])
     parts = [
         f"{row['statistic']}({row['df']}) = {_number(row['value'])}",
         _p("p", row["p"]),
-        *([] if np.isnan(row["p_corrected"]) else [_p("corrected", row["p_corrected"])]),
+        *([] if np.isnan(corrected) else [_p("corrected", corrected)]),
         f"{row['effect']} = {_number(row['effect_size'])}",
     ]
     return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
