@@ -15,6 +15,7 @@ from causal_openlock.analysis.effects import power_of_t, subjects_needed
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.sections import sections_of
+from causal_openlock.analysis.report.sections.paper_findings import power_table
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.paper_tests import (
     TEST_COLUMNS,
@@ -237,7 +238,7 @@ def test_an_effect_the_other_way_round_is_called_so() -> None:
 
 
 def test_power_is_that_of_the_size_in_people() -> None:
-    power = paper_findings.power_table(20).set_index("test")
+    power = power_table(20).set_index("test")
     row = power.loc["Transfer test: CC4: CE3 − CC3"]
     d = 2.62 * np.sqrt(2 / 40)
     assert row["effect_size"] == pytest.approx(d)
