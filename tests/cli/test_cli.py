@@ -441,7 +441,7 @@ def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> N
     rows = [{**row, "learner": name} for name in names]
     print_standings(pd.DataFrame(rows), console)
     printed = console.file.getvalue()
-    shown = ("human", "at most 30", "6 conditions", "0.25 of 3", "> 30", "0.50", "− people")
+    shown = ("human", "at most 30", "together", "0.25 of 3", "> 30", "0.50", "− people")
     assert all(text in printed for text in [*names, *shown])
     assert "≥ 21.2 [20.5, 22.5]" in printed
     assert max(map(len, printed.splitlines())) <= 100
