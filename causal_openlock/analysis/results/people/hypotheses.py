@@ -163,12 +163,10 @@ def trial_test(groups: Sequence[FloatArray]) -> SignificanceTest:
 
 
 def _f(value: float, df: tuple[int, int], difference: float) -> SignificanceTest:
-    from scipy.stats import f as distribution
+    from scipy.special import fdtrc
 
     effect = partial_eta_squared(value, *df)
-    return SignificanceTest(
-        "F", df, difference, float(value), float(distribution.sf(value, *df)), effect
-    )
+    return SignificanceTest("F", df, difference, float(value), float(fdtrc(*df, value)), effect)
 
 
 def _summaries(groups: Sequence[Sample]) -> list[GroupSummary]:

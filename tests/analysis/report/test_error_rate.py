@@ -1,0 +1,113 @@
+"""Learners against themselves: how often a report says that anything differs where nothing does.
+
+A thousand reports are simulated from what `ideal` and `oracle` do, without playing: the learners of
+each report are the same one with other seeds. Nothing differs but by chance, so at most one report
+in twenty may call anything found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from causal_openlock.analysis.effects import ALPHA, Group, weighted_difference
+from causal_openlock.analysis.report.sections import decisions_of
+from causal_openlock.analysis.results.decisions import Decisions
+from causal_openlock.analysis.results.people.paper_tests import TESTS
+from causal_openlock.analysis.results.scores import _COMPARED, CONGRUENCY
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.world.fsm import FloatArray
+from support.paper_play import Attempts, material, play
+
+REPORTS, SUBJECTS, LEARNERS = 1000, 20, ("a", "b")
+
+IDEAL = {"3": ([2, 3], [1 / 3, 2 / 3]), "4": ([3, 4], [1 / 4, 3 / 4])}
+"""What the ideal observer needs with so many levers, and how often."""
+ORACLE = {"3": ([2], [1.0]), "4": ([3], [1.0])}
+
+Played = Mapping[str, Mapping[tuple[str, str], FloatArray]]
+"""By learner, by condition and phase: ``[n, T]`` attempts."""
+
+
+def drawn(rng: np.random.Generator, kind: Mapping[str, tuple[list[int], list[float]]]) -> Played:
+    """What the learners of a report did."""
+
+    def attempts(schema: str, trials: int) -> FloatArray:
+        values, chances = kind[schema[-1]]
+        return rng.choice(np.array(values, float), (SUBJECTS, trials), p=chances)
+
+    def learner() -> dict[tuple[str, str], FloatArray]:
+        held = {}
+        for name in PAPER_CONDITIONS:
+            if "-" in name:
+                held[name, "train"] = attempts(name[:3], 6)
+                held[name, "test"] = attempts(name[-3:], 1)
+            else:
+                held[name, "train"] = attempts(name, 5)
+        return held
+
+    return {name: learner() for name in LEARNERS}
+
+
+def decided(played: Played) -> tuple[Decisions, dict[tuple[str, object], float]]:
+    """The tests of such a report, and their p values, by the statistics alone."""
+    pairs, transfer, paper = {}, {}, {}
+    for one, other in combinations(played, 2):
+        gaps = [
+            Group.of(1 / 6, (played[one][cell] - played[other][cell])[:, -1])
+            for name in PAPER_CONDITIONS
+            for cell in [(name, "test" if "-" in name else "train")]
+        ]
+        pairs["human", one, other] = weighted_difference(gaps).p
+    for name, held in played.items():
+        for score, condition, against in _COMPARED:
+            if score == CONGRUENCY:
+                both = held[condition, "test"][:, 0], held[against, "test"][:, 0]
+                groups = [Group.of(1, both[0]), Group.of(-1, both[1])]
+                transfer["human", name, condition] = weighted_difference(groups).p
+        for test in TESTS:
+            p = test.run({c: held[c, test.phase] for c in test.conditions}).p
+            paper[name, test.family, test.name] = np.nan if p is None else p
+    decisions = Decisions()
+    each = {"pairwise": pairs, "transfer": transfer, "paper_findings": paper}
+    for section, tests in each.items():
+        decisions.register(section, tests)
+    return decisions, {(s, key): p for s, tests in each.items() for key, p in tests.items()}
+
+
+@pytest.mark.parametrize("kind", [IDEAL, ORACLE], ids=["ideal", "oracle"])
+def test_one_report_in_twenty_at_most_says_that_equals_differ(
+    kind: Mapping[str, tuple[list[int], list[float]]],
+) -> None:
+    rng = np.random.default_rng(14)
+    wrong = careless = 0
+    for _ in range(REPORTS if kind is IDEAL else 20):  # the oracle always does the same
+        decisions, tests = decided(drawn(rng, kind))
+        wrong += any(decisions.found(*key) for key in tests)
+        careless += min(p for p in tests.values() if p == p) < ALPHA
+    assert wrong <= stats.binom.ppf(0.999, REPORTS, ALPHA)
+    if kind is IDEAL:
+        assert careless > REPORTS / 2  # each test by itself: most reports would say something false
+    else:
+        assert wrong == careless == 0
+
+
+def test_these_are_the_tests_that_a_report_makes() -> None:
+    played = drawn(np.random.default_rng(3), IDEAL)
+
+    # A made-up trial takes three attempts or more, so that all are one higher.
+    def as_drawn(name: str) -> Attempts:
+        return lambda condition, phase, trial, subject: int(
+            played[name][condition, phase][subject, trial - 1] + 1
+        )
+
+    rows = [row for name in LEARNERS for row in play(name, as_drawn(name), SUBJECTS)]
+    ours, tests = decided(played)
+    theirs = decisions_of(material(rows, LEARNERS), ["pairwise", "transfer", "paper_findings"])
+    assert ours.total == theirs.total == len(tests)
+    for key in tests:
+        assert theirs.p(*key) == pytest.approx(ours.p(*key))
