@@ -153,6 +153,7 @@ def _nothing_searched(learner: str) -> str:
 def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from causal_openlock.analysis.plots.likeness import CLEAR, signs
+    from causal_openlock.analysis.results.people.yardsticks import null_curves
     from causal_openlock.comparison.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.outcome import entries
@@ -177,7 +178,11 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
         markup=True,
     )
     apart = plain_table("", "fitted", "held out", "all 14 points")
-    for name, one in ((found.label, found.score), ("published model", found.model)):
+    distances = {found.label: found.score, "published model": found.model}
+    if plan.objective == "means":
+        distances["perfect model"] = found.perfect
+        distances |= {name: plan.score(curve.points) for name, curve in null_curves().items()}
+    for name, one in distances.items():
         numbers = [one.fitted, one.held_out, one.all]
         apart.add_row(name, *(f"{n:.2f}" if n == n else "" for n in numbers))
     console.print(apart)

@@ -17,6 +17,7 @@ from causal_openlock.analysis.results.people.human_likeness import (
     points_of,
     points_of_model,
 )
+from causal_openlock.analysis.results.people.yardsticks import noise_ceiling
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
@@ -34,6 +35,7 @@ class FittedLearner:
     kinds: list[Kind]  #: of subjects, with the parameters that differ from the defaults
     score: Score  #: on a seed that nothing was chosen by
     model: Score  #: of the published model, of which nothing was fitted here
+    perfect: Score  #: in means, of a perfect model with as many subjects
     points: pd.DataFrame  #: means at people's points; held_out: whether it was not fitted to them
     effects: pd.DataFrame  #: that people show, tested; like_people: whether the sign is people's
 
@@ -43,12 +45,15 @@ def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
     plan = fitted.plan
     label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
     points = points_of(trials)
+    out = held_out(points, plan.hold_out)
+    perfect = [noise_ceiling(part).both for part in (points[~out], points[out], points)]
     return FittedLearner(
         label=label,
         kinds=plan.space.kinds(fitted.best.chosen, plan.final_subjects),
         score=plan.score(points),
         model=plan.score(points_of_model()),
-        points=points.assign(learner=label, held_out=held_out(points, plan.hold_out)),
+        perfect=Score(*perfect),
+        points=points.assign(learner=label, held_out=out),
         effects=effects_of(points, trials),
     )
 

@@ -364,12 +364,15 @@ def test_a_share_of_the_subjects_is_of_the_second_kind(tmp_path):
 
 def test_the_share_is_searched_and_both_kinds_are_written(tmp_path):
     space = mixed(tmp_path)
-    fitted, trials = fit(plan(space=space, candidates=2, objective="means_and_spreads"), tmp_path)
+    wanted = plan(space=space, candidates=2, objective="means_and_spreads", hold_out="none")
+    fitted, trials = fit(wanted, tmp_path)
     assert 0.2 <= fitted.best.chosen["share"] <= 0.8
     found = fitted_learner(fitted, trials)
     points = points_of(trials)
     assert found.score.all == pytest.approx(distance_with_spreads(points))
     assert found.model.all == pytest.approx(3.789, abs=1e-3)
+    assert found.perfect.fitted == found.perfect.all > 1.2
+    assert np.isnan(found.perfect.held_out)  # nothing is
     with drawn(*KINDS):
         write_fitted_learner(fitted, found, tmp_path)
     _, first, second = read_experiment(tmp_path / "experiment.yaml").learners
@@ -431,7 +434,16 @@ def test_the_command_fits_and_says_what_it_found(tmp_path, monkeypatch, capsys):
              "--out", str(tmp_path / "f")]  # fmt: skip
     assert at_once(*words, monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
-    told = ("held out", "published model", "congruency, CE4", "lapse:", "experiment.yaml")
+    told = (
+        "held out",
+        "published model",
+        "perfect model",
+        "curve of 4 numbers",
+        "0.68",
+        "congruency, CE4",
+        "lapse:",
+        "experiment.yaml",
+    )
     for text in (*told, "Careless_fitted", "of 6 effects with people's sign"):
         assert text in said
     assert (tmp_path / "f" / "fit.svg").exists()

@@ -19,6 +19,7 @@ from causal_openlock.analysis.results.people.human_likeness import (
     distance,
     likeness,
 )
+from causal_openlock.analysis.results.people.yardsticks import noise_ceiling
 from causal_openlock.errors import NothingToDrawError
 
 CLEAR = 0.05
@@ -37,7 +38,8 @@ def plot_likeness(results: Material, *, learners: Names = None, ax: Any = None) 
 
     The learners stand in the order of their distance from people, the nearest first. The published
     model stands last, even where it is nearer than they are. Above a panel: that distance (RMSE),
-    and how many differences between conditions or trials go the same way as people's.
+    what a perfect model with as many subjects would come to, and how many differences between
+    conditions or trials go the same way as people's.
 
     >>> import causal_openlock as ol
     >>> [axes.get_title(loc="left") for axes in ol.plot_likeness(results, learners=["random"])]
@@ -70,7 +72,9 @@ def draw_points(
     with panels(ax, len(points), in_rows(len(points), 2, 2.5)) as at:
         for axes, (name, own) in zip(at.axes, points.items(), strict=True):
             _draw_points_of_one(axes, own)
-            detail = f"RMSE {distance(own)[0]:.2f}\n{signs(effects[name])}"
+            perfect = noise_ceiling(own).both
+            detail = f"RMSE {distance(own)[0]:.2f} (a perfect model {perfect:.2f})\n"
+            detail += signs(effects[name])
             style.panel_title(axes, name, detail)
             axes.set_ylim(0, 1.2 * highest)  # all panels have the same scale
         at.label_y("Attempts to solve")

@@ -14,6 +14,7 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.human_likeness import (
     EFFECTS,
     PUBLISHED_MODEL,
+    distance,
     effects_of,
     likeness,
     points_of_people,
@@ -22,6 +23,7 @@ from causal_openlock.analysis.results.people.human_likeness import (
 from causal_openlock.analysis.results.people.yardsticks import (
     beside_yardsticks,
     noise_ceiling,
+    null_curves,
 )
 from causal_openlock.contract.registry import changed_parameters, is_ours
 
@@ -53,6 +55,7 @@ def section(material: Material) -> Section | None:
         nearest=table[~published].iloc[0],
         published=table[published].iloc[0],
         ceiling=noise_ceiling(points_of_people()),
+        curves={name: distance(curve.points)[0] for name, curve in null_curves().items()},
         # Of those that come out no farther than the nearest one beyond people's sampling error.
         alike=beside.loc[beside["verdict"] == "not ranked", "learner"].tolist(),
     )
@@ -71,16 +74,29 @@ def chosen_settings(material: Material) -> dict[str, int]:
 
 
 _TESTED = ["learner", "effect", "difference", "t", "df", "p"]
+_HEADS = {
+    "learner": "learner",
+    "rmse": "RMSE",
+    "ceiling": "perfect",
+    "difference": "difference",
+    "low": "low",
+    "high": "high",
+    "verdict": "verdict",
+    "settings": "settings",
+    "spreads": "spreads",
+    "all": "training, all",
+    "first": "training, first",
+    "second": "training, second",
+}
 _FORMATS: Mapping[str, str] = {
-    **dict.fromkeys(("RMSE", "perfect", "spreads", "all", "first", "second", "t"), ".2f"),
-    **{"difference": "+.2f", "p": ".3f", "low": "+.2f", "high": "+.2f"},
+    **{head: ".2f" for head in _HEADS.values() if head not in ("learner", "verdict", "settings")},
+    **{"difference": "+.2f", "low": "+.2f", "high": "+.2f", "t": ".2f", "p": ".3f"},
 }
 
 
 def _shown(table: pd.DataFrame) -> pd.DataFrame:
     """The distances, without those of parts of the points."""
-    names = {"rmse": "RMSE", "ceiling": "perfect"}
-    return table.rename(columns=names).drop(columns=["baselines", "tests"])
+    return table[list(_HEADS)].rename(columns=_HEADS)
 
 
 def _differences(table: pd.DataFrame) -> pd.DataFrame:
@@ -93,6 +109,6 @@ def _differences(table: pd.DataFrame) -> pd.DataFrame:
         for effect in EFFECTS
     }
     frame = table.assign(**ticks).rename(columns={"shown": "signs"})
-    frame = frame.drop(columns=["rmse", "rmse_se"])
+    frame = frame.drop(columns=["points", "rmse", "rmse_se"])
     frame.insert(frame.columns.get_loc("signs") + 1, "p < .05", frame.pop("clear"))
     return frame

@@ -75,8 +75,11 @@ def noise_ceiling(points: pd.DataFrame) -> Ceiling:
 
     Args:
         points: Of one learner, from
-            :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`.
+            :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`; all is NaN
+            without points.
     """
+    if points.empty:
+        return Ceiling(*[float("nan")] * 5)
     theirs, own = _error(points, "people_"), _error(points)
     drawn = np.random.default_rng(SEED).normal(0.0, theirs, (RESAMPLES, len(points)))
     low, high = np.quantile(np.sqrt((drawn**2).mean(axis=1)), _TAILS)
