@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.results.cost import costs_by_learner
 from causal_openlock.analysis.results.people.human_likeness import likeness
 from causal_openlock.analysis.results.people.yardsticks import beside_yardsticks
 from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.running import COSTS, read_units
 from causal_openlock.evidence.study import Study
 from causal_openlock.experiment.file import read_experiment
 
@@ -39,7 +42,33 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
                        on="learner", how="left")  # fmt: skip
 
 
+def learning_costs(study: Study, units: pd.DataFrame) -> pd.DataFrame:
+    """The attempts that each learner needs, all training counted, until it solves a new room well.
+
+    Columns: ``protocol``; ``subjects``; ``before``, attempts of its training before; ``reached``,
+    the share of subjects that came so far; ``attempts``, the median, in words.
+    """
+    table = costs_by_learner(read_units(study, COSTS))
+    learners = [spec.name for spec in read_experiment(study.experiment).learners]
+    place = table["learner"].map({name: at for at, name in enumerate(learners)})
+    table = table.assign(place=place).sort_values("place", kind="stable")
+    needs = [
+        _needs(*row)
+        for row in table[["attempts", "ci_low", "ci_high", "asked"]].itertuples(index=False)
+    ]
+    kept = ["learner", "protocol", "subjects", "before"]
+    return table[kept].assign(attempts=needs, reached=table["reached"])
+
+
+def _needs(attempts: float, low: float, high: float, asked: float) -> str:
+    if not np.isfinite(attempts):
+        return f"not within {asked:,.0f}"
+    most = f"{high:,.0f}" if np.isfinite(high) else f"over {asked:,.0f}"
+    return f"{attempts:,.0f} ({low:,.0f} to {most})"
+
+
 DERIVED: Mapping[str, Callable[[Study, pd.DataFrame], pd.DataFrame]] = {
     "distances_from_people": distances_from_people,
+    "learning_costs": learning_costs,
 }
 """What a study may declare as ``derived``."""

@@ -293,6 +293,8 @@ def _plain(value: Any) -> str:
         return "–"
     if isinstance(value, float | np.floating):
         return f"{value:.2f}".replace("-", "−")
+    if isinstance(value, int | np.integer):
+        return f"{value:,}"
     return str(value)
 
 

@@ -4,7 +4,8 @@ A study can be stopped at any time and goes on where it was. What has been playe
 already evidence, of fewer units: verdicts on it are undecided where it does not suffice. Records
 stay in ``results``, which is not kept; in the study's folder is what lasts:
 
-- ``units.parquet``, a row for each unit (:mod:`~causal_openlock.evidence.units`),
+- ``units.parquet``, a row for each unit (:mod:`~causal_openlock.evidence.units`), and
+  ``costs.parquet``, what learning cost each subject, if the study asks for it,
 - ``run.json``: the command, the hash of what was declared, versions, machine, time,
 - ``verdicts.csv`` and ``README.md``, which follow from these
   (:mod:`~causal_openlock.evidence.pages`).
@@ -27,6 +28,8 @@ from typing import Any
 
 import pandas as pd
 
+from causal_openlock.analysis.measures import CELL
+from causal_openlock.analysis.results.cost import subject_costs
 from causal_openlock.comparison.comparing import play
 from causal_openlock.comparison.progress import Show
 from causal_openlock.comparison.results import Results
@@ -45,7 +48,7 @@ from causal_openlock.files.checksums import (
     table_bytes,
 )
 
-UNITS, RUN = "units.parquet", "run.json"
+UNITS, COSTS, RUN = "units.parquet", "costs.parquet", "run.json"
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ class _Kept:
     """What has been played so far."""
 
     units: list[pd.DataFrame] = field(default_factory=list)
+    costs: list[pd.DataFrame] = field(default_factory=list)
     versions: list[dict[str, Any]] = field(default_factory=list)
     seconds: float = 0.0
     cells: int = 0
@@ -168,13 +172,18 @@ def keep(study: Study, results: Path) -> bool:
         if networks:
             label, _, seed = name.rpartition("-")
             units = of_network(units, label, int(seed))
+        if study.file.derived == "learning_costs":
+            costs = subject_costs(found, found.trials)
+            kept.costs.append(costs.astype(dict.fromkeys(CELL, str)))
         kept.add(units, found, _seconds(folder))
     if not kept.units:
         return False
     import pyarrow as pa
 
-    table = pa.Table.from_pandas(pd.concat(kept.units, ignore_index=True), preserve_index=False)
-    write_bytes(study.folder / UNITS, table_bytes(table))
+    for name, parts in ((UNITS, kept.units), (COSTS, kept.costs)):
+        if parts:
+            table = pa.Table.from_pandas(pd.concat(parts), preserve_index=False)
+            write_bytes(study.folder / name, table_bytes(table))
     write_bytes(study.folder / RUN, json_bytes(_about(study, kept, len(names))))
     return True
 
@@ -215,13 +224,17 @@ def _seconds(folder: Path) -> float:
     return sum(float(pc.max(each).as_py() or 0) for each in times)
 
 
-def read_units(study: Study) -> pd.DataFrame:
+def read_units(study: Study, name: str = UNITS) -> pd.DataFrame:
     """What was measured.
+
+    Args:
+        study: The study.
+        name: :data:`UNITS` or :data:`COSTS`.
 
     Raises:
         EvidenceError: If it has not been run, or the file is damaged.
     """
-    path = study.folder / UNITS
+    path = study.folder / name
     try:
         found: pd.DataFrame = read_table(path.read_bytes()).to_pandas()
     except FileNotFoundError:

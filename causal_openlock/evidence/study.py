@@ -138,7 +138,7 @@ class StudyFile(StrictModel):
         Field(description="Each trial of people's protocol, or parts of a long course."),
     ] = "trials"
     derived: Annotated[
-        Literal["distances_from_people"] | None,
+        Literal["distances_from_people", "learning_costs"] | None,
         Field(description="A table that is computed from all units together."),
     ] = None
     networks: Networks | None = None

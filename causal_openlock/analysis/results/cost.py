@@ -47,7 +47,11 @@ def learning_costs(
         ``ci_high``, inf where it is beyond what was played; and ``asked``, the most attempts that
         one of its subjects had, ``before`` included.
     """
-    each = subject_costs(results, results.trials, within, repeats)
+    return costs_by_learner(subject_costs(results, results.trials, within, repeats))
+
+
+def costs_by_learner(each: pd.DataFrame) -> pd.DataFrame:
+    """:func:`learning_costs` of subjects, as :func:`subject_costs` returns them."""
     rows = []
     for (learner, protocol), own in each.groupby(["learner", "protocol"], observed=True, sort=True):
         cost = own["cost"].to_numpy(float)
