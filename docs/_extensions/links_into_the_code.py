@@ -3,20 +3,29 @@
 The pages are read on a forge too, where ``[`room.py`](../causal_openlock/physics/room.py)`` leads
 to the file. On the site such a link leads to the module's place in the reference, one to a lesson
 to its page, one to another file downloads it, and one to a folder, which no page shows, is a name
-without a link. Lessons are kept in ``notebooks`` and shown in ``lessons``; their links and pictures
-are written as seen from ``notebooks``.
+without a link. A link's title stays.
+
+Lessons are kept in ``notebooks`` and shown in ``lessons``, and the studies behind the results in
+``evidence``, which has a link of that name here; their links and pictures are written as seen from
+where they are kept. Below the page of all studies stand theirs in the margin.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 
 from sphinx.application import Sphinx
 
-LINK = re.compile(r"(?P<mark>!?)\[(?P<text>[^\]]*)\]\((?P<path>[^)#:]+)(?P<heading>#[^)]*)?\)")
+LINK = re.compile(
+    r"(?P<mark>!?)\[(?P<text>[^\]]*)\]"
+    r'\((?P<path>[^)#:\s]+)(?P<heading>#[^)\s]*)?(?P<title>\s+"[^"]*")?\)'
+)
 CODE = ("causal_openlock", "learners")
+STUDIES = "evidence/README"
+"""The page of all studies."""
 
 
 def relinked(text: str, page: Path, docs: Path) -> str:
@@ -27,10 +36,15 @@ def relinked(text: str, page: Path, docs: Path) -> str:
         page: The file that it is from.
         docs: The folder of the documentation.
     """
-    root, lessons = docs.parent, (docs / "lessons").resolve()
+    root = docs.parent
+    lessons, studies = (docs / "lessons").resolve(), (docs / "evidence").resolve()
     elsewhere = not page.resolve().is_relative_to(docs)
 
     def link(found: re.Match[str]) -> str:
+        def to(path: str) -> str:
+            rest = f"{found['heading'] or ''}{found['title'] or ''}"
+            return f"{found['mark']}[{found['text']}]({path}{rest})"
+
         target = (page.parent / found["path"]).resolve()
         if not target.exists() or not target.is_relative_to(root):
             return found[0]
@@ -43,9 +57,12 @@ def relinked(text: str, page: Path, docs: Path) -> str:
             return f"{{py:mod}}`{found['text'].strip('`')} <{module}>`"
         if target.is_dir():
             return found["text"]
+        if target.is_relative_to(studies):
+            return to(f"/evidence/{target.relative_to(studies).as_posix()}")
         if elsewhere and target.is_relative_to(docs):
-            path = f"/{target.relative_to(docs).as_posix()}{found['heading'] or ''}"
-            return f"{found['mark']}[{found['text']}]({path})"
+            return to(f"/{target.relative_to(docs).as_posix()}")
+        if elsewhere:  # a file of neither: as seen from where the page is shown
+            return to(Path(os.path.relpath(target, page.parent)).as_posix())
         return found[0]
 
     return LINK.sub(link, text)
@@ -68,6 +85,8 @@ def setup(app: Sphinx) -> dict[str, bool]:
         rewrite = {".md": relinked, ".ipynb": relinked_notebook}.get(page.suffix)
         if rewrite:
             source[0] = rewrite(source[0], page, Path(app.srcdir))
+        if name == STUDIES:
+            source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n*/README\n```\n"
 
     app.connect("source-read", read)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
