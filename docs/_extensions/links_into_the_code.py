@@ -13,10 +13,11 @@ where they are kept. Below the page of all studies stand theirs in the margin.
 from __future__ import annotations
 
 import json
-import os
 import re
 from pathlib import Path
 
+from docutils import nodes
+from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 
 LINK = re.compile(
@@ -61,8 +62,6 @@ def relinked(text: str, page: Path, docs: Path) -> str:
             return to(f"/evidence/{target.relative_to(studies).as_posix()}")
         if elsewhere and target.is_relative_to(docs):
             return to(f"/{target.relative_to(docs).as_posix()}")
-        if elsewhere:  # a file of neither: as seen from where the page is shown
-            return to(Path(os.path.relpath(target, page.parent)).as_posix())
         return found[0]
 
     return LINK.sub(link, text)
@@ -77,6 +76,19 @@ def relinked_notebook(text: str, page: Path, docs: Path) -> str:
     return json.dumps(notebook)
 
 
+def lead_to_studies(doctree: nodes.document, docs: Path) -> None:
+    """Let links to pages of studies lead to where these are shown.
+
+    MyST follows links of the file system and takes a page for the file that it is kept in, which
+    no page of the site is called after.
+    """
+    studies = (docs / "evidence").resolve()
+    for link in doctree.findall(pending_xref):
+        kept = Path(link["reftarget"])
+        if link.get("refdomain") == "doc" and kept.is_relative_to(studies):
+            link["reftarget"] = f"evidence/{kept.relative_to(studies).as_posix()}"
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Rewrite each page as it is read."""
 
@@ -88,5 +100,9 @@ def setup(app: Sphinx) -> dict[str, bool]:
         if name == STUDIES:
             source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n*/README\n```\n"
 
+    def lead(app: Sphinx, doctree: nodes.document) -> None:
+        lead_to_studies(doctree, Path(app.srcdir))
+
     app.connect("source-read", read)
+    app.connect("doctree-read", lead)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
