@@ -54,6 +54,7 @@ def test_the_site_builds_without_a_warning_and_is_whole(tmp_path: Path) -> None:
     site = tmp_path / "site"
     build(site, "-Dnb_execution_mode=off", "-Dsmartquotes=0")
     every_page_is_there(site)
+    every_study_is_there(site)
     every_module_is_in_the_reference(site)
     the_program_speaks_for_itself(site)
     nothing_is_loaded_from_elsewhere(site)
@@ -67,6 +68,19 @@ def every_page_is_there(site: Path) -> None:
     for path in LESSONS:
         assert (site / "lessons" / f"{path.stem}.html").is_file(), path
         assert f'href="lessons/{path.stem}.html"' in listed
+
+
+def every_study_is_there(site: Path) -> None:
+    """And a number on a page of results leads to it, with what it is as the link's title."""
+    listed = (site / "evidence" / "README.html").read_text(encoding="utf-8")
+    for path in (ROOT / "evidence").glob("*/study.yaml"):
+        study = path.parent.name
+        assert f'href="{study}/README.html"' in listed
+        page = (site / "evidence" / study / "README.html").read_text(encoding="utf-8")
+        assert 'href="../README.html#verdicts"' in page or "verdict" not in page
+    results = (site / "reproduction.html").read_text(encoding="utf-8")
+    title = 'title="claim one_room_is_enough verdict"'
+    assert re.search(rf'href="evidence/bayes/README.html"[^>]*{title}', results)
 
 
 def every_module_is_in_the_reference(site: Path) -> None:
