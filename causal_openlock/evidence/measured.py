@@ -15,7 +15,7 @@ from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.derived import DERIVED
 from causal_openlock.evidence.published import PUBLISHED, published_units
 from causal_openlock.evidence.running import UNITS, read_run, read_units
-from causal_openlock.evidence.study import Contrast, Measure, Selection, Study, Table
+from causal_openlock.evidence.study import Claim, Contrast, Measure, Selection, Study, Table
 from causal_openlock.evidence.units import selected
 from causal_openlock.evidence.verdicts import (
     Estimate,
@@ -148,12 +148,16 @@ class Evidence:
             raise EvidenceError(f"{self.study.name} derives no {column!r} of {name!r}; {known}")
         return _plain(table.loc[name, column])
 
-    def _of_claim(self, words: Sequence[str], ending: str) -> str:
-        name, *part = words
+    def _claim(self, name: str) -> Claim:
         claim = self.study.file.claims.get(name)
         if claim is None:
             known = nearest(name, self.study.file.claims)
             raise EvidenceError(f"{self.study.name} has no claim {name!r}; {known}")
+        return claim
+
+    def _of_claim(self, words: Sequence[str], ending: str) -> str:
+        name, *part = words
+        claim = self._claim(name)
         if ending == "verdict" and (not part or not self.was_run):
             return self.verdict(name)
         chosen = part[0] if part else next(iter(claim.contrasts))
@@ -170,13 +174,19 @@ class Evidence:
     # -- tables ---------------------------------------------------------------------------------
 
     def block(self, what: str) -> str:
-        """The Markdown of a table: ``claims``, or one that the study declares."""
+        """The Markdown of a table.
+
+        ``claims`` has a row for each contrast, ``verdicts [CLAIM ...]`` one for each claim; others
+        are those that the study declares.
+        """
         if what == "claims":
             return self._claims()
+        if what.split()[0] == "verdicts":
+            return self._verdicts(what.split()[1:] or list(self.study.file.claims))
         if what == "derived" and self.study.file.derived:
             return self._derived_table()
         if what not in self.study.file.tables:
-            known = nearest(what, ["claims", *self.study.file.tables])
+            known = nearest(what, ["claims", "verdicts", *self.study.file.tables])
             raise EvidenceError(f"{self.study.name} has no table {what!r}; {known}")
         return self._table(self.study.file.tables[what])
 
@@ -228,6 +238,27 @@ class Evidence:
         return f"{markdown(['claim', 'verdict', 'by'], rows)}\n"
 
 
+    def _verdicts(self, names: Sequence[str]) -> str:
+        rows = []
+        for name in names:
+            claim = self._claim(name)
+            differences = [
+                f"{part}: {_difference_in_words(claim.contrasts[part], found[0])}"
+                for (of, part), found in self.estimates.items()
+                if of == name and not isinstance(found, str)
+            ]
+            by = "<br>".join(differences) or "not run yet"
+            rows.append([claim.text, f"**{self.verdict(name)}**", by])
+        head = ["claim", "verdict", f"differences, 95% intervals, n {self.study.unit}s"]
+        return f"{markdown(head, rows)}\n"
+
+
+def _difference_in_words(contrast: Contrast, found: Estimate) -> str:
+    written = _written(found, contrast.measure, "sign")
+    interval = _written(found, contrast.measure, "interval")
+    return f"{written} ({interval}), n = {' and '.join(map(str, found.units))}"
+
+
 def _contrast_in_words(
     part: str, contrast: Contrast, found: tuple[Estimate, Verdict] | str
 ) -> tuple[str, str, str]:
@@ -243,9 +274,7 @@ def _contrast_in_words(
     if isinstance(found, str):
         return where, "undecided", found
     one, said = found
-    written = _written(one, contrast.measure, "sign")
-    interval = _written(one, contrast.measure, "interval")
-    return where, said, f"{written} ({interval}), n = {' and '.join(map(str, one.units))}"
+    return where, said, _difference_in_words(contrast, one)
 
 
 def _side(selection: Selection | float) -> str:

@@ -9,6 +9,9 @@ it is; a table stands between two comments that say the same::
     ...
     <!-- end of evidence -->
 
+Besides the tables that a study declares, ``claims`` has a row for each contrast, and ``verdicts``
+one for each claim, or for each of those named after it.
+
 :func:`renewed` writes both anew from what is stored. :func:`unbound_numbers` finds numbers in the
 prose of a page that no link, table or code (for settings, such as ```.005```) accounts for.
 

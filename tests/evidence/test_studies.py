@@ -78,6 +78,7 @@ def test_a_study_that_was_not_run_is_undecided(root: Path) -> None:
     found = Evidence(read_study(root / "small"))
     assert found.text("claim faster verdict") == "undecided"
     assert "not run yet" in found.block("claims")
+    assert "faster than random actions | **undecided** | not run yet |" in found.block("verdicts")
     with pytest.raises(EvidenceError, match="has not been run; run it with: causal-openlock ev"):
         found.text("attempts oracle CC3")
 
@@ -98,6 +99,17 @@ def test_what_is_written_follows_from_what_was_measured(root: Path) -> None:
     assert "**holds**" in readme
     assert "all of it was run" in readme
     assert not write(root)
+
+
+def test_verdicts_have_a_row_for_each_claim_or_for_those_named(root: Path) -> None:
+    run(root)
+    found = Evidence(read_study(root / "small"))
+    rows = found.block("verdicts").splitlines()[2:]
+    faster, like_people = rows
+    assert "| **holds** | CC3: −28.00 (−28.00 to −28.00), n = 3 |" in faster
+    assert found.block("verdicts like_people").splitlines()[2:] == [like_people]
+    with pytest.raises(EvidenceError, match="has no claim 'fastest'; did you mean faster"):
+        found.block("verdicts fastest")
 
 
 def test_the_units_are_the_subjects(root: Path) -> None:
