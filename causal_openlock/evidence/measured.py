@@ -237,7 +237,6 @@ class Evidence:
                 rows.append([*_contrast_in_words(part, contrast, found)])
         return f"{markdown(['claim', 'verdict', 'by'], rows)}\n"
 
-
     def _verdicts(self, names: Sequence[str]) -> str:
         rows = []
         for name in names:

@@ -10,7 +10,7 @@ import pytest
 from support.documents import DOCS, ROOT, broken_links
 
 sys.path.append(str(DOCS / "_extensions"))
-from links_into_the_code import relinked  # noqa: E402
+from links_into_the_code import relinked
 
 PAGE = DOCS / "page.md"
 STUDY = DOCS / "evidence" / "bayes" / "README.md"
