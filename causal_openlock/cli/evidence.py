@@ -9,16 +9,18 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
-from causal_openlock.comparison.progress import shown
-from causal_openlock.errors import EvidenceError
+from causal_openlock.errors import EvidenceError, OpenLockError
+from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.evidence.study import Study
 
 
 def evidence(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Studies to run or to complete; see --list.")
+        list[str] | None,
+        typer.Argument(help="Studies to run or to complete; without any they are listed."),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Run or complete all studies.")] = False,
     check: Annotated[
@@ -41,45 +43,50 @@ def evidence(
     """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.evidence import checking
-    from causal_openlock.evidence.running import Watched, run_study
     from causal_openlock.evidence.study import read_studies
 
     console = Terminal()
-    if check:
-        faults = checking.check(folder)
-        for fault in faults:
-            console.print_line(fault)
-        if faults:
-            error = EvidenceError(f"{len(faults)} faults; nothing was changed")
-            error.status = 1
-            raise error
-        console.print("all numbers and verdicts follow from what is stored")
-        return
-    if names or every:
-        studies = read_studies(folder, tuple(names or ()))
-        with resumable():
-            for study in studies:
-                with shown(study.name, console) as show:
-                    run_study(
-                        study,
-                        results / study.name,
-                        Watched(console.print_line, console.warn, show, workers),
-                    )
-    elif not write:
+    if check and (names or every or write):
+        raise EvidenceError("--check looks at everything and changes nothing; give it alone")
+    if not (check or write or names or every):
         for study in read_studies(folder):
             console.print_line(_in_words(study))
         return
-    for path in checking.write(folder):
-        console.print_line(f"{path} written")
+    if check:
+        faults = checking.check(folder)
+    else:
+        if names or every:
+            _run(read_studies(folder, tuple(names or ())), results, workers, console)
+        changed, faults = checking.write(folder)
+        for path in changed:
+            console.print_line(f"{path} written")
+    for fault in faults:
+        console.print_line(fault)
+    if faults:
+        error = EvidenceError(f"{counted(len(faults), 'fault')}, as listed")
+        error.status = 1
+        raise error
+    if check:
+        console.print("all numbers and verdicts follow from what is stored")
+
+
+def _run(studies: list[Study], results: Path, workers: int | None, console: Terminal) -> None:
+    from causal_openlock.comparison.progress import shown
+    from causal_openlock.evidence.running import Watched, run_study
+
+    with resumable():
+        for study in studies:
+            with shown(study.name, console) as show:
+                watched = Watched(console.print_line, console.warn, show, workers)
+                run_study(study, results / study.name, watched)
 
 
 def _in_words(study: Study) -> str:
-    from causal_openlock.evidence.running import read_run
+    from causal_openlock.evidence.measured import Evidence
 
+    found = Evidence(study)
     try:
-        run = read_run(study)
-    except EvidenceError:
-        state = "not run"
-    else:
-        state = "complete" if run["complete"] else f"{run['runs']} runs, {run['cells']} cells"
+        state = "complete" if found.complete else f"{found.run['cells']} cells"
+    except OpenLockError as error:
+        state = "not run" if not found.was_run else str(error)
     return f"{study.name}: {study.file.title} ({study.file.hours:g} core hours; {state})"

@@ -15,7 +15,7 @@ from pydantic import Field
 from causal_openlock.errors import EvidenceError, OpenLockError
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.pages import Pages, page_of, unbound_numbers
-from causal_openlock.evidence.study import Study, read_studies
+from causal_openlock.evidence.study import read_studies
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.validation import StrictModel
@@ -68,11 +68,17 @@ def written(root: Path) -> Written:
     studies = read_studies(root)
     pages = Pages(root, studies)
     for study in studies:
-        made.faults += _changed(study)
         found = pages.evidence(study.name)
-        made.texts[study.folder / README] = page_of(found)
-        if found.was_run:
-            made.texts[study.folder / VERDICTS] = csv_of(found.claims.round(6))
+        try:
+            made.faults += _changed(found)
+            text = page_of(found)
+            table = csv_of(found.claims.round(6)) if found.was_run else ""
+        except OpenLockError as error:
+            made.faults.append(f"{study.folder}: {error}")
+            continue
+        made.texts[study.folder / README] = text
+        if table:
+            made.texts[study.folder / VERDICTS] = table
     for path, bound in _pages(root):
         text, faults = pages.renewed(path.read_text(encoding="utf-8"), path)
         made.texts[path] = text
@@ -93,30 +99,23 @@ def check(root: Path) -> list[str]:
     return [*made.faults, *(f"{path} is not what was measured; {remedy}" for path in made.stale)]
 
 
-def write(root: Path) -> list[Path]:
-    """Write all that follows from the studies; returns the files that changed."""
+def write(root: Path) -> tuple[list[Path], list[str]]:
+    """Write all that follows from the studies; returns what changed, and what is wrong."""
     made = written(root)
     stale = made.stale
     for path in stale:
         write_text(path, made.texts[path])
-    return stale
+    return stale, made.faults
 
 
-def _changed(study: Study) -> list[str]:
+def _changed(found: Evidence) -> list[str]:
     """Whether what is declared has changed since it was run."""
-    found = Evidence(study)
-    if not found.was_run:
-        return []
-    try:
-        run = found.run
-        _ = found.units
-    except OpenLockError as error:
-        return [f"{study.folder}: {error}"]
-    if run["declared"] == study.declared:
+    study = found.study
+    if not found.was_run or found.run["declared"] == study.declared:
         return []
     return [
-        f"{study.folder}: {study.experiment.name}, or a training of it, has changed since it was "
-        f"run; run it again with: causal-openlock evidence {study.name}"
+        f"{study.folder}: {study.experiment.name}, or what it names, has changed since it was run; "
+        f"run it again with: causal-openlock evidence {study.name}"
     ]
 
 
@@ -124,7 +123,7 @@ def _pages(root: Path) -> Iterator[tuple[Path, bool]]:
     """The pages that take numbers from studies, and whether all of theirs must be."""
     path = root / PAGES
     if not path.exists():
-        return
+        raise EvidenceError(f"{path} is missing; it lists the pages that take numbers from here")
     declared = read_document(path).validate(PagesFile)
     for names, bound in ((declared.results, True), (declared.others, False)):
         for name in names:

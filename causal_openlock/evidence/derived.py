@@ -12,9 +12,8 @@ from causal_openlock.analysis.results.people.human_likeness import likeness
 from causal_openlock.analysis.results.people.yardsticks import beside_yardsticks
 from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import EvidenceError
-from causal_openlock.evidence.running import COSTS, read_units
+from causal_openlock.evidence.stored import COSTS, read_units
 from causal_openlock.evidence.study import Study
-from causal_openlock.experiment.file import read_experiment
 
 
 def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
@@ -34,7 +33,7 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
         raise EvidenceError("no learner has played all six conditions yet")
     settings = {
         spec.name: len(changed_parameters(spec.learner, spec.parameters))
-        for spec in read_experiment(study.experiment).learners
+        for spec in study.asked.learners
     }
     played = trials[trials["learner"].isin(like.points)]
     table = beside_yardsticks(like, played, settings)
@@ -49,7 +48,7 @@ def learning_costs(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     the share of subjects that came so far; ``attempts``, the median, in words.
     """
     table = costs_by_learner(read_units(study, COSTS))
-    learners = [spec.name for spec in read_experiment(study.experiment).learners]
+    learners = [spec.name for spec in study.asked.learners]
     place = table["learner"].map({name: at for at, name in enumerate(learners)})
     table = table.assign(place=place).sort_values("place", kind="stable")
     needs = [

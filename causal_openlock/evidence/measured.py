@@ -14,9 +14,9 @@ import pandas as pd
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.derived import DERIVED
 from causal_openlock.evidence.published import PUBLISHED, published_units
-from causal_openlock.evidence.running import UNITS, read_run, read_units
+from causal_openlock.evidence.stored import RUN, read_run, read_units
 from causal_openlock.evidence.study import Claim, Contrast, Measure, Selection, Study, Table
-from causal_openlock.evidence.units import selected
+from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import (
     Estimate,
     Verdict,
@@ -44,7 +44,7 @@ class Evidence:
     @property
     def was_run(self) -> bool:
         """Whether something was measured."""
-        return (self.study.folder / UNITS).exists()
+        return (self.study.folder / RUN).exists()
 
     @cached_property
     def units(self) -> pd.DataFrame:
@@ -68,6 +68,25 @@ class Evidence:
         """What is known of the run."""
         return read_run(self.study)
 
+    @property
+    def complete(self) -> bool:
+        """Whether all was run that the study asks for now."""
+        networks = self.study.file.networks
+        if not networks:
+            return bool(self.run["complete"])
+        rows = read_units(self.study)[["learner", "unit"]].itertuples(index=False, name=None)
+        labels = [*networks.files, *networks.parameters]
+        return {(label, seed) for label in labels for seed in networks.seeds} <= set(rows)
+
+    @property
+    def _same_networks(self) -> Mapping[str, str]:
+        networks = self.study.file.networks
+        return dict.fromkeys(networks.parameters, next(iter(networks.files))) if networks else {}
+
+    def stated_after(self, name: str) -> bool:
+        """Whether the contrasts of a claim were stated, or changed, after the run."""
+        return self.was_run and self.run["claims"].get(name) != self.study.margin(name)
+
     @cached_property
     def estimates(self) -> Mapping[tuple[str, str], tuple[Estimate, Verdict] | str]:
         """By claim and contrast, the difference and the verdict, or why there is none."""
@@ -75,7 +94,7 @@ class Evidence:
         for name, claim in self.study.file.claims.items():
             for part, contrast in claim.contrasts.items():
                 try:
-                    one = estimate(self.units, contrast, self.study.unit)
+                    one = estimate(self.units, contrast, self.study.unit, self._same_networks)
                 except EvidenceError as error:
                     found[name, part] = str(error) if self.was_run else "not run yet"
                 else:
@@ -106,7 +125,7 @@ class Evidence:
             }
             if not isinstance(found, str):
                 one, said = found
-                low, high = one.interval()
+                low, high = one.interval
                 row |= {"effect": one.value, "ci_low": low, "ci_high": high}
                 row |= {"n": " and ".join(map(str, one.units)), "verdict": said}
             rows.append({"verdict": "undecided", "n": "0", **row, "of_claim": self.verdict(name)})
@@ -123,21 +142,23 @@ class Evidence:
             EvidenceError: If the title is not understood, or what it asks for has not been run.
         """
         words = title.split()
-        if words[0] in OF_THE_RUN:
-            return str(self.run[words[0]])
-        ending = words.pop() if words[-1] in ENDINGS else ""
-        if words[0] == "derived":
-            return self._derived_number(words[1:])
-        if words[0] == "claim":
-            return self._of_claim(words[1:], ending)
-        measure, *rest = words
-        if measure not in get_args(Measure) or not rest:
+        kind, rest = (words[0], words[1:]) if words else ("", [])
+        if kind in OF_THE_RUN and not rest:
+            return str(self.run[kind])
+        if kind == "derived" and len(rest) > 1:
+            return self._derived_number(rest)
+        ending = rest.pop() if rest and rest[-1] in ENDINGS else ""
+        if kind == "claim" and rest:
+            return self._of_claim(rest, ending)
+        if kind not in get_args(Measure) or not rest:
             raise EvidenceError(
                 f"{title!r} does not begin with a measure and a learner; "
-                f"{nearest(measure, get_args(Measure))}"
+                f"{nearest(kind, get_args(Measure))}"
             )
-        values = selected(self.units, Selection.parse(rest), measure).to_numpy(float)
-        return _written(mean_of(values, measure != "attempts"), measure, ending, values)
+        if ending in ("verdict", "without_sign"):
+            raise EvidenceError(f"{title!r} asks for the {ending} of what is no claim")
+        values = selected(self.units, Selection.parse(rest), kind)
+        return _written(mean_of(values), kind, ending, values)
 
     def _derived_number(self, words: Sequence[str]) -> str:
         *learner, column = words
@@ -160,7 +181,7 @@ class Evidence:
         claim = self._claim(name)
         if ending == "verdict" and (not part or not self.was_run):
             return self.verdict(name)
-        chosen = part[0] if part else next(iter(claim.contrasts))
+        chosen = " ".join(part) or next(iter(claim.contrasts))
         if chosen not in claim.contrasts:
             known = nearest(chosen, claim.contrasts)
             raise EvidenceError(f"the claim {name} has no contrast {chosen!r}; {known}")
@@ -201,20 +222,20 @@ class Evidence:
             for column in table.columns:
                 try:
                     chosen = Selection.parse([*row.split(), *column.split()])
-                    values = selected(units, chosen, table.measure).to_numpy(float)
+                    values = selected(units, chosen, table.measure)
                 except EvidenceError:
                     cells.append("–")
                     continue
-                one = mean_of(values, table.measure != "attempts")
+                one = mean_of(values)
                 cells.append(_written(one, table.measure, ""))
                 if chosen.learner not in PUBLISHED:
-                    sizes.add(len(values))
+                    sizes.add(one.units[0])
                     if table.interval:
                         cells[-1] += f" ({_written(one, table.measure, 'interval')})"
             rows.append([label, *cells])
         n = " or ".join(str(size) for size in sorted(sizes)) or "no"
         note = f"Means over {n} {self.study.unit}s"
-        note += ", 95% intervals of Student's t." if table.interval else "."
+        note += ", 95% intervals." if table.interval else "."
         return f"{markdown(['', *table.columns], rows)}\n\n{note}\n"
 
     def _derived_table(self) -> str:
@@ -231,7 +252,8 @@ class Evidence:
         rows = []
         for name, claim in self.study.file.claims.items():
             source = f" ({claim.source})" if claim.source else ""
-            rows.append([f"{claim.text}{source}", f"**{self.verdict(name)}**", ""])
+            after = "; stated after the run" * self.stated_after(name)
+            rows.append([f"{claim.text}{source}", f"**{self.verdict(name)}**{after}", ""])
             for part, contrast in claim.contrasts.items():
                 found = self.estimates[name, part]
                 rows.append([*_contrast_in_words(part, contrast, found)])
@@ -262,11 +284,8 @@ def _contrast_in_words(
     part: str, contrast: Contrast, found: tuple[Estimate, Verdict] | str
 ) -> tuple[str, str, str]:
     wanted = _number(contrast.smallest, contrast.measure)
-    rule = {
-        "more": f"more by at least {wanted}",
-        "less": f"less by at least {wanted}",
-        "same": f"the same within {wanted}",
-    }[contrast.expected]
+    by = f" by at least {wanted}" * (contrast.smallest > 0)
+    rule = f"the same within {wanted}" if contrast.expected == "same" else contrast.expected + by
     sides = f"{_side(contrast.of)} − {_side(contrast.minus)}"
     measure = contrast.measure.replace("_", " ")
     where = f"&nbsp;&nbsp;{part}: {measure} of {sides}, expected: {rule}"
@@ -288,20 +307,19 @@ def _side(selection: Selection | float) -> str:
     return " ".join(words)
 
 
-def _written(found: Estimate, measure: str, ending: str, values: Sequence[float] | Any = ()) -> str:
-    """An estimate as it stands on a page."""
+def _written(found: Estimate, measure: str, ending: str, of: Selected | None = None) -> str:
+    """An estimate as it stands on a page: a mean of units, or without these a difference."""
     if ending == "units":
         return " and ".join(map(str, found.units))
     if ending == "interval":
-        low, high = found.interval()
+        low, high = found.interval
         if np.isnan(low):
             return "no interval"
-        least, most = (0.0, 1.0) if measure != "attempts" else (-np.inf, np.inf)
-        if found.value < least or low < least - 1:
-            least = -1.0
-        return f"{_number(max(low, least), measure)} to {_number(min(high, most), measure)}"
-    if ending == "sd":
-        return _number(float(np.std(values, ddof=1)), measure)
+        if measure != "attempts":  # shares
+            low, high = max(low, 0.0 if of else -1.0), min(high, 1.0)
+        return f"{_number(low, measure)} to {_number(high, measure)}"
+    if ending == "sd" and of is not None:
+        return _number(float(np.std(of.values, ddof=1)) if len(of.values) > 1 else np.nan, measure)
     if ending == "without_sign":
         return _number(abs(found.value), measure)
     number = _number(found.value, measure)
@@ -309,6 +327,8 @@ def _written(found: Estimate, measure: str, ending: str, values: Sequence[float]
 
 
 def _number(value: float, measure: str) -> str:
+    if not np.isfinite(value):
+        raise EvidenceError("this number is not known: too few units")
     text = f"{value:.2f}".replace("-", "−")
     if measure != "attempts":
         text = re.sub(r"^(−?)0\.", r"\1.", text)
@@ -335,6 +355,7 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     | 1 | 2 |
     """
     lines = [head, ["---"] * len(head), *rows]
-    texts = ["| " + " | ".join(line) + " |" for line in lines]
+    cells = [[re.sub(r"\s*\n\s*", " ", one).replace("|", "\\|") for one in line] for line in lines]
+    texts = ["| " + " | ".join(line) + " |" for line in cells]
     texts[1] = "|" + "|".join("---" for _ in head) + "|"
     return "\n".join(texts)

@@ -37,23 +37,20 @@ from causal_openlock.evidence.study import Study
 from causal_openlock.wording import nearest
 
 LINK = re.compile(
-    r"\[(?P<text>[^\]\n]*)\]\((?P<path>[^)\s]*evidence/(?P<study>\w+)/README\.md)"
-    r'[ \n]"(?P<title>[^"]+)"\)'
+    r"\[(?P<text>[^\]\n]*)\]\((?P<path>[^)\s]*evidence/(?P<study>[\w-]+)/README\.md)"
+    r'[ \n]"(?P<title>[^"]*)"\)'
 )
+START = re.compile(r"<!-- evidence: (?P<study>[\w-]+) (?P<what>[\w ]+) -->\n")
+END = "<!-- end of evidence -->"
 BLOCK = re.compile(
-    r"(?P<start><!-- evidence: (?P<study>\w+) (?P<what>[\w ]+) -->\n)"
-    r"(?P<body>.*?)(?P<end><!-- end of evidence -->)",
-    re.DOTALL,
-)
-_NOT_PROSE = re.compile(
-    r"^```.*?^```|`[^`\n]+`|<!--.*?-->|\]\([^)]*\)|https?://\S+|^#.*?$|^    .*?$",
-    re.DOTALL | re.MULTILINE,
+    rf"(?P<start>{START.pattern})(?P<body>(?:(?!<!-- evidence:).)*?)(?P<end>{END})", re.DOTALL
 )
 _NAMES = re.compile(
-    r"\b(?:Figures?|Tables?|Sections?|CogSci|AAAI|Python|OpenLock|AVX)[ -]\d[\d.]*(?: and \d+)?"
-    r"|\b(?:19|20)\d\d\b|\b[A-Z]+\d\b|RL²|\b1\.\s"
+    r"\bFigures \d+ (?:and|to) \d+|\b(?:Figure|Table|Section|Python|Part|Trial)s? \d[\d.]*"
+    r"|\b(?:[A-Z]\w+|al\.,?) (?:19|20)\d\d\b|\((?:19|20)\d\d\)"
+    r"|\b[A-Z][A-Za-z]*-?\d+(?:-[A-Z]+\d+)?\b"
 )
-_NUMBER = re.compile(r"(?<![\w.])[+-−]?\d*\.?\d[\d,]*%?")
+_NUMBER = re.compile(r"[+\-−]?(?:\d[\d.,]*\d|\d|\.\d+)%?|[½¼¾²³]")
 
 
 @dataclass
@@ -113,24 +110,54 @@ class Pages:
             source = f"[How it was measured]({here}/{found['study']}/README.md)."
             return f"{found['start']}{body}\n{source}\n{found['end']}"
 
+        blocks = len(BLOCK.findall(text))
+        if not blocks == text.count("<!-- evidence:") == text.count(END):
+            faults.append(f"{page}: a block of evidence has no end, or no known beginning; mend it")
+            return text, faults
         return BLOCK.sub(block, LINK.sub(link, text)), faults
 
 
 def unbound_numbers(text: str) -> list[tuple[int, str]]:
     """The numbers in the prose of a page that no evidence accounts for, each with its line.
 
-    Settings are written as code (```300```), names such as Figure 6 and CC4 and years are none.
+    Settings are written as code (```300```); names such as Figure 6 and CC4, and years of
+    references, are no numbers.
 
     >>> unbound_numbers("It opens in .57 of `300` attempts of Figure 6.")
     [(1, '.57')]
     """
+    from markdown_it import MarkdownIt
 
     def blank(found: re.Match[str]) -> str:
         return re.sub(r"[^\n]", " ", found[0])
 
-    for pattern in (BLOCK, LINK, _NOT_PROSE, _NAMES):
-        text = pattern.sub(blank, text)
-    return [(text.count("\n", 0, found.start()) + 1, found[0]) for found in _NUMBER.finditer(text)]
+    def is_link(token: Any) -> bool:
+        return "evidence/" in token.attrs.get("href", "") and bool(token.attrs.get("title"))
+
+    text = BLOCK.sub(blank, text)
+    # Directives (```{note}) hold prose; other fences are code.
+    text = re.sub(r"^(`{3,}|:{3,})\{[^\n]*$(.*?)^\1\s*$", r"\n\2\n", text, flags=re.S | re.M)
+    faults = []
+    for token in MarkdownIt().enable("table").parse(text):
+        line = (token.map or [0])[0] + 1
+        inside, prose = False, []
+        for one in token.children or ():
+            if one.type in ("softbreak", "hardbreak"):
+                prose.append("\n")
+            elif one.type == "link_open":
+                inside = is_link(one)
+            elif one.type == "link_close":
+                inside = False
+            elif one.type in ("text", "image") and not inside:
+                prose.append(one.content)
+            elif one.type == "code_inline":
+                prose.append(" ")
+        said = _NAMES.sub(blank, "".join(prose))
+        faults += [
+            (line + said.count("\n", 0, found.start()), found[0])
+            for found in _NUMBER.finditer(said)
+        ]
+    return faults
 
 
 def page_of(evidence: Evidence) -> str:
@@ -149,11 +176,12 @@ def page_of(evidence: Evidence) -> str:
     derived = ["derived"] if file.derived else []
     for name in (*derived, *file.tables) if run else ():
         parts.append(evidence.block(name))
-    parts.append(f"## How it was measured\n\n{_run_in_words(study, run)}\n")
+    parts.append(f"## How it was measured\n\n{_run_in_words(evidence, run)}\n")
     return "\n".join(parts)
 
 
-def _run_in_words(study: Study, run: Mapping[str, Any]) -> str:
+def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
+    study = evidence.study
     experiment = f"[{study.experiment.name}]({study.file.experiment})"
     lines = [
         f"    causal-openlock evidence {study.name}",
@@ -168,9 +196,13 @@ def _run_in_words(study: Study, run: Mapping[str, Any]) -> str:
         ]
     if not run:
         return "\n".join([*lines, "", "It has not been run yet."])
-    done = "all of it was run" if run["complete"] else f"{run['cells']} cells were run so far"
-    if networks and not run["complete"]:
-        done = f"{run['runs']} networks have been trained and played so far"
+    complete = evidence.complete
+    done = "all of it was run" if complete else f"{run['cells']} cells were run so far"
+    if networks and not complete:
+        units = evidence.units
+        counts = units.loc[units["learner"].isin(networks.files)].groupby("learner")["unit"]
+        sizes = counts.nunique().reindex(list(networks.files), fill_value=0)
+        done = f"{sizes.min()} to {sizes.max()} networks of each kind were trained so far"
     versions = ", ".join(f"{name} {held}" for name, held in sorted(run["versions"].items()))
     return "\n".join(
         [

@@ -2,13 +2,15 @@
 
 ``people`` and ``published_model`` have attempts in the trials that the papers report, and
 ``paper_ddqn`` the shares of the paper's Figures 6 and 7. These are means without units; means of
-attempts have a standard error (``error``), those of the figures none.
+attempts have a standard error (``error``); of those of the figures
+none is known, and they are taken as they are.
 """
 
 from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.results.people.published import model, paper_ddqn, people
@@ -28,9 +30,11 @@ def published_units() -> pd.DataFrame:
     parts = []
     for name, means in (("people", people()), ("published_model", model())):
         last = means.groupby("condition")["trial"].transform("max")
+        # Their error bars have n in the denominator.
+        error = means["se"] * np.sqrt(means["subjects"] / (means["subjects"] - 1))
         parts.append(
-            means.rename(columns={"mean": "attempts", "se": "error"}).assign(
-                learner=name, protocol="human", judged=means["trial"] == last
+            means.rename(columns={"mean": "attempts"}).assign(
+                learner=name, protocol="human", judged=means["trial"] == last, error=error
             )
         )
     counts = paper_ddqn().pivot_table(
@@ -54,4 +58,4 @@ def published_units() -> pd.DataFrame:
             learner="paper_ddqn", protocol="rl", judged=shares["block"] == last
         )
     )
-    return pd.concat(parts, ignore_index=True).assign(unit=0).drop(columns="subjects")
+    return pd.concat(parts, ignore_index=True).assign(unit=0, subjects=1).drop(columns="se")

@@ -2,13 +2,8 @@
 
 A study can be stopped at any time and goes on where it was. What has been played by then is
 already evidence, of fewer units: verdicts on it are undecided where it does not suffice. Records
-stay in ``results``, which is not kept; in the study's folder is what lasts:
-
-- ``units.parquet``, a row for each unit (:mod:`~causal_openlock.evidence.units`), and
-  ``costs.parquet``, what learning cost each subject, if the study asks for it,
-- ``run.json``: the command, the hash of what was declared, versions, machine, time,
-- ``verdicts.csv`` and ``README.md``, which follow from these
-  (:mod:`~causal_openlock.evidence.pages`).
+and networks stay in ``results``, which is not kept; what lasts is in the study's folder
+(:mod:`~causal_openlock.evidence.stored`).
 """
 
 from __future__ import annotations
@@ -20,8 +15,8 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -33,22 +28,14 @@ from causal_openlock.analysis.results.cost import subject_costs
 from causal_openlock.comparison.comparing import play
 from causal_openlock.comparison.progress import Show
 from causal_openlock.comparison.results import Results
-from causal_openlock.errors import EvidenceError
+from causal_openlock.errors import CellsFailed, EvidenceError
+from causal_openlock.evidence.stored import COSTS, UNITS, read_run, read_units, write_run
 from causal_openlock.evidence.study import Networks, Study
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.store import merged_versions
-from causal_openlock.files.atomic import write_bytes
-from causal_openlock.files.checksums import (
-    ChecksumError,
-    json_bytes,
-    read_json,
-    read_table,
-    table_bytes,
-)
-
-UNITS, COSTS, RUN = "units.parquet", "costs.parquet", "run.json"
 
 
 @dataclass(frozen=True)
@@ -68,23 +55,39 @@ class Watched:
     workers: int | None = None
 
 
-@dataclass
-class _Kept:
-    """What has been played so far."""
+@dataclass(frozen=True)
+class Part:
+    """What is played in one go: all of a study without networks, or one network.
 
-    units: list[pd.DataFrame] = field(default_factory=list)
-    costs: list[pd.DataFrame] = field(default_factory=list)
-    versions: list[dict[str, Any]] = field(default_factory=list)
-    seconds: float = 0.0
-    cells: int = 0
-    missing: int = 0
+    Attributes:
+        name: Of its results folder.
+        label: Of the networks that it is one of; empty without networks.
+        seed: Of its training.
+        trained: Label of the training; a variant plays with the networks of another one.
+    """
 
-    def add(self, units: pd.DataFrame, results: Results, seconds: float) -> None:
-        self.units.append(units)
-        self.versions.append(dict(results.experiment.versions))
-        self.seconds += seconds
-        self.cells += len(results.experiment.files)
-        self.missing += len(results.experiment.missing)
+    name: str
+    label: str = ""
+    seed: int = 0
+    trained: str = ""
+
+
+def parts_of(study: Study) -> list[Part]:
+    """The parts of a study in the order in which they are run: a network of each kind, and so on.
+
+    A part is named after a hash of how its network is trained, so that a training that has changed
+    since is another part.
+    """
+    networks = study.file.networks
+    if not networks:
+        return [Part("played")]
+    first = next(iter(networks.files))
+    return [
+        Part(f"{label}-{seed}-{study.training(trained)[:8]}", label, seed, trained)
+        for seed in networks.seeds
+        for trained in networks.files
+        for label in (trained, *(networks.parameters if trained == first else ()))
+    ]
 
 
 def run_study(study: Study, results: Path, watched: Watched) -> None:
@@ -96,110 +99,167 @@ def run_study(study: Study, results: Path, watched: Watched) -> None:
         watched: How it is watched.
 
     Raises:
-        OpenLockError: If a training or all cells failed.
+        CellsFailed: If cells failed, after all others were played.
+        OpenLockError: If a training failed, or the results folder holds another experiment.
     """
+    failed: list[CellsFailed] = []
+    found: dict[Part, _Played] = {}
     try:
-        for name, experiment in _experiments(study, results, watched):
-            play(
-                experiment,
-                results / "cells" / name,
+        for part in parts_of(study):
+            lost = play(
+                _experiment(study, part, results, watched),
+                _folder(results, part),
                 warn=watched.warn,
                 progress=watched.show,
                 workers=watched.workers,
             )
-            if study.file.networks:
-                keep(study, results)
+            failed += [lost] if lost else []
+            if part.label:
+                keep(study, results, found)
     finally:
-        keep(study, results)
+        keep(study, results, found)
+    if failed:
+        raise failed[0]
 
 
-def _experiments(study: Study, results: Path, watched: Watched) -> Iterator[tuple[str, Any]]:
-    """The experiments of a study, each with a name; networks are trained before they play."""
+def _folder(results: Path, part: Part) -> Path:
+    return results / "cells" / part.name
+
+
+def _experiment(study: Study, part: Part, results: Path, watched: Watched) -> Experiment:
+    """What is played in a part; its network is trained before."""
     networks = study.file.networks
     if not networks:
-        yield "played", read_experiment(study.experiment)
-        return
-    for seed in networks.seeds:
-        for label in networks.files:
-            path = _train(study, networks, label, seed, results, watched)
-            for name in (label, *_variants(networks, label)):
-                other = networks.parameters.get(name, {})
-                playing = learner(networks.learner, label=name, checkpoint=str(path), **other)
-                changes = Changes(learners=[playing])
-                yield f"{name}-{seed}", read_experiment(study.experiment, changes)
+        return study.asked
+    path = _train(study, networks, part, results, watched)
+    other = networks.parameters.get(part.label, {}) if part.label != part.trained else {}
+    playing = learner(networks.learner, label=part.label, checkpoint=str(path), **other)
+    # Other rooms for each network, or luck in drawing them would look like a difference.
+    seed = study.asked.seed + part.seed
+    return read_experiment(study.experiment, Changes(learners=[playing], seed=seed))
 
 
-def _variants(networks: Networks, label: str) -> tuple[str, ...]:
-    """Other ways in which the networks of the first training play."""
-    return tuple(networks.parameters) if label == next(iter(networks.files)) else ()
-
-
-def _train(
-    study: Study, networks: Networks, label: str, seed: int, results: Path, watched: Watched
-) -> Path:
+def _train(study: Study, networks: Networks, part: Part, results: Path, watched: Watched) -> Path:
     """The file of a network, which is trained if it is not there."""
-    out = results / "networks" / f"{label}-{seed}.npz"
+    name = part.name.replace(part.label, part.trained, 1)
+    out = (results / "networks" / f"{name}.npz").absolute()
     if out.exists():
         return out
     out.parent.mkdir(parents=True, exist_ok=True)
-    places = {"file": str(study.training_files[label]), "seed": str(seed), "out": str(out)}
+    file = study.training_files[part.trained]
+    places = {"file": str(file), "seed": str(part.seed), "out": str(out)}
     words = [word.format(**places) for word in shlex.split(networks.command)]
     if words[0] == "python":
         words[0] = sys.executable
-    watched.say(f"training {label}, seed {seed}")
+    about = f"{part.trained}, seed {part.seed}"
+    log = out.with_suffix(".log")
+    watched.say(f"training {about}; its progress is in {log}")
     began = time.monotonic()
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    if done.returncode:
-        why = (done.stderr.strip().splitlines() or ["no reason was given"])[-1]
-        raise EvidenceError(f"the training {shlex.join(words)} failed: {why}")
-    watched.say(f"trained {label}, seed {seed}, in {(time.monotonic() - began) / 60:.0f} minutes")
+    try:
+        with log.open("w", encoding="utf-8") as told:
+            done = subprocess.run(words, stdout=told, stderr=subprocess.STDOUT, check=False)
+    except OSError as error:
+        raise EvidenceError(f"{words[0]} cannot be run: {error.strerror}") from None
+    if done.returncode or not out.exists():
+        last = (log.read_text(encoding="utf-8").strip().splitlines() or ["no reason was given"])[-1]
+        raise EvidenceError(f"the training {shlex.join(words)} failed: {last}")
+    watched.say(f"trained {about}, in {(time.monotonic() - began) / 60:.0f} minutes")
     return out
 
 
-def keep(study: Study, results: Path) -> bool:
-    """Keep what has been played so far; returns whether there is anything."""
-    kept = _Kept()
-    names = ["played"]
-    if networks := study.file.networks:
-        labels = [*networks.files, *networks.parameters]
-        names = [f"{label}-{seed}" for seed in networks.seeds for label in labels]
-    for name in names:
-        folder = results / "cells" / name
-        if not any((folder / "cells").glob("*.parquet")):
-            continue
-        found = Results.read(folder)
-        units = units_of(found.trials, study.file.measured)
-        if networks:
-            label, _, seed = name.rpartition("-")
-            units = of_network(units, label, int(seed))
-        if study.file.derived == "learning_costs":
-            costs = subject_costs(found, found.trials)
-            kept.costs.append(costs.astype(dict.fromkeys(CELL, str)))
-        kept.add(units, found, _seconds(folder))
-    if not kept.units:
-        return False
-    import pyarrow as pa
+@dataclass
+class _Played:
+    """What has been played of a part."""
 
-    for name, parts in ((UNITS, kept.units), (COSTS, kept.costs)):
-        if parts:
-            table = pa.Table.from_pandas(pd.concat(parts), preserve_index=False)
-            write_bytes(study.folder / name, table_bytes(table))
-    write_bytes(study.folder / RUN, json_bytes(_about(study, kept, len(names))))
+    units: pd.DataFrame
+    costs: list[pd.DataFrame]
+    versions: dict[str, Any]
+    seconds: float
+    played: float
+    cells: int
+    missing: int
+
+
+def keep(study: Study, results: Path, found: dict[Part, _Played] | None = None) -> bool:
+    """Keep what has been played so far; returns whether that is more than was kept before.
+
+    Args:
+        study: The study.
+        results: Folder for records and networks.
+        found: What is known already of parts that are complete.
+    """
+    found = {} if found is None else found
+    for part in parts_of(study):
+        if part not in found and (played := _played(study, part, results)):
+            found[part] = played
+    kept = list(found.values())
+    if not kept:
+        return False
+    units = pd.concat([one.units for one in kept], ignore_index=True)
+    claims = {name: study.margin(name) for name in study.file.claims}
+    try:
+        before = read_run(study)
+        if before["declared"] == study.declared:
+            # Margins count as stated when they were first kept.
+            claims |= before["claims"]
+            if len(read_units(study)) > len(units):
+                return False
+    except (EvidenceError, KeyError):
+        pass
+    tables = {UNITS: units}
+    if costs := [one for part in kept for one in part.costs]:
+        tables[COSTS] = pd.concat(costs, ignore_index=True)
+    write_run(study, tables, _about(study, kept, claims))
+    for part in [part for part, one in found.items() if one.missing]:
+        del found[part]  # there may be more of it later
     return True
 
 
-def _about(study: Study, kept: _Kept, runs: int) -> dict[str, Any]:
+def _played(study: Study, part: Part, results: Path) -> _Played | None:
+    """What has been played of a part, if it is what the study asks for now."""
+    folder = _folder(results, part)
+    cells = list((folder / "cells").glob("*.parquet"))
+    if not cells:
+        return None
+    read = Results.read(folder)
+    asked = study.asked
+    if part.label:
+        seed, learners = asked.seed + part.seed, read.experiment.learners
+        asked = replace(asked, seed=seed, learners=learners)
+    if read.experiment.declaration != asked.declaration:
+        return None
+    units, costs = units_of(read.trials, study.file.measured), []
+    if part.label:
+        if read.experiment.missing:
+            return None
+        units = of_network(units, part.label, part.seed)
+    elif study.file.derived == "learning_costs":
+        costs = [subject_costs(read, read.trials).astype(dict.fromkeys(CELL, str))]
+    return _Played(
+        units=units,
+        costs=costs,
+        versions=dict(read.experiment.versions),
+        seconds=_seconds(cells),
+        played=max(cell.stat().st_mtime for cell in cells),
+        cells=len(read.experiment.files),
+        missing=len(read.experiment.missing),
+    )
+
+
+def _about(study: Study, kept: list[_Played], claims: dict[str, str]) -> dict[str, Any]:
     """What ``run.json`` holds."""
+    last = datetime.fromtimestamp(max(one.played for one in kept), UTC)
+    missing, cells = sum(one.missing for one in kept), sum(one.cells for one in kept)
     return {
         "command": f"causal-openlock evidence {study.name}",
         "declared": study.declared,
-        "complete": len(kept.units) == runs and not kept.missing,
-        "runs": f"{len(kept.units)} of {runs}",
-        "cells": f"{kept.cells - kept.missing} of {kept.cells}",
-        "core_hours": round(kept.seconds / 3600, 2),
-        "date": datetime.now(UTC).date().isoformat(),
+        "claims": claims,
+        "complete": not missing,
+        "cells": f"{cells - missing} of {cells}",
+        "core_hours": round(sum(one.seconds for one in kept) / 3600, 2),
+        "date": last.date().isoformat(),
         "machine": _machine(),
-        "versions": merged_versions(kept.versions),
+        "versions": merged_versions([one.versions for one in kept]),
     }
 
 
@@ -214,49 +274,10 @@ def _machine() -> str:
     return f"{name}, {os.cpu_count()} cores, {platform.system()}"
 
 
-def _seconds(folder: Path) -> float:
-    """How long the cells of a run took together."""
+def _seconds(cells: list[Path]) -> float:
+    """How long cells took together."""
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
 
-    cells = (folder / "cells").glob("*.parquet")
     times = (pq.read_table(cell, columns=["wall_time"])["wall_time"] for cell in cells)
     return sum(float(pc.max(each).as_py() or 0) for each in times)
-
-
-def read_units(study: Study, name: str = UNITS) -> pd.DataFrame:
-    """What was measured.
-
-    Args:
-        study: The study.
-        name: :data:`UNITS` or :data:`COSTS`.
-
-    Raises:
-        EvidenceError: If it has not been run, or the file is damaged.
-    """
-    path = study.folder / name
-    try:
-        found: pd.DataFrame = read_table(path.read_bytes()).to_pandas()
-    except FileNotFoundError:
-        raise EvidenceError(
-            f"{study.name} has not been run; run it with: causal-openlock evidence {study.name}"
-        ) from None
-    except ChecksumError as error:
-        raise EvidenceError(f"{path} is damaged: {error}; run the study again") from None
-    return found
-
-
-def read_run(study: Study) -> dict[str, Any]:
-    """What is known of the run: the content of ``run.json``.
-
-    Raises:
-        EvidenceError: If it has not been run.
-    """
-    try:
-        return read_json((study.folder / RUN).read_bytes())
-    except FileNotFoundError:
-        raise EvidenceError(
-            f"{study.name} has not been run; run it with: causal-openlock evidence {study.name}"
-        ) from None
-    except ChecksumError as error:
-        raise EvidenceError(f"{study.folder / RUN} is damaged: {error}; run it again") from None

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,6 +34,8 @@ from pydantic import Field, model_validator
 
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import EvidenceError
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.file import read_experiment
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import plain, read_document
 from causal_openlock.wording import nearest
@@ -72,12 +75,15 @@ class Selection(StrictModel):
         asked: dict[str, Any] = {}
         while rest:
             word = rest.pop(0)
+            key = "phase" if word in ("train", "test") else "condition"
+            value: Any = word
             if word in ("trial", "part"):
-                if not (rest and rest[0].isdigit()):
+                if not (rest and re.fullmatch("[1-9][0-9]{0,5}", rest[0])):
                     raise EvidenceError(f"{word} in {' '.join(words)!r} needs a number after it")
-                asked[word] = int(rest.pop(0))
-            else:
-                asked["phase" if word in ("train", "test") else "condition"] = word
+                key, value = word, int(rest.pop(0))
+            if key in asked:
+                raise EvidenceError(f"{' '.join(words)!r} names two of {key}; name one")
+            asked[key] = value
         return cls(learner=learner, **asked)
 
 
@@ -88,7 +94,16 @@ class Contrast(StrictModel):
     of: Selection
     minus: Selection | float
     expected: Expected
-    smallest: Annotated[float, Field(gt=0, description="The smallest difference that matters.")]
+    smallest: Annotated[
+        float, Field(ge=0, description="The smallest difference that matters; 0 from a bound.")
+    ] = 0.0
+
+    @model_validator(mode="after")
+    def _says_what_matters(self) -> Contrast:
+        bound = isinstance(self.minus, float) and self.expected != "same"
+        if not (self.smallest or bound):
+            raise ValueError("smallest: is missing: from which difference on does it matter?")
+        return self
 
 
 class Claim(StrictModel):
@@ -147,12 +162,16 @@ class StudyFile(StrictModel):
     tables: dict[str, Table] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _parts_belong_to_courses(self) -> StudyFile:
+    def _sides_can_be_selected(self) -> StudyFile:
         for claim in self.claims.values():
             for contrast in claim.contrasts.values():
                 for side in (contrast.of, contrast.minus):
-                    if isinstance(side, Selection) and side.part and self.measured == "trials":
+                    if not isinstance(side, Selection):
+                        continue
+                    if side.part and self.measured == "trials":
                         raise ValueError("part: is of a course; write trial: instead")
+                    if not (self.networks or isinstance(side.condition, str)):
+                        raise ValueError("name one condition: others have other subjects")
         return self
 
 
@@ -190,19 +209,37 @@ class Study:
         return {label: (self.folder / file).resolve() for label, file in files.items()}
 
     @cached_property
+    def asked(self) -> Experiment:
+        """The experiment as its file declares it now."""
+        return read_experiment(self.experiment)
+
+    @cached_property
     def declared(self) -> str:
-        """A hash of what is run: the content of the files, comments and layout apart."""
+        """A hash of what is run: of the experiment with all its schemas, and of trainings."""
         networks = self.file.networks
-        content = {
-            "experiment": _content(self.experiment),
-            "trainings": {label: _content(path) for label, path in self.training_files.items()},
-            "networks": networks.model_dump(exclude={"seeds", "files"}) if networks else None,
-        }
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        return _digest(
+            {
+                "experiment": self.asked.declaration,
+                "measured": self.file.measured,
+                "trainings": [self.training(label) for label in self.training_files],
+                "parameters": networks and networks.parameters,
+            }
+        )
+
+    def training(self, label: str) -> str:
+        """A hash of a training: its command and the content of its file."""
+        assert self.file.networks
+        content = plain(read_document(self.training_files[label]).data)
+        return _digest({"command": self.file.networks.command, "file": content})
+
+    def margin(self, name: str) -> str:
+        """A hash of the contrasts of a claim."""
+        contrasts = self.file.claims[name].contrasts
+        return _digest({part: one.model_dump() for part, one in contrasts.items()})
 
 
-def _content(path: Path) -> Any:
-    return plain(read_document(path).data)
+def _digest(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def read_study(folder: Path) -> Study:
@@ -210,8 +247,13 @@ def read_study(folder: Path) -> Study:
 
     Raises:
         FileError: With line, column and remedy of the first fault.
+        EvidenceError: If a file that it names is missing.
     """
-    return Study(folder, read_document(folder / FILE).validate(StudyFile))
+    study = Study(folder, read_document(folder / FILE).validate(StudyFile))
+    for path in (study.experiment, *study.training_files.values()):
+        if not path.is_file():
+            raise EvidenceError(f"{folder / FILE} names {path}, which is no file; mend the name")
+    return study
 
 
 def read_studies(root: Path, names: tuple[str, ...] = ()) -> list[Study]:

@@ -20,6 +20,7 @@ averaged; and the measures:
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ from causal_openlock.analysis.results.deep.visits import (
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.study import Selection
 from causal_openlock.wording import joined
-from causal_openlock.world.fsm import BoolArray
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 KEYS = [*CELL, "phase"]
 COURSE = [OPENS, FINDS_ALL, FOUND, UNLOCKS, ELSE]
@@ -85,14 +86,39 @@ def _judged(table: pd.DataFrame, when: str) -> BoolArray:
     return judged
 
 
-def selected(units: pd.DataFrame, selection: Selection, measure: str) -> pd.Series[Any]:
-    """By unit, the mean of a measure over what is selected.
+@dataclass(frozen=True)
+class Selected:
+    """A measure of some units.
+
+    Attributes:
+        values: ``[n]``, one for each unit.
+        units: ``[n]`` their numbers.
+        share: Whether they are shares, between 0 and 1.
+        draws: How many subjects these are of.
+        signed: Whether they are differences.
+    """
+
+    values: FloatArray
+    units: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    share: bool = False
+    draws: int = 0
+    signed: bool = False
+
+    def only(self, units: IntArray) -> Selected:
+        """Those of some units."""
+        kept = np.isin(self.units, units)
+        return replace(self, values=self.values[kept], units=self.units[kept])
+
+
+def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selected:
+    """A measure of what is selected, averaged over several conditions or times of a unit.
+
+    A unit counts if it has all that is asked for: a condition that it has not played cannot be
+    averaged over.
 
     Raises:
         EvidenceError: If the study has no such learner, condition or measure.
     """
-    if measure not in units:
-        raise EvidenceError(f"the study does not measure {measure!r}")
     conditions = selection.condition
     wanted: dict[str, Any] = {
         "learner": [selection.learner],
@@ -103,13 +129,24 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> pd.Seri
     }
     rows = units
     if not (selection.phase or selection.trial or selection.part):
-        rows = rows[rows["judged"]]
+        rows = rows[rows["judged"].astype(bool)]
     for column, values in wanted.items():
         if not values:
             continue
-        rows = rows[rows[column].isin(values)]
-        missing = [str(value) for value in values if not (rows[column] == value).any()]
+        missing = [str(value) for value in values if column not in rows
+                   or not (rows[column] == value).any()]  # fmt: skip
         if missing:
             raise EvidenceError(f"no unit has been run with {column} {joined(missing)}")
-    means: pd.Series[Any] = rows.groupby("unit")[measure].mean()
-    return means
+        rows = rows[rows[column].isin(values)]
+    if measure not in rows or rows[measure].isna().all():
+        raise EvidenceError(f"{measure} was not measured of {selection.learner}")
+    each = rows.groupby(["unit", "condition"])[measure].mean().unstack().dropna()
+    if each.empty:
+        raise EvidenceError(f"no unit has been run with {joined(each.columns)} together")
+    draws = rows[rows["unit"].isin(each.index)].groupby(["condition"])["subjects"].sum().min()
+    return Selected(
+        each.mean(axis=1).to_numpy(float),
+        each.index.to_numpy(np.int64),
+        measure not in ("attempts", "first_solution", "error"),
+        int(draws) if draws == draws else len(each),
+    )

@@ -1,10 +1,9 @@
 """Verdicts by rule: what follows from an interval and the smallest difference that matters.
 
-A contrast is a difference between two means over units, with a 95% interval of Student's t. It is
-*paired* where both sides are of the same units: subjects of one condition, who meet the same rooms
-whatever their learner, or one network under two conditions. Else it is Welch's. The sign is turned
-so that the difference that a claim expects is positive. With the smallest difference that matters,
-``m``:
+A contrast is a difference between two means over units, with a 95% interval. It is *paired* where
+both sides are of the same units: subjects of one condition, who meet the same rooms whatever their
+learner, or one network under two conditions. The sign is turned so that the difference that a claim
+expects is positive. With the smallest difference that matters, ``m``:
 
 ============== ====================================== =========================================
 verdict        of "more" or "less"                    of "the same"
@@ -12,24 +11,27 @@ verdict        of "more" or "less"                    of "the same"
 holds          the interval lies above m              the 90% interval lies within -m to m
 in part        it lies above 0, and reaches below m
 does not hold  it lies below m                        the 95% interval lies outside -m to m
-undecided      everything else, and fewer than two    everything else, and fewer than two
+undecided      everything else                        everything else
 ============== ====================================== =========================================
 
 That the 90% interval lies within both margins is the two one-sided tests of equivalence at the 5%
 level (Schuirmann, 1987). A claim of several contrasts holds if all of them do, which needs no
-correction (each must pass its own test); it does not hold if none does, and is undecided as long as
-one of those that matter is.
+correction, as each must pass its own test; it does not hold if none does, not even in part; it is
+undecided while one of them is, and holds in part otherwise.
 
-Where all units are equal Student's interval has no width, though the next unit may differ. Of
-shares, the interval then covers what so many draws can miss: with n units a fraction of up to
-``1 - 0.025 ** (1 / n)`` (Clopper and Pearson, 1934).
+Intervals are Student's t; of two independent groups Welch's. There are three exceptions. Of shares
+of which each unit has 0 or 1 they are Clopper and Pearson's (1934), and differences of these are
+put together from both (Newcombe, 1998). Where other shares are all equal, the interval covers what
+so many draws can miss, ``1 - 0.025 ** (1 / n)``, where a network counts for as many draws as it
+had subjects. And where attempts are all equal, at their limit for instance, nothing is known of
+how much units differ, and there is no interval: the verdict is undecided.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -37,12 +39,14 @@ from scipy import stats
 
 from causal_openlock.evidence.published import PUBLISHED, published_units
 from causal_openlock.evidence.study import Contrast, Expected, Selection
-from causal_openlock.evidence.units import selected
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.evidence.units import Selected, selected
 
 Verdict = Literal["holds", "in part", "does not hold", "undecided"]
+Ends = tuple[float, float]
 
-ALPHA = 0.05
+LEVEL = 0.95
+EQUIVALENCE = 0.90
+"""Level of the interval that must lie within both margins: two tests at 5%."""
 
 
 @dataclass(frozen=True)
@@ -51,123 +55,150 @@ class Estimate:
 
     Attributes:
         value: The estimate.
-        error: Its standard error; NaN with fewer than two units.
-        freedom: Degrees of freedom.
+        intervals: By level, the ends of the interval that covers the true value with that
+            probability; NaN if it is not known how much units differ.
         units: How many units each side has: one number where they are paired or compared with a
             known number.
-        slack: What is added to each side of an interval where all units of a share are equal.
     """
 
     value: float
-    error: float
-    freedom: float
+    intervals: Mapping[float, Ends]
     units: tuple[int, ...]
-    slack: float = 0.0
 
-    def interval(self, level: float = 1 - ALPHA) -> tuple[float, float]:
-        """The interval that covers the true value with a probability of ``level``."""
-        half = self.slack
-        if self.error > 0:
-            half += float(stats.t.ppf((1 + level) / 2, self.freedom)) * self.error
-        elif np.isnan(self.error):
-            half = np.nan
-        return self.value - half, self.value + half
+    @property
+    def interval(self) -> Ends:
+        """The ends of the 95% interval."""
+        return self.intervals[LEVEL]
 
 
-def mean_of(values: FloatArray, share: bool = False) -> Estimate:
+def mean_of(found: Selected) -> Estimate:
     """The mean of some units.
 
-    >>> low, high = mean_of(np.array([3.0, 4, 5, 4])).interval()
+    >>> low, high = mean_of(Selected(np.array([3.0, 4, 5, 4]))).interval
     >>> round(low, 2), round(high, 2)
     (2.7, 5.3)
-
-    Args:
-        values: ``[n]``, one for each unit.
-        share: Whether they are shares, between 0 and 1.
     """
-    n = len(values)
-    error = float(np.std(values, ddof=1) / np.sqrt(n)) if n > 1 else np.nan
-    equal = n > 1 and np.ptp(values) < 1e-12
-    slack = 1 - (ALPHA / 2) ** (1 / n) if share and equal else 0.0
-    return Estimate(float(np.mean(values)), 0.0 if equal else error, n - 1, (n,), slack)
-
-
-def difference(of: FloatArray, minus: FloatArray, share: bool = False) -> Estimate:
-    """The difference of the means of two independent groups of units (Welch, 1947)."""
-    one, two = mean_of(of, share), mean_of(minus, share)
-    squares = np.array([one.error**2, two.error**2])
-    freedoms = np.array([one.freedom, two.freedom])
-    total = float(squares.sum())
-    freedom = 1.0
-    if total > 0:
-        freedom = total**2 / float((squares**2 / np.maximum(freedoms, 1)).sum())
+    values, mean = found.values, float(np.mean(found.values))
     return Estimate(
-        one.value - two.value,
-        float(np.sqrt(total)),
-        freedom,
-        (*one.units, *two.units),
-        max(one.slack, two.slack),
+        mean, {level: _ends(found, level) for level in (LEVEL, EQUIVALENCE)}, (len(values),)
     )
 
 
-def from_known(found: Estimate, known: float, error: float = 0.0) -> Estimate:
-    """The difference to a known number, or to a published mean with its standard error."""
-    both = float(np.hypot(found.error, error))
-    freedom = found.freedom
-    if both > 0:
-        # People's error bars are of forty subjects.
-        each = found.error**4 / max(found.freedom, 1) + error**4 / 39
-        freedom = both**4 / each
-    return replace(found, value=found.value - known, error=both, freedom=freedom)
+def _ends(found: Selected, level: float) -> Ends:
+    values, n = found.values, len(found.values)
+    if n < 2:
+        return np.nan, np.nan
+    mean, tail = float(np.mean(values)), (1 - level) / 2
+    if found.share and np.isin(values, (0.0, 1.0)).all():
+        ones = int(values.sum())
+        low = float(stats.beta.ppf(tail, ones, n - ones + 1)) if ones else 0.0
+        high = float(stats.beta.ppf(1 - tail, ones + 1, n - ones)) if ones < n else 1.0
+        return low, high
+    if np.ptp(values) < 1e-12:
+        missed = 1 - tail ** (1 / found.draws) if found.share else np.nan
+        return mean - missed, mean + missed
+    half = float(stats.t.ppf(1 - tail, n - 1) * stats.sem(values))
+    return mean - half, mean + half
 
 
-def estimate(units: pd.DataFrame, contrast: Contrast, unit: str) -> Estimate:
+def difference(of: Selected, minus: Selected) -> Estimate:
+    """The difference of the means of two independent groups of units."""
+    one, two = mean_of(of), mean_of(minus)
+    value, units = one.value - two.value, (*one.units, *two.units)
+    if min(units) > 1 and not of.share and (np.ptp(of.values) or np.ptp(minus.values)):
+        test = stats.ttest_ind(of.values, minus.values, equal_var=False)
+        ends = {level: test.confidence_interval(level) for level in one.intervals}
+        return Estimate(value, {k: (float(e.low), float(e.high)) for k, e in ends.items()}, units)
+    return Estimate(value, _together(one, two), units)
+
+
+def _together(one: Estimate, two: Estimate) -> dict[float, Ends]:
+    """Intervals of a difference from those of both sides (Newcombe, 1998)."""
+    ends = {}
+    for level, (low, high) in one.intervals.items():
+        other_low, other_high = two.intervals[level]
+        value = one.value - two.value
+        ends[level] = (
+            value - float(np.hypot(one.value - low, other_high - two.value)),
+            value + float(np.hypot(high - one.value, two.value - other_low)),
+        )
+    return ends
+
+
+def estimate(
+    units: pd.DataFrame, contrast: Contrast, unit: str, same: Mapping[str, str] | None = None
+) -> Estimate:
     """The difference that a contrast asks for.
 
     Args:
         units: From :mod:`~causal_openlock.evidence.units`.
         contrast: What is compared.
         unit: ``"subject"`` or ``"network"``.
+        same: Of learners that play with the networks of another one, its label.
 
     Raises:
         EvidenceError: If a side has not been run.
     """
-    share = contrast.measure != "attempts"
     of = selected(units, contrast.of, contrast.measure)
     known = contrast.minus
     if not isinstance(known, Selection):
-        return from_known(mean_of(of.to_numpy(float), share), known)
+        return from_known(mean_of(of), known)
     if known.learner in PUBLISHED:
-        means = published_units()
-        number = float(selected(means, known, contrast.measure).mean())
-        error = float(selected(means, known, "error").mean())
-        return from_known(mean_of(of.to_numpy(float), share), number, np.nan_to_num(error))
+        number, error = (
+            float(selected(published_units(), known, name).values.mean())
+            if name != "error" or contrast.measure == "attempts"
+            else 0.0
+            for name in (contrast.measure, "error")
+        )
+        return from_known(mean_of(of), number, error)
     minus = selected(units, known, contrast.measure)
-    if paired(contrast.of, known, unit):
-        together = of.index.intersection(minus.index)
-        return mean_of((of[together] - minus[together]).to_numpy(float), share)
-    return difference(of.to_numpy(float), minus.to_numpy(float), share)
+    if not paired(contrast.of, known, unit, same or {}):
+        return difference(of, minus)
+    both = np.intersect1d(of.units, minus.units)
+    one, two = of.only(both), minus.only(both)
+    if of.share and all(np.isin(side.values, (0.0, 1.0)).all() for side in (one, two)):
+        # Without what pairing would gain: cautious.
+        estimates = mean_of(one), mean_of(two)
+        value = estimates[0].value - estimates[1].value
+        return Estimate(value, _together(*estimates), (len(both),))
+    return mean_of(Selected(one.values - two.values, both, one.share, one.draws, signed=True))
 
 
-def paired(one: Selection, other: Selection, unit: str) -> bool:
+def from_known(found: Estimate, known: float, error: float = 0.0) -> Estimate:
+    """The difference to a known number, or to a published mean with its standard error."""
+    ends = {}
+    for level, (low, high) in found.intervals.items():
+        # People's means are of forty; beside it, a learner's own error is mostly small.
+        theirs = float(stats.t.ppf((1 + level) / 2, 39)) * error
+        if np.isnan(low) and error and found.units[0] > 1:
+            low = high = found.value
+        ends[level] = (
+            found.value - known - float(np.hypot(found.value - low, theirs)),
+            found.value - known + float(np.hypot(high - found.value, theirs)),
+        )
+    return Estimate(found.value - known, ends, found.units)
+
+
+def paired(one: Selection, other: Selection, unit: str, same: Mapping[str, str]) -> bool:
     """Whether two selections are of the same units."""
     if unit == "network":
-        return one.learner == other.learner
+        names = (same.get(side.learner, side.learner) for side in (one, other))
+        return len(set(names)) == 1
     return one.condition == other.condition
 
 
 def verdict(found: Estimate, expected: Expected, smallest: float) -> Verdict:
     """What follows from an estimate.
 
-    >>> found = mean_of(np.array([2.0, 3, 2, 3]))
+    >>> found = mean_of(Selected(np.array([2.0, 3, 2, 3])))
     >>> verdict(found, "more", smallest=1), verdict(found, "less", smallest=1)
     ('holds', 'does not hold')
     """
-    if min(found.units) < 2 or np.isnan(found.error):
+    low, high = found.interval
+    if np.isnan(low):
         return "undecided"
-    low, high = found.interval()
     if expected == "same":
-        inner = found.interval(1 - 2 * ALPHA)
+        inner = found.intervals[EQUIVALENCE]
         if -smallest <= inner[0] and inner[1] <= smallest:
             return "holds"
         return "does not hold" if low > smallest or high < -smallest else "undecided"
@@ -189,15 +220,4 @@ def together(verdicts: Iterable[Verdict]) -> Verdict:
     found = set(verdicts)
     if len(found) == 1:
         return found.pop()
-    return "undecided" if "undecided" in found else "in part"
-
-
-def as_row(found: Estimate) -> dict[str, Any]:
-    """An estimate as columns of a table."""
-    low, high = found.interval()
-    return {
-        "effect": found.value,
-        "ci_low": low,
-        "ci_high": high,
-        "n": " and ".join(map(str, found.units)),
-    }
+    return "in part" if found and "undecided" not in found else "undecided"

@@ -236,6 +236,15 @@ class Experiment:
         decides["learners"] = list(map(_deciding, decides["learners"]))
         return _digest(decides)
 
+    @cached_property
+    def declaration(self) -> str:
+        """A hash of what is asked for: :attr:`identity` apart from the versions of packages."""
+        asked = self.as_dict()
+        del asked["title"], asked["command"], asked["version"]
+        learners = list(map(_deciding, asked["learners"]))
+        asked["learners"] = [{k: v for k, v in one.items() if k != "package"} for one in learners]
+        return _digest(asked)
+
 
 def _deciding(learner: dict[str, Any]) -> dict[str, Any]:
     """What of a learner's description its results depend on, and identities are made of."""

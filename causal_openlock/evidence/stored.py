@@ -1,0 +1,81 @@
+"""What lasts of a study's run: files in its folder, each whole or not there at all.
+
+``run.json`` holds the hash of ``units.parquet`` (and of ``costs.parquet``), so that neither can be
+of another run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.study import Study
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.checksums import (
+    ChecksumError,
+    json_bytes,
+    read_json,
+    read_table,
+    table_bytes,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+UNITS, COSTS, RUN = "units.parquet", "costs.parquet", "run.json"
+
+
+def write_run(study: Study, tables: dict[str, pd.DataFrame], run: dict[str, Any]) -> None:
+    """Write what was measured, and then what is known of the run."""
+    import pyarrow as pa
+
+    hashes = {}
+    for name, table in tables.items():
+        content = table_bytes(pa.Table.from_pandas(table, preserve_index=False))
+        hashes[name] = hashlib.sha256(content).hexdigest()
+        write_bytes(study.folder / name, content)
+    write_bytes(study.folder / RUN, json_bytes({**run, "files": hashes}))
+
+
+def read_run(study: Study) -> dict[str, Any]:
+    """What is known of the run: the content of ``run.json``.
+
+    Raises:
+        EvidenceError: If it has not been run, or the file is damaged.
+    """
+    run = _read(study, RUN, read_json)
+    if not isinstance(run.get("files"), dict) or not isinstance(run.get("versions"), dict):
+        raise EvidenceError(f"{study.folder / RUN} is of an earlier version; run the study again")
+    return run
+
+
+def read_units(study: Study, name: str = UNITS) -> pd.DataFrame:
+    """What was measured.
+
+    Args:
+        study: The study.
+        name: :data:`UNITS` or :data:`COSTS`.
+
+    Raises:
+        EvidenceError: If it has not been run, or the file is damaged or of another run.
+    """
+    known = read_run(study)["files"].get(name)
+    found: pd.DataFrame = _read(study, name, read_table, known).to_pandas()
+    return found
+
+
+def _read(study: Study, name: str, how: Any, known: str | None = None) -> Any:
+    path: Path = study.folder / name
+    try:
+        content = path.read_bytes()
+        if known and hashlib.sha256(content).hexdigest() != known:
+            raise ChecksumError(f"{RUN} is of another run")
+        return how(content)
+    except FileNotFoundError:
+        raise EvidenceError(
+            f"{study.name} has not been run; run it with: causal-openlock evidence {study.name}"
+        ) from None
+    except ChecksumError as error:
+        raise EvidenceError(f"{path} is damaged: {error}; run the study again") from None
