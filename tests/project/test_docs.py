@@ -78,9 +78,9 @@ def every_study_is_there(site: Path) -> None:
         assert f'href="{study}/README.html"' in listed
         page = (site / "evidence" / study / "README.html").read_text(encoding="utf-8")
         assert 'href="../README.html#verdicts"' in page or "verdict" not in page
-    results = (site / "reproduction.html").read_text(encoding="utf-8")
-    title = 'title="claim one_room_is_enough verdict"'
-    assert re.search(rf'href="evidence/bayes/README.html"[^>]*{title}', results)
+    results = (site / "deep_learners.html").read_text(encoding="utf-8")
+    title = 'title="claim levels_rate_001 verdict"'
+    assert re.search(rf'href="evidence/figure7/README.html"[^>]*{title}', results)
 
 
 def every_module_is_in_the_reference(site: Path) -> None:

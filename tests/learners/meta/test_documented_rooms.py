@@ -36,6 +36,7 @@ def test_rooms_that_look_like_a_test_are_nearly_all_of_its_schemas() -> None:
 
 
 def test_matched_schemas_have_the_shape_of_the_tests_and_act_otherwise() -> None:
+    """Over ten seconds: schemas are drawn until three hundred of them match."""
     schemas = distribution("matched_schemas").schemas
     papers = {behaviour(schema) for schema in PAPERS}
     forms: dict[tuple[int, int], set[tuple[int, ...]]] = {}
