@@ -47,7 +47,7 @@ BLOCK = re.compile(
 )
 _NAMES = re.compile(
     r"\bFigures \d+ (?:and|to) \d+|\b(?:Figure|Table|Section|Python|Part|Trial)s? \d[\d.]*"
-    r"|\b(?:[A-Z]\w+|al\.,?) (?:19|20)\d\d\b|\((?:19|20)\d\d\)"
+    r"|\b(?:CogSci|AAAI|January) (?:19|20)\d\d\b|(?:\(|, |&nbsp;)(?:19|20)\d\d(?=[);])"
     r"|\b[A-Z][A-Za-z]*-?\d+(?:-[A-Z]+\d+)?\b"
 )
 _NUMBER = re.compile(r"[+\-−]?(?:\d[\d.,]*\d|\d|\.\d+)%?|[½¼¾²³]")
@@ -162,7 +162,7 @@ def unbound_numbers(text: str) -> list[tuple[int, str]]:
 
 def page_of(evidence: Evidence) -> str:
     """The ``README.md`` of a study: what was run, how, and what came of it."""
-    study, file = evidence.study, evidence.study.file
+    file = evidence.study.file
     parts = [f"# {file.title}\n"]
     if file.about:
         parts.append(f"{file.about.strip()}\n")

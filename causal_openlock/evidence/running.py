@@ -136,7 +136,8 @@ def _experiment(study: Study, part: Part, results: Path, watched: Watched) -> Ex
     playing = learner(networks.learner, label=part.label, checkpoint=str(path), **other)
     # Other rooms for each network, or luck in drawing them would look like a difference.
     seed = study.asked.seed + part.seed
-    return read_experiment(study.experiment, Changes(learners=[playing], seed=seed))
+    found = read_experiment(study.experiment, Changes(learners=[playing], seed=seed))
+    return replace(found, name=study.asked.name)
 
 
 def _train(study: Study, networks: Networks, part: Part, results: Path, watched: Watched) -> Path:

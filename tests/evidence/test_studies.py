@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 import causal_openlock.evidence.running as running
-from causal_openlock.errors import EvidenceError, FileError
+from causal_openlock.errors import EvidenceError, FileError, StoreError
 from causal_openlock.evidence.checking import check, write
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.pages import unbound_numbers
-from causal_openlock.evidence.running import Watched, read_run, read_units, run_study
+from causal_openlock.evidence.running import Watched, run_study
+from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import read_studies, read_study
 
 EXPERIMENT = "name: small\nsubjects: 3\ncell_size: 3\nconditions: [CC3, CC3-CC4]\n"
@@ -21,11 +23,11 @@ experiment: experiment.yaml
 hours: 0.01
 claims:
   faster:
-    text: The oracle is faster than random actions
+    text: The oracle is faster than people
     contrasts:
-      CC3:
-        {measure: attempts, of: {learner: oracle, condition: CC3},
-         minus: {learner: random, condition: CC3}, expected: less, smallest: 1}
+      CC3-CC4:
+        {measure: attempts, of: {learner: oracle, condition: CC3-CC4},
+         minus: {learner: people, condition: CC3-CC4}, expected: less, smallest: 1}
   like_people:
     text: It is as fast as people
     contrasts:
@@ -78,14 +80,16 @@ def test_a_study_that_was_not_run_is_undecided(root: Path) -> None:
     found = Evidence(read_study(root / "small"))
     assert found.text("claim faster verdict") == "undecided"
     assert "not run yet" in found.block("claims")
-    assert "faster than random actions | **undecided** | not run yet |" in found.block("verdicts")
+    assert "faster than people | **undecided** | not run yet |" in found.block("verdicts")
     with pytest.raises(EvidenceError, match="has not been run; run it with: causal-openlock ev"):
         found.text("attempts oracle CC3")
 
 
 def test_what_is_written_follows_from_what_was_measured(root: Path) -> None:
     run(root)
-    assert write(root)
+    changed, faults = write(root)
+    assert changed
+    assert not faults
     assert not check(root)
     page = (root.parent / "page.md").read_text()
     assert '[2.00](evidence/small/README.md "attempts oracle CC3")' in page
@@ -93,12 +97,12 @@ def test_what_is_written_follows_from_what_was_measured(root: Path) -> None:
     assert "| Oracle | 2.00 | 2.00 | 3.00 |" in page
     assert "[How it was measured](evidence/small/README.md)" in page
     verdicts = (root / "small" / "verdicts.csv").read_text()
-    assert "faster,CC3,attempts,less,1.0,-28.0" in verdicts
+    assert "faster,CC3-CC4,attempts,less,1.0,-2.525" in verdicts
     assert "like_people,CC3-CC4,attempts,same" in verdicts
     readme = (root / "small" / "README.md").read_text()
     assert "**holds**" in readme
     assert "all of it was run" in readme
-    assert not write(root)
+    assert write(root) == ([], [])
 
 
 def test_verdicts_have_a_row_for_each_claim_or_for_those_named(root: Path) -> None:
@@ -106,7 +110,7 @@ def test_verdicts_have_a_row_for_each_claim_or_for_those_named(root: Path) -> No
     found = Evidence(read_study(root / "small"))
     rows = found.block("verdicts").splitlines()[2:]
     faster, like_people = rows
-    assert "| **holds** | CC3: −28.00 (−28.00 to −28.00), n = 3 |" in faster
+    assert "| **holds** | CC3-CC4: −2.53 (−3.53 to −1.52), n = 3 |" in faster
     assert found.block("verdicts like_people").splitlines()[2:] == [like_people]
     with pytest.raises(EvidenceError, match="has no claim 'fastest'; did you mean faster"):
         found.block("verdicts fastest")
@@ -143,7 +147,7 @@ def test_an_experiment_that_changed_since_is_found(root: Path) -> None:
     assert not check(root)
     experiment.write_text(experiment.read_text().replace("subjects: 3", "subjects: 4"))
     (fault,) = check(root)
-    assert "experiment.yaml, or a training of it, has changed since it was run" in fault
+    assert "experiment.yaml, or what it names, has changed since it was run" in fault
 
 
 def test_damaged_units_are_found(root: Path) -> None:
@@ -200,8 +204,9 @@ def test_networks_are_trained_and_each_is_a_unit(tmp_path: Path) -> None:
         ("second", 2),
     }
     assert set(units["subjects"]) == {3}
-    assert said[0] == "training first, seed 1"
+    assert said[0].startswith("training first, seed 1; its progress is in ")
     (folder / "second.yaml").write_text("actions: 2\n")
+    (tmp_path / "evidence" / "pages.yaml").write_text("results: []\n")
     (fault,) = (one for one in check(tmp_path / "evidence") if "changed" in one)
     assert "networks" in fault
 
@@ -213,6 +218,8 @@ def test_a_training_that_fails_is_one_sentence(tmp_path: Path) -> None:
     train.write_text("raise SystemExit('no such schema')\n")
     (folder / "study.yaml").write_text(NETWORKS.format(train=train))
     (folder / "experiment.yaml").write_text(EXPERIMENT + "learners: [rl2]\n")
+    for name in ("first", "second"):
+        (folder / f"{name}.yaml").write_text("actions: 1\n")
     with pytest.raises(EvidenceError, match=r"the training .* failed: no such schema"):
         run_study(read_study(folder), tmp_path / "results", Watched(workers=0))
 
@@ -241,6 +248,12 @@ def test_numbers_that_no_evidence_gives(text: str, found: list[str]) -> None:
         ("atempts oracle CC3", "did you mean attempts"),
         ("claim fastr", "faster"),
         ("attempts oracle CC3 trial", "needs a number after it"),
+        ("attempts oracle CC3 CC3-CC4", "names two of condition"),
+        ("attempts people CC3-CC4 sd", "not known"),
+        ("claim", "does not begin with"),
+        ("derived", "does not begin with"),
+        (" ", "does not begin with"),
+        ("attempts oracle CC3 verdict", "no claim"),
     ],
 )
 def test_a_title_that_means_nothing_is_explained(root: Path, title: str, sentence: str) -> None:
@@ -254,3 +267,84 @@ def test_a_study_file_with_a_mistake_names_the_line(root: Path) -> None:
     study.write_text(STUDY.replace("expected: less", "expected: fewer"))
     with pytest.raises(FileError, match=r"study.yaml:11"):
         read_study(root / "small")
+
+
+def test_what_was_run_under_another_seed_is_not_kept(root: Path) -> None:
+    run(root)
+    before = (root / "small" / "run.json").read_bytes()
+    experiment = root / "small" / "experiment.yaml"
+    experiment.write_text(experiment.read_text() + "seed: 7\n")
+    with pytest.raises(StoreError, match="holds another experiment"):
+        run(root)
+    assert (root / "small" / "run.json").read_bytes() == before
+    assert any("has changed since it was run" in fault for fault in check(root))
+
+
+def test_a_schema_that_changed_is_found(root: Path) -> None:
+    schema = root / "small" / "mine.yaml"
+    schema.write_text("name: mine\nlevers: [a, b]\nedges: {a: [b], b: [door]}\n")
+    experiment = root / "small" / "experiment.yaml"
+    experiment.write_text(experiment.read_text().replace("CC3,", "mine.yaml,"))
+    (study,) = read_studies(root)
+    before = study.declared
+    schema.write_text("name: mine\nlevers: [a, b]\nedges: {a: [door], b: [door]}\n")
+    (changed,) = read_studies(root)
+    assert changed.declared != before
+
+
+def test_less_does_not_replace_more(root: Path) -> None:
+    run(root)
+    before = (root / "small" / "run.json").read_bytes()
+    for cell in (root.parent / "results" / "cells" / "played" / "cells").glob("*.parquet"):
+        cell.unlink()
+        break
+    (study,) = read_studies(root)
+    assert not running.keep(study, root.parent / "results")
+    assert (root / "small" / "run.json").read_bytes() == before
+
+
+def test_units_of_another_run_are_refused(root: Path) -> None:
+    run(root)
+    other = root.parent / "other"
+    shutil.copytree(root, other)
+    experiment = other / "small" / "experiment.yaml"
+    experiment.write_text(experiment.read_text().replace("subjects: 3", "subjects: 2"))
+    (study,) = read_studies(other)
+    run_study(study, root.parent / "other_results", Watched(workers=0))
+    shutil.copyfile(other / "small" / "units.parquet", root / "small" / "units.parquet")
+    assert any("run.json is of another run" in fault for fault in check(root))
+
+
+def test_a_margin_that_was_stated_after_the_run_is_marked(root: Path) -> None:
+    run(root)
+    assert "stated after the run" not in Evidence(read_study(root / "small")).block("claims")
+    study = root / "small" / "study.yaml"
+    study.write_text(study.read_text().replace("smallest: 1}", "smallest: 0.1}"))
+    assert "**holds**; stated after the run" in Evidence(read_study(root / "small")).block("claims")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "- a\n    - 3.4 times",
+        "## 30% solved",
+        "```{note}\nIt solves 57%.\n```",
+        "After 2000 attempts",
+        "It falls by .1. Then",
+        "Figure 6 and 30 others",
+        "__57__ of them",
+        "½ of them",
+    ],
+)
+def test_numbers_cannot_hide(text: str) -> None:
+    assert unbound_numbers(text)
+
+
+def test_a_block_without_an_end_is_a_fault_and_loses_nothing(root: Path) -> None:
+    run(root)
+    page = root.parent / "page.md"
+    text = PAGE.replace("<!-- end of evidence -->", "Prose that stays.\n") + PAGE
+    page.write_text(text)
+    _, faults = write(root)
+    assert any("a block of evidence has no end" in fault for fault in faults)
+    assert page.read_text() == text

@@ -9,7 +9,10 @@ from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
 from causal_openlock.evidence.study import Contrast, Selection
+from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import (
+    EQUIVALENCE,
+    LEVEL,
     Estimate,
     difference,
     estimate,
@@ -21,14 +24,20 @@ from causal_openlock.evidence.verdicts import (
 )
 
 
+def of(values: object, share: bool = False, draws: int = 0) -> Selected:
+    """Units with these values."""
+    found = np.asarray(values, float)
+    return Selected(found, np.arange(len(found)), share, draws or len(found))
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_intervals_are_students_and_welchs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     one, two = rng.normal(3, 1, 12), rng.normal(2, 3, 7)
     expected = stats.ttest_1samp(one, 0).confidence_interval()
-    assert mean_of(one).interval() == pytest.approx((expected.low, expected.high))
+    assert mean_of(of(one)).interval == pytest.approx((expected.low, expected.high))
     welch = stats.ttest_ind(one, two, equal_var=False).confidence_interval()
-    assert difference(one, two).interval() == pytest.approx((welch.low, welch.high))
+    assert difference(of(one), of(two)).interval == pytest.approx((welch.low, welch.high))
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -37,16 +46,18 @@ def test_same_is_the_two_one_sided_tests_of_equivalence(seed: int) -> None:
     one = rng.normal(0, 1, 15)
     two = one + rng.normal(0.1, 0.6, 15)
     p = ttost_paired(two, one, -0.5, 0.5)[0]
-    assert (verdict(mean_of(two - one), "same", 0.5) == "holds") == (p <= 0.05)
+    assert (verdict(mean_of(of(two - one)), "same", 0.5) == "holds") == (p <= 0.05)
     other = rng.normal(0.1, 0.6, 30)
     p = ttost_ind(other, one, -0.7, 0.7, usevar="unequal")[0]
-    assert (verdict(difference(other, one), "same", 0.7) == "holds") == (p <= 0.05)
+    assert (verdict(difference(of(other), of(one)), "same", 0.7) == "holds") == (p <= 0.05)
 
 
 def at(low: float, high: float) -> Estimate:
     """An estimate with this 95% interval, from many units."""
-    error = (high - low) / 2 / stats.t.ppf(0.975, 1e6)
-    return Estimate((low + high) / 2, float(error), 1e6, (1000,))
+    middle, half = (low + high) / 2, (high - low) / 2
+    half *= float(stats.norm.ppf(0.95) / stats.norm.ppf(0.975))
+    ends = {LEVEL: (low, high), EQUIVALENCE: (middle - half, middle + half)}
+    return Estimate(middle, ends, (1000,))
 
 
 @pytest.mark.parametrize(
@@ -71,8 +82,9 @@ def test_the_table_of_verdicts(low: float, high: float, expected: str, wanted: s
 
 
 def test_one_unit_decides_nothing() -> None:
-    assert verdict(mean_of(np.array([9.0])), "more", 1.0) == "undecided"
-    assert verdict(difference(np.array([9.0]), np.array([1.0, 2])), "more", 1.0) == "undecided"
+    assert verdict(mean_of(of([9.0])), "more", 1.0) == "undecided"
+    assert verdict(difference(of([9.0]), of([1.0, 2])), "more", 1.0) == "undecided"
+    assert verdict(difference(of([1.0], True), of([0.0, 0], True)), "more", 0.1) == "undecided"
 
 
 def test_a_claim_holds_if_all_contrasts_do() -> None:
@@ -88,33 +100,59 @@ def test_a_claim_that_just_fails_is_believed_as_seldom_as_promised(
 ) -> None:
     rng = np.random.default_rng(3)
     samples = rng.normal(1.0, 0.5, (4000, 10))  # exactly the smallest difference that matters
-    held = [verdict(mean_of(row), expected, 1.0) == "holds" for row in samples]  # type: ignore[arg-type]
+    held = [verdict(mean_of(of(row)), expected, 1.0) == "holds" for row in samples]  # type: ignore[arg-type]
     assert np.mean(held) == pytest.approx(wrongly, abs=0.01)
 
 
+@pytest.mark.parametrize("true", [0.05, 0.1, 0.3, 0.9])
+def test_a_bound_on_a_share_is_passed_as_seldom_as_promised(true: float) -> None:
+    rng = np.random.default_rng(4)
+    values = rng.random((2000, 40)) < true
+    for expected in ("more", "less"):
+        found = [from_known(mean_of(of(row, share=True)), true) for row in values]
+        passed = [verdict(one, expected, 0.0) == "holds" for one in found]  # type: ignore[arg-type]
+        assert np.mean(passed) <= 0.03
+
+
+def test_a_difference_of_shares_is_wrong_as_seldom_as_promised() -> None:
+    rng = np.random.default_rng(5)
+    pairs = rng.random((1500, 2, 40)) < np.array([0.6, 0.3])[:, None]
+    found = [difference(of(one, share=True), of(two, share=True)) for one, two in pairs]
+    outside = [not one.interval[0] <= 0.3 <= one.interval[1] for one in found]
+    assert np.mean(outside) <= 0.06
+
+
 def test_shares_that_are_all_equal_leave_room_for_what_was_missed() -> None:
-    found = mean_of(np.ones(10), share=True)
+    low = mean_of(of(np.ones(10), share=True)).interval[0]
     # A unit that differs with this probability is missed by ten draws in one of forty studies.
-    missed = 1 - found.interval()[0]
-    assert (1 - missed) ** 10 == pytest.approx(0.025)
-    assert mean_of(np.full(10, 30.0)).interval() == (30.0, 30.0)
+    assert low**10 == pytest.approx(0.025)
+    # Five networks that solve all of two hundred rooms each have been seen a thousand times.
+    networks = mean_of(of(np.full(5, 0.5), share=True, draws=1000)).interval
+    assert networks == pytest.approx((0.4963, 0.5037), abs=1e-4)
+
+
+def test_equal_attempts_say_nothing_about_how_units_differ() -> None:
+    assert verdict(mean_of(of(np.full(10, 30.0))), "more", 1.0) == "undecided"
+    both = difference(of(np.full(10, 30.0)), of(np.full(10, 3.0)))
+    assert verdict(both, "more", 1.0) == "undecided"
 
 
 def test_people_count_with_their_standard_error() -> None:
-    own = np.array([3.0, 4, 5, 4])
+    own = of([3.0, 4, 5, 4])
     found = from_known(mean_of(own), 6.45, 0.998)
     assert found.value == pytest.approx(4 - 6.45)
-    assert found.error == pytest.approx(np.hypot(stats.sem(own), 0.998))
+    theirs, mine = stats.t.ppf(0.975, 39) * 0.998, stats.t.ppf(0.975, 3) * stats.sem(own.values)
+    assert found.interval[1] - found.value == pytest.approx(np.hypot(theirs, mine))
 
 
 def units() -> pd.DataFrame:
     rows = [
-        (learner, condition, "train", 5, True, unit, base + unit)
+        (learner, condition, "train", 5, True, unit, 1, base + unit)
         for learner, base in (("a", 0.0), ("b", 2.0))
         for condition in ("CC4", "CE4")
         for unit in range(3)
     ]
-    names = ["learner", "condition", "phase", "trial", "judged", "unit", "attempts"]
+    names = ["learner", "condition", "phase", "trial", "judged", "unit", "subjects", "attempts"]
     return pd.DataFrame(rows, columns=names)
 
 
@@ -124,14 +162,25 @@ def contrast(of: Selection, minus: Selection) -> Contrast:
 
 def test_subjects_are_paired_where_they_meet_the_same_rooms() -> None:
     b, a = (Selection(learner=name, condition="CC4") for name in "ba")
-    found = estimate(units(), contrast(b, a), "subject")
-    assert (found.value, found.error, found.units) == (2.0, 0.0, (3,))
-    other = estimate(units(), contrast(b, Selection(learner="a", condition="CE4")), "subject")
-    assert other.error > 0
+    table = units()
+    table.loc[(table["learner"] == "b") & (table["unit"] == 2), "attempts"] += 0.5
+    found = estimate(table, contrast(b, a), "subject")
+    assert found.units == (3,)
+    assert found.value == pytest.approx(2.0 + 0.5 / 3)
+    other = estimate(table, contrast(b, Selection(learner="a", condition="CE4")), "subject")
     assert other.units == (3, 3)
+    assert np.diff(other.interval) > np.diff(found.interval)
 
 
 def test_networks_are_paired_with_themselves_alone() -> None:
     a, b = (Selection(learner=name, condition="CC4") for name in "ab")
-    assert not paired(a, b, "network")
-    assert paired(a, Selection(learner="a", condition="CE4"), "network")
+    assert not paired(a, b, "network", {})
+    assert paired(a, b, "network", {"b": "a"})
+    assert paired(a, Selection(learner="a", condition="CE4"), "network", {})
+
+
+def test_a_unit_counts_if_it_has_all_conditions() -> None:
+    table = units()
+    table = table[~((table["condition"] == "CE4") & (table["unit"] == 2))]
+    found = selected(table, Selection(learner="a", condition=["CC4", "CE4"]), "attempts")
+    assert found.units.tolist() == [0, 1]
