@@ -46,6 +46,9 @@ def test_attempts_of_three_trials_worked_by_hand() -> None:
         + trial_rows([1, 2, 2], solutions=2, trial=3, layout="trial9")  # solved, then goes on
     )
     trials = attempts_to_solve(record)
+    assert trials["first_solution"].tolist() == [2, 1, 1]
+    nothing_found = attempts_to_solve(table(trial_rows([0, 0, 0])))
+    assert nothing_found["first_solution"].tolist() == [3]
     assert trials["attempts"].tolist() == [4, 5, 2]
     assert trials["last_attempt"].tolist() == [4, 5, 3]
     assert trials["solved"].tolist() == [True, False, True]
