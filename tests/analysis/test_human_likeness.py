@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from causal_openlock.analysis.plots.likeness import MOST_DRAWN, draw_points, plot_likeness, signs
-from causal_openlock.analysis.report.sections.human_likeness import section
+from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.report.sections import sections_of
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.human_likeness import (
@@ -201,6 +202,10 @@ def test_the_nearest_stands_first_and_who_came_to_fewer_points_last():
     assert table["shown"].tolist() == [len(EFFECTS), len(EFFECTS), 1]
 
 
+def section(held: Material) -> Section | None:
+    return next(iter(sections_of(held, ["human_likeness"])), None)
+
+
 # -- the section ----------------------------------------------------------------------------------
 
 
@@ -218,7 +223,11 @@ def test_the_section_tells_who_is_nearest_and_compares_with_the_published_model(
     assert set(tests["learner"]) == {"people", "near", "far", PUBLISHED_MODEL}
     assert len(tests) == 4 * len(EFFECTS)
     published = table.set_index("learner").loc[PUBLISHED_MODEL]
-    assert (published["signs"], published["p < .05"]) == (5, 5)
+    assert published["signs"] == 5
+    assert pd.isna(published["found"])  # a published model is not tested
+    # Of the corrected p values, 12 are of this section's tests, all of the report's here.
+    assert (tests["p_corrected"].dropna() >= tests["p"][tests["p_corrected"].notna()]).all()
+    assert tests["p_corrected"].notna().sum() == 2 * len(EFFECTS)
 
 
 def test_a_sign_alone_is_not_clear_of_chance():

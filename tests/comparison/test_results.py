@@ -73,7 +73,7 @@ def test_pairs_are_of_every_two_learners(results: ol.Results) -> None:
     (row,) = results.pairs.to_dict("records")
     assert (row["learner"], row["other"], row["protocol"]) == ("random", "oracle", "human")
     judged = results.headline.pivot(index="condition", columns="learner", values="attempts")
-    assert row["value"] == pytest.approx((judged["random"] - judged["oracle"]).mean())
+    assert row["difference"] == pytest.approx((judged["random"] - judged["oracle"]).mean())
     assert row["probability"] < 0.5
 
 

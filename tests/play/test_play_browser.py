@@ -19,6 +19,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 from causal_openlock.experiment.store import Store
 from causal_openlock.play.reactions import read_reactions
 from support import browsers
+from support.accessibility import violations
 from support.play_clients import serving
 
 REQUIRED = os.environ.get("OPENLOCK_BROWSER") == "required"
@@ -283,3 +284,14 @@ def test_every_screen_is_readable_in_both_themes(page: Page, tmp_path: Path, the
                 page.wait_for_selector(f"{READY}, #pause-go")
         dark = all(int(re.findall(r"\d+", shade)[0]) < 60 for shade in shades)
         assert dark == (theme == "dark")
+
+
+def test_axe_finds_nothing_on_any_screen(page: Page, tmp_path: Path) -> None:
+    with serving(tmp_path, "--condition", "CC3") as server:
+        page.goto(server.url)
+        page.wait_for_selector("#begin")
+        for go_on in ("#begin", "#proceed", "#pause-go", None):
+            assert violations(page) == []
+            if go_on:
+                page.click(go_on)
+                page.wait_for_selector(f"{READY}, #pause-go")

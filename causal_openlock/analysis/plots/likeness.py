@@ -74,7 +74,7 @@ def draw_points(
             _draw_points_of_one(axes, own)
             perfect = noise_ceiling(own).both
             detail = f"RMSE {distance(own)[0]:.2f} (a perfect model {perfect:.2f})\n"
-            detail += signs(effects[name])
+            detail += with_peoples_sign(effects[name])
             style.panel_title(axes, name, detail)
             axes.set_ylim(0, 1.2 * highest)  # all panels have the same scale
         at.label_y("Attempts to solve")
@@ -87,9 +87,12 @@ def draw_points(
 
 def signs(effects: pd.DataFrame) -> str:
     """How many of one learner's effects have people's sign, and how many are clear of chance."""
-    like = int(effects["like_people"].sum())
-    sure = clear_of_chance(effects)
-    return f"{like} of {len(effects)} effects with people's sign, {sure} at p < {CLEAR:g}"
+    return f"{with_peoples_sign(effects)}, {clear_of_chance(effects)} at p < {CLEAR:g}"
+
+
+def with_peoples_sign(effects: pd.DataFrame) -> str:
+    """How many of one learner's effects have people's sign."""
+    return f"{int(effects['like_people'].sum())} of {len(effects)} effects with people's sign"
 
 
 def clear_of_chance(effects: pd.DataFrame) -> int:

@@ -81,6 +81,7 @@ def inline(plot: SectionPlot, svg: str) -> dict[str, Any]:
         "title": plot.title,
         "caption": plot.caption,
         "call": plot.call,
+        "folded": plot.folded,
         "svg": Markup(root + svg[svg.index(">") + 1 :]),  # matplotlib has escaped its text
     }
 

@@ -84,6 +84,7 @@ class SectionPlot:
 
     Its name is of lower-case letters, digits and underscores; the caption says what is seen, and
     what the error bars are; the call is the line of Python that makes it again, if there is one.
+    One that is ``folded`` is closed on the page until it is opened, and is not printed.
     """
 
     name: str
@@ -91,6 +92,7 @@ class SectionPlot:
     caption: str
     figure: Figure
     call: str = ""
+    folded: bool = False
 
 
 @dataclass(frozen=True)

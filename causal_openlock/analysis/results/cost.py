@@ -32,7 +32,7 @@ def learning_costs(
     >>> import causal_openlock as ol
     >>> table = ol.learning_costs(results)
     >>> table[["learner", "before", "attempts", "reached"]].values.tolist()
-    [['random', 0, inf, 0.0], ['oracle', 0, 3.0, 1.0]]
+    [['random', 0, inf, 0.0], ['oracle', 0, 2.0, 1.0]]
 
     Args:
         results: What was played.

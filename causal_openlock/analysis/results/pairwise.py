@@ -22,7 +22,10 @@ from causal_openlock.analysis.results.summary import judged
 Outcomes = Mapping[str, Mapping[str, pd.DataFrame]]
 """By learner, by condition, from :func:`outcomes`."""
 
-PAIR_COLUMNS = ["learner", "other", "conditions", "pairs", *Difference._fields, "probability"]
+PAIR_COLUMNS = [
+    *("learner", "other", "conditions", "pairs"),
+    *("difference", "ci_low", "ci_high", "p", "probability"),
+]
 """Columns of :func:`pairwise_table`."""
 
 
@@ -91,9 +94,9 @@ def pairwise_table(held: Outcomes) -> pd.DataFrame:
 
     Returns:
         A row for each pair with the columns :data:`PAIR_COLUMNS`: ``learner``, ``other``,
-        ``conditions`` (how many in common), ``pairs`` (of subjects), ``value`` with ``low`` and
-        ``high`` (by how many attempts the learner needs more than the other, with its 95%
-        interval), ``p`` (as if it were the only comparison) and ``probability`` (that a subject
+        ``conditions`` (how many in common), ``pairs`` (of subjects), ``difference`` (by how many
+        attempts the learner needs more than the other) with its 95% interval ``ci_low`` and
+        ``ci_high``, ``p`` (as if it were the only comparison) and ``probability`` (that a subject
         of the learner needs fewer attempts than one of the other).
     """
     rows = []

@@ -17,6 +17,8 @@ from scipy import stats
 from causal_openlock.analysis.effects import ALPHA, Group, weighted_difference
 from causal_openlock.analysis.report.sections import decisions_of
 from causal_openlock.analysis.results.decisions import Decisions
+from causal_openlock.analysis.results.people.human_likeness import EFFECTS
+from causal_openlock.analysis.results.people.hypotheses import contrast_test
 from causal_openlock.analysis.results.people.paper_tests import TESTS
 from causal_openlock.analysis.results.scores import _COMPARED, CONGRUENCY
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
@@ -55,7 +57,7 @@ def drawn(rng: np.random.Generator, kind: Mapping[str, tuple[list[int], list[flo
 
 def decided(played: Played) -> tuple[Decisions, dict[tuple[str, object], float]]:
     """The tests of such a report, and their p values, by the statistics alone."""
-    pairs, transfer, paper = {}, {}, {}
+    pairs, transfer, paper, likeness = {}, {}, {}, {}
     for one, other in combinations(played, 2):
         gaps = [
             Group.of(1 / 6, (played[one][cell] - played[other][cell])[:, -1])
@@ -63,17 +65,31 @@ def decided(played: Played) -> tuple[Decisions, dict[tuple[str, object], float]]
             for cell in [(name, "test" if "-" in name else "train")]
         ]
         pairs["human", one, other] = weighted_difference(gaps).p
-    for name, held in played.items():
+    for learner, held in played.items():
         for score, condition, against in _COMPARED:
             if score == CONGRUENCY:
                 both = held[condition, "test"][:, 0], held[against, "test"][:, 0]
                 groups = [Group.of(1, both[0]), Group.of(-1, both[1])]
-                transfer["human", name, condition] = weighted_difference(groups).p
+                transfer["human", learner, condition] = weighted_difference(groups).p
         for test in TESTS:
             p = test.run({c: held[c, test.phase] for c in test.conditions}).p
-            paper[name, test.family, test.name] = np.nan if p is None else p
+            paper[learner, test.family, test.name] = np.nan if p is None else p
+        for effect in EFFECTS:
+            values = [held[name, phase][:, trial - 1] for name, phase, trial in effect.weights]
+            weights = [*effect.weights.values()]
+            if effect.within:
+                own = sum(w * value for w, value in zip(weights, values, strict=True))
+                likeness[learner, effect.name] = weighted_difference([Group.of(1, own)]).p
+            else:
+                p = contrast_test(values, weights).p
+                likeness[learner, effect.name] = np.nan if p is None else p
     decisions = Decisions()
-    each = {"pairwise": pairs, "transfer": transfer, "paper_findings": paper}
+    each = {
+        "pairwise": pairs,
+        "transfer": transfer,
+        "paper_findings": paper,
+        "human_likeness": likeness,
+    }
     for section, tests in each.items():
         decisions.register(section, tests)
     return decisions, {(s, key): p for s, tests in each.items() for key, p in tests.items()}
@@ -107,7 +123,7 @@ def test_these_are_the_tests_that_a_report_makes() -> None:
 
     rows = [row for name in LEARNERS for row in play(name, as_drawn(name), SUBJECTS)]
     ours, tests = decided(played)
-    theirs = decisions_of(material(rows, LEARNERS), ["pairwise", "transfer", "paper_findings"])
+    theirs = decisions_of(material(rows, LEARNERS))
     assert ours.total == theirs.total == len(tests)
     for key in tests:
         assert theirs.p(*key) == pytest.approx(ours.p(*key))

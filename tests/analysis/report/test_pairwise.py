@@ -51,15 +51,15 @@ def test_differences_and_probabilities_are_of_pairs_by_hand(played: Material) ->
     for one, other in itertools.combinations(LEARNERS, 2):
         gaps = [scores[one][name] - scores[other][name] for name in scores[one]]
         row = table.loc[(one, other)]
-        assert row["value"] == pytest.approx(np.mean(gaps))
+        assert row["difference"] == pytest.approx(np.mean(gaps))
         assert row["probability"] == pytest.approx(
             np.mean([(gap < 0) + (gap == 0) / 2 for gap in gaps])
         )
         assert (row["conditions"], row["pairs"]) == (6, 6 * 12)
         if np.ptp(gaps) == 0:
-            assert np.isnan(row[["low", "high"]].to_numpy(float)).all()
+            assert np.isnan(row[["ci_low", "ci_high"]].to_numpy(float)).all()
         else:
-            assert row["low"] < row["value"] < row["high"]
+            assert row["ci_low"] < row["difference"] < row["ci_high"]
 
 
 def test_rooms_that_are_hard_for_both_do_not_count_against_either() -> None:
@@ -69,15 +69,15 @@ def test_rooms_that_are_hard_for_both_do_not_count_against_either() -> None:
     (row,) = pairwise_table(outcomes(material([*one, *other], ("a", "b")).trials, "human")).to_dict(
         "records"
     )
-    assert row["value"] == pytest.approx(-13 / 12)
-    assert row["high"] - row["low"] < 0.5
+    assert row["difference"] == pytest.approx(-13 / 12)
+    assert row["ci_high"] - row["ci_low"] < 0.5
     assert row["probability"] == 1.0
     alone = [*one, *(({**line, "seed": 2}) for line in other)]  # other seeds, other rooms
     (row,) = pairwise_table(outcomes(material(alone, ("a", "b")).trials, "human")).to_dict(
         "records"
     )
-    assert (row["value"], row["pairs"]) == (pytest.approx(-13 / 12), 0)
-    assert row["high"] - row["low"] > 3
+    assert (row["difference"], row["pairs"]) == (pytest.approx(-13 / 12), 0)
+    assert row["ci_high"] - row["ci_low"] > 3
 
 
 def same_rooms(seed: int) -> Attempts:
@@ -108,7 +108,8 @@ def test_protocols_are_kept_apart_and_a_single_learner_has_nobody_to_compare_wit
     rows = [*play("a", scattered(1), 3), *play("b", scattered(2), 3)]
     alone = play("c", scattered(3), 3, protocol="mine")
     (section,) = sections_of(material(rows + alone, ("a", "b", "c")), ["pairwise"])
-    assert [one.name for one in section.plots] == ["pairwise_human"]
+    assert [one.name for one in section.tables] == ["pairwise_human"]
+    assert section.plots == ()  # a single pair is told in a sentence
     assert section.tables[0].frame[["learner", "other"]].to_numpy().tolist() == [["a", "b"]]
     assert sections_of(material(alone, ("c",)), ["pairwise"]) == []
     apart = [*play("a", same(4), 2, ("CC4",)), *play("b", same(5), 2, ("CE4",))]

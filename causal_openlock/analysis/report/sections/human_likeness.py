@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.plots.likeness import clear_of_chance, plot_likeness
+from causal_openlock.analysis.effects import ALPHA
+from causal_openlock.analysis.plots.likeness import plot_likeness
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.human_likeness import (
     EFFECTS,
@@ -30,16 +32,34 @@ from causal_openlock.contract.registry import changed_parameters, is_ours
 _PROSE = Prose("human_likeness")
 
 
-def section(material: Material) -> Section | None:
+def tests(material: Material) -> dict[Hashable, float]:
+    """The p of every effect of a learner, by learner and effect."""
+    like = likeness(material.trials, material.like_people, material.learners)
+    return {
+        (name, effect.effect): effect.p
+        for name, own in (like.effects if like else {}).items()
+        for effect in own.itertuples()
+        if name != PUBLISHED_MODEL
+    }
+
+
+def section(material: Material, decisions: Decisions) -> Section | None:
     """Of the learners that played all six conditions as people did; None if there are none."""
     like = likeness(material.trials, material.like_people, material.learners)
     if like is None:
         return None
     table, found = like.table, like.effects
-    table["clear"] = [clear_of_chance(found[name]) for name in table["learner"]]
     order = ["people", *table["learner"]]
     tests = {"people": effects_of(points_of_people()), **found}
     each = pd.concat([tests[name].assign(learner=name) for name in order], ignore_index=True)
+    each["p_corrected"] = [
+        decisions.p("human_likeness", (row.learner, row.effect)) if row.learner in material.learners
+        else np.nan
+        for row in each.itertuples()
+    ]  # fmt: skip
+    clear = each["like_people"] & (each["p_corrected"] < ALPHA)
+    table["clear"] = table["learner"].map(clear.groupby(each["learner"]).sum())
+    table.loc[table["learner"] == PUBLISHED_MODEL, "clear"] = pd.NA
     published = table["learner"] == PUBLISHED_MODEL
     beside = beside_yardsticks(like, material.trials, chosen_settings(material))
     return _PROSE.section(
@@ -73,7 +93,7 @@ def chosen_settings(material: Material) -> dict[str, int]:
     }
 
 
-_TESTED = ["learner", "effect", "difference", "t", "df", "p"]
+_TESTED = ["learner", "effect", "difference", "t", "df", "p", "p_corrected"]
 _HEADS = {
     "learner": "learner",
     "rmse": "RMSE",
@@ -110,5 +130,5 @@ def _differences(table: pd.DataFrame) -> pd.DataFrame:
     }
     frame = table.assign(**ticks).rename(columns={"shown": "signs"})
     frame = frame.drop(columns=["points", "rmse", "rmse_se"])
-    frame.insert(frame.columns.get_loc("signs") + 1, "p < .05", frame.pop("clear"))
+    frame.insert(frame.columns.get_loc("signs") + 1, "found", frame.pop("clear"))
     return frame

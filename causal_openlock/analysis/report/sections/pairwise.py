@@ -18,7 +18,10 @@ from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
 from causal_openlock.wording import file_names
 
 _PROSE = Prose("pairwise")
-_NAMES = {"value": "difference", "p_corrected": "p corrected", "probability": "P(fewer)"}
+_NAMES = {
+    **{"ci_low": "low", "ci_high": "high"},
+    **{"p_corrected": "p corrected", "probability": "P(fewer)"},
+}
 _FORMATS = {
     **dict.fromkeys(("difference", "low", "high"), "+.2f"),
     **dict.fromkeys(("p", "p corrected"), ".2g"),
@@ -52,7 +55,8 @@ def section(material: Material, decisions: Decisions) -> Section | None:
         name, options = f"pairwise_{part}", {"protocol": protocol}
         shown = table.rename(columns=_NAMES)
         tables.append(_PROSE.table("pairwise", shown, _FORMATS, name, protocol=protocol))
-        plots.append(_PROSE.plot("pairwise", plot_pairs, material, options, name, **options))
+        if len(table) > 1:
+            plots.append(_PROSE.plot("pairwise", plot_pairs, material, options, name, **options))
     if not protocols:
         return None
     return _PROSE.section("pairwise", tables, plots, protocols=protocols)

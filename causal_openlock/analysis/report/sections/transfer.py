@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -63,11 +64,10 @@ def section(material: Material, decisions: Decisions) -> Section | None:
             published = bool((rows["learner"] == PEOPLE).any())
             tables.append(_PROSE.table(f"transfer_{kind}", frame(rows), _FORMATS, name, **about))
             options = {"protocol": protocol}
-            plots.append(
-                _PROSE.plot(
-                    f"transfer_{kind}", plot, material, options, name, published=published, **about
-                )
+            drawn = _PROSE.plot(
+                f"transfer_{kind}", plot, material, options, name, published=published, **about
             )
+            plots.append(replace(drawn, folded=kind == SAVINGS))
         every = scores.drop(columns="protocol")
         tables.append(
             _PROSE.table("transfer_scores", every, _FORMATS, f"transfer_scores_{part}", **about)

@@ -1,0 +1,59 @@
+"""The report in a real browser: accessible to everybody, and a dozen pages in print.
+
+Chromium, without a display. Where there is none these tests are skipped, except where
+``OPENLOCK_BROWSER=required`` says that there must be one, as ``.ci/run`` does.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Page, sync_playwright
+
+from causal_openlock.analysis.report.writing import make_report
+from support import browsers
+from support.accessibility import violations
+from support.figures import drawn
+from support.paper_play import material, play, same, scattered
+
+if os.environ.get("OPENLOCK_BROWSER") != "required" and not browsers.installed():
+    pytest.skip(browsers.MISSING, allow_module_level=True)
+
+MOST_PAGES = 12
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """The report of learners of every kind, with all sections that people's results give it."""
+    names = ("perfect", "quick", "slow", "never")
+    made = (same(3), scattered(1), scattered(2, 9.0), same(30))
+    rows = [row for name, way in zip(names, made, strict=True) for row in play(name, way, 6)]
+    with drawn():
+        held = material(rows, names)
+        path = make_report(held, tmp_path_factory.mktemp("browser")).path
+    with sync_playwright() as playwright:
+        browser = browsers.launch(playwright)
+        opened = browser.new_page(viewport={"width": 1200, "height": 850})
+        opened.goto(path.as_uri())
+        yield opened
+        browser.close()
+
+
+def test_it_prints_on_a_dozen_pages_at_most(page: Page) -> None:
+    printed = page.pdf(prefer_css_page_size=True)
+    assert 2 < len(re.findall(rb"/Type\s*/Page\b", printed)) <= MOST_PAGES
+
+
+def test_the_first_screen_has_the_answer_and_no_definitions_before_it(page: Page) -> None:
+    page.set_viewport_size({"width": 1200, "height": 850})
+    table = page.locator("#results table").first.bounding_box()
+    assert table is not None
+    assert table["y"] + table["height"] < 850
+
+
+def test_axe_finds_nothing_with_every_fold_open(page: Page) -> None:
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    assert violations(page) == []
