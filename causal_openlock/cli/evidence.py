@@ -60,6 +60,9 @@ def evidence(
         changed, faults = checking.write(folder)
         for path in changed:
             console.print_line(f"{path} written")
+    if faults and (names or every):
+        console.warn(f"{counted(len(faults), 'fault')} in what is written from studies; see --check")
+        return
     for fault in faults:
         console.print_line(fault)
     if faults:

@@ -50,7 +50,7 @@ _NAMES = re.compile(
     r"|\b(?:CogSci|AAAI|January) (?:19|20)\d\d\b|(?:\(|, |&nbsp;)(?:19|20)\d\d(?=[);])"
     r"|\b[A-Z][A-Za-z]*-?\d+(?:-[A-Z]+\d+)?\b"
 )
-_NUMBER = re.compile(r"[+\-−]?(?:\d[\d.,]*\d|\d|\.\d+)%?|[½¼¾²³]")
+_NUMBER = re.compile(r"(?<![\w.])[+\-−]?(?:\d[\d.,]*\d|\d|\.\d+)%?|[½¼¾²³]")
 
 
 @dataclass
