@@ -29,6 +29,7 @@ how much units differ, and there is no interval: the verdict is undecided.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -106,7 +107,9 @@ def difference(of: Selected, minus: Selected) -> Estimate:
     one, two = mean_of(of), mean_of(minus)
     value, units = one.value - two.value, (*one.units, *two.units)
     if min(units) > 1 and not of.share and (np.ptp(of.values) or np.ptp(minus.values)):
-        test = stats.ttest_ind(of.values, minus.values, equal_var=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of a side whose units are all equal
+            test = stats.ttest_ind(of.values, minus.values, equal_var=False)
         ends = {level: test.confidence_interval(level) for level in one.intervals}
         return Estimate(value, {k: (float(e.low), float(e.high)) for k, e in ends.items()}, units)
     return Estimate(value, _together(one, two), units)
