@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from statsmodels.duration.survfunc import SurvfuncRight
 
 from causal_openlock.analysis.measures import attempts_to_solve
+from causal_openlock.analysis.report.sections.learning_cost import shown
 from causal_openlock.analysis.results.bounds import Bound
-from causal_openlock.analysis.results.cost import cost_of_learning, median_cost
+from causal_openlock.analysis.results.cost import cost_of_learning, learning_costs, median_cost
 from causal_openlock.analysis.results.survival import unsolved_after
+from causal_openlock.experiment.building import Changes
+from causal_openlock.experiment.experiment import Origin
+from causal_openlock.experiment.file import find_experiment, read_experiment
 from support.fabricated_records import Row, table, trial_rows
+from support.made_up_experiments import experiment_of, material_of, spec, stored
 
 
 def solved_at(attempt: int, **values: object) -> list[Row]:
@@ -117,3 +124,36 @@ def test_the_median_is_infinite_where_half_never_came_so_far() -> None:
     assert high == np.inf
     assert median_cost(np.full(3, np.inf)) == (np.inf, np.inf, np.inf)
     assert np.isnan(median_cost(np.array([3.0]))[1:]).all()
+
+
+def test_training_before_the_experiment_counts() -> None:
+    rows = [*solved_at(2, subject=0), *solved_at(3, subject=1), *unsolved(5, subject=2)]
+    record = table(rows)
+    trained = spec("a", recorded=Origin("made_up:A", "made-up 1.0", prior_attempts=1000))
+    held = material_of(record, experiment_of(record, learners=(trained,)), bounds=BOUNDS)
+    (row,) = learning_costs(held).to_dict("records")
+    assert (row["before"], row["subjects"], row["asked"]) == (1000, 3, 1005)
+    assert row["attempts"] == 1003
+    assert row["reached"] == pytest.approx(2 / 3)
+    assert row["ci_low"] >= 1002
+    frame = shown(learning_costs(held))
+    assert frame["attempts, median"].tolist() == ["1,003"]
+    assert frame["95% interval"].tolist() == ["1,002 to beyond"]
+    never = shown(learning_costs(held, within=0.5))
+    assert never["attempts, median"].tolist() == ["not within 1,005"]
+
+
+def test_what_a_learner_declares_of_its_past_is_stored_and_changes_no_identity() -> None:
+    before = read_experiment(find_experiment("default"), Changes(["CC3"], ["rl2", "ideal"]))
+    rl2, ideal = before.learners
+    assert rl2.origin.prior_attempts == 5_022_720 // 3
+    assert (rl2.origin.informed, ideal.origin.informed) == (False, True)
+    plain = Origin(rl2.origin.class_name, rl2.origin.package, rl2.origin.artifact_hash)
+    other = replace(before, learners=(replace(rl2, recorded=plain), ideal))
+    assert other.identity == before.identity
+    assert [cell.identity for cell in other.cells()] == [cell.identity for cell in before.cells()]
+    assert [one.origin for one in stored(before).learners] == [rl2.origin, ideal.origin]
+
+
+def test_an_interval_of_medians_that_all_agree_is_that_median() -> None:
+    assert median_cost(np.array([9.0, *[4.0] * 60])) == (4, 4, 4)

@@ -1,0 +1,111 @@
+"""How learners stand: the first table by hand, and what it says of values that were cut off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from causal_openlock.analysis.report.first_screen import first_tables
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.people.published import people
+from causal_openlock.analysis.results.scores import PEOPLE
+from causal_openlock.analysis.results.standing import standings
+from causal_openlock.experiment.experiment import Origin
+from support.fabricated_records import table
+from support.made_up_experiments import experiment_of, spec
+from support.paper_play import Attempts, material, play, same
+
+LEARNERS = ("able", "half", "never", "told")
+
+
+def sometimes(number: int) -> Attempts:
+    """A learner that solves every second subject's trials, in so many attempts."""
+    return lambda condition, phase, trial, subject: number if subject % 2 else 30
+
+
+@pytest.fixture(scope="module")
+def played() -> Material:
+    ways = (same(5), sometimes(9), same(30), same(3))
+    rows = [row for name, way in zip(LEARNERS, ways, strict=True) for row in play(name, way, 4)]
+    told = spec("told", recorded=Origin("made_up:Told", "made-up 1.0", informed=True))
+    others = tuple(spec(name) for name in LEARNERS[:3])
+    return material(rows, LEARNERS, experiment=experiment_of(table(rows), learners=(*others, told)))
+
+
+@pytest.fixture(scope="module")
+def found(played: Material) -> pd.DataFrame:
+    return standings(played).set_index("learner")
+
+
+def test_shares_medians_and_means_by_hand(found: pd.DataFrame) -> None:
+    assert found["solved"].dropna().to_dict() == {"able": 1, "half": 0.5, "never": 0, "told": 1}
+    assert found["median"].dropna().to_dict() == {"able": 5, "half": 9, "told": 3}
+    assert found.loc["half", "attempts"] == (9 + 30) / 2
+    assert (found.loc["half", "found"], found.loc["half", "solutions"]) == (1.5, 3)
+    assert set(found["conditions"]) == {6}
+    assert found["subjects"].to_dict() == {PEOPLE: 40, **dict.fromkeys(LEARNERS, 4)}
+
+
+def test_the_best_learner_has_to_find_out_how_the_room_works(found: pd.DataFrame) -> None:
+    assert set(found["best"]) == {"able"}
+    assert np.isnan(found.loc["able", "to_best"])
+    assert found.loc["told", "to_best"] == -2
+    assert np.isnan(found.loc["told", "to_best_low"])  # nobody differs, so there is no interval
+    half = found.loc["half"]
+    assert half["to_best"] == (4 + 25) / 2
+    assert half["to_best_low"] < half["to_best"] < half["to_best_high"]
+
+
+def test_the_score_is_0_at_random_and_1_for_the_ideal_observer(found: pd.DataFrame) -> None:
+    assert found.loc["told", "score"] == pytest.approx(1.0)  # the made-up bound is 3
+    assert found.loc["never", "score"] == pytest.approx(0.0, abs=1e-4)
+    assert found.loc["able", "score"] == pytest.approx(25 / 27, abs=1e-4)
+
+
+def test_people_are_those_of_the_paper(found: pd.DataFrame) -> None:
+    means = people()
+    last = means[(means["phase"] == "test") | (means["trial"] == 5)]["mean"]
+    assert len(last) == 6
+    assert found.loc[PEOPLE, "attempts"] == pytest.approx(last.mean())
+    assert found.loc["able", "to_people"] == pytest.approx(5 - last.mean())
+    assert found.loc[PEOPLE, "to_best"] == -found.loc["able", "to_people"]
+    errors = means[(means["phase"] == "test") | (means["trial"] == 5)]["se"] * np.sqrt(40 / 39)
+    half = (found.loc["able", "to_people_high"] - found.loc["able", "to_people_low"]) / 2
+    assert half == pytest.approx(2 * np.sqrt((errors**2).sum()) / 6, rel=0.02)
+
+
+def test_values_that_the_limit_cuts_off_are_marked(played: Material) -> None:
+    (shown,) = first_tables(standings(played))
+    heads = list(shown.heads[1:])
+    median, best = (
+        heads.index("Attempts where solved (median)"),
+        heads.index("Attempts more than able, the best"),
+    )
+    assert list(shown.rows) == ["people", *LEARNERS]
+    assert shown.rows["never"][median] == ("not within 30", "")
+    assert shown.rows["never"][best] == ("≥ +25.00", "in every subject")
+    assert shown.rows["half"][best][0] == "≥ +14.50"
+    assert shown.rows["told"][best][0] == "−2.00"
+    assert shown.rows["able"][best] == ("best", "")
+    assert shown.short_rows["never"][median] == "> 30"
+    assert shown.short_rows["never"][best] == "≥ 25.0 [all]"
+
+
+def test_a_difference_of_two_values_that_are_cut_off_may_be_off_either_way() -> None:
+    rows = [*play("a", sometimes(9), 4), *play("b", same(30), 4)]
+    (shown,) = first_tables(standings(material(rows, ("a", "b"))))
+    best = list(shown.heads[1:]).index("Attempts more than a, the best")
+    assert shown.rows["b"][best][0] == "+10.50*"
+
+
+def test_nobody_is_the_best_where_nothing_is_solved(played: Material) -> None:
+    rows = [*play("a", same(30), 2), *play("b", same(30), 2)]
+    held = material(rows, ("a", "b"))
+    table = standings(replace(held, like_people=frozenset()))
+    assert table["best"].isna().all()
+    assert table["learner"].tolist() == ["a", "b"]
+    (shown,) = first_tables(table)
+    assert not any("more than" in head for head in shown.heads)
