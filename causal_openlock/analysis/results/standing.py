@@ -33,6 +33,9 @@ STANDING_COLUMNS = [
 ]
 """Columns of :func:`standings`."""
 
+MOST_ATTEMPTS = 3000
+"""No scores where trials may have more: what random actions need is computed in its square."""
+
 _NONE = Difference(np.nan, np.nan, np.nan, np.nan)
 
 
@@ -124,7 +127,7 @@ def _ends(results: Material, protocol: str, limit: int) -> dict[str, tuple[float
         phase = "test" if condition.test else "train"
         bound = results.bounds.get((condition.name, protocol, phase))
         schemas = {one.name: one for one in condition.schemas}
-        if bound is None or bound.schema not in schemas:
+        if bound is None or bound.schema not in schemas or limit > MOST_ATTEMPTS:
             continue
         schema = schemas[bound.schema]
         actions = budgets.get(protocol) or default_action_limit(schema)
