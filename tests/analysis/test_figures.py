@@ -126,13 +126,10 @@ def test_only_what_there_are_data_for_is_drawn() -> None:
     def names(**values: Any) -> list[str]:
         return [one.name for one in figures_of(made(trial_rows([1, 2, 3], **values)))]
 
-    assert names() == ["baseline_attempts", "attempts_by_trial_human"]
+    assert names() == ["attempts_by_trial_human"]
     assert names(condition="mine") == ["attempts_by_trial_human"]
     assert names(protocol="My RL!") == ["baseline_categories", "attempts_by_trial_my_rl_"]
-    assert names(condition="CC3-CC4", phase="test") == [
-        "transfer_attempts",
-        "attempts_by_trial_human",
-    ]
+    assert names(condition="CC3-CC4", phase="test") == ["attempts_by_trial_human"]
 
 
 def test_a_long_course_is_drawn_in_few_points() -> None:

@@ -56,7 +56,7 @@ class FirstTable:
     def measured(self) -> str:
         """What is counted, in words."""
         of = f", {self.conditions} conditions together" if self.conditions > 1 else ""
-        return f"new rooms, at most {self.limit} attempts each{of}"
+        return f"at most {self.limit} attempts in a room{of}"
 
 
 def first_tables(standings: pd.DataFrame) -> Iterator[FirstTable]:
