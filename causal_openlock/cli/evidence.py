@@ -61,7 +61,7 @@ def evidence(
         for path in changed:
             console.print_line(f"{path} written")
     if faults and (names or every):
-        console.warn(f"{counted(len(faults), 'fault')} in what is written from studies; see --check")
+        console.warn(f"{counted(len(faults), 'fault')} in what studies say elsewhere; see --check")
         return
     for fault in faults:
         console.print_line(fault)
