@@ -35,7 +35,7 @@ def test_sentences_with_numbers_are_right_for_one(tmp_path: Path) -> None:
     assert "An attempt has at most 1 action." in budgets(once)
     going_on = replace(once, stop_when_solved=False)
     assert budgets(going_on).startswith("1 attempt in every trial")
-    found = dict.fromkeys(("families", "undefined", "lost", "alpha", "effects", "power"), ())
+    found = dict.fromkeys(("families", "undefined", "alpha", "effects", "power"), ())
     text = Prose("paper_findings").sentence("text", **found, subjects=1, weak=0)
     assert "With 1 subject in each" in text
     assert sentence_on_changes(pd.DataFrame({"what": ["seed"]})).startswith("1 thing differs in")
