@@ -89,7 +89,10 @@ def _in_words(study: Study) -> str:
 
     found = Evidence(study)
     try:
+        _ = found.units
         state = "complete" if found.complete else f"{found.run['cells']} cells"
+        if found.run["declared"] != study.declared:
+            state = "changed since it was run"
     except OpenLockError as error:
         state = "not run" if not found.was_run else str(error)
     return f"{study.name}: {study.file.title} ({study.file.hours:g} core hours; {state})"

@@ -15,7 +15,7 @@ from pydantic import Field
 from causal_openlock.errors import EvidenceError, OpenLockError
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.pages import Pages, page_of, unbound_numbers
-from causal_openlock.evidence.study import read_studies
+from causal_openlock.evidence.study import FILE, read_studies
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.validation import StrictModel
@@ -70,7 +70,10 @@ def written(root: Path) -> Written:
     for study in studies:
         found = pages.evidence(study.name)
         try:
-            made.faults += _changed(found)
+            made.faults += [f"{study.folder / FILE}: {fault}" for fault in study.faults()]
+            if found.was_run:
+                _ = found.units  # a damaged file is a fault, and nothing is written from it
+                made.faults += _changed(found)
             text = page_of(found)
             table = csv_of(found.claims.round(6)) if found.was_run else ""
         except OpenLockError as error:
@@ -87,7 +90,7 @@ def written(root: Path) -> Written:
             made.faults += [
                 f"{path}:{line}: no evidence gives {number}; link it to the study that measured "
                 "it, or write a setting as code"
-                for line, number in unbound_numbers(text)
+                for line, number in unbound_numbers(text, pages.leads_to_study(path))
             ]
     return made
 
@@ -111,7 +114,7 @@ def write(root: Path) -> tuple[list[Path], list[str]]:
 def _changed(found: Evidence) -> list[str]:
     """Whether what is declared has changed since it was run."""
     study = found.study
-    if not found.was_run or found.run["declared"] == study.declared:
+    if found.run["declared"] == study.declared:
         return []
     return [
         f"{study.folder}: {study.experiment.name}, or what it names, has changed since it was run; "
@@ -123,7 +126,7 @@ def _pages(root: Path) -> Iterator[tuple[Path, bool]]:
     """The pages that take numbers from studies, and whether all of theirs must be."""
     path = root / PAGES
     if not path.exists():
-        raise EvidenceError(f"{path} is missing; it lists the pages that take numbers from here")
+        return
     declared = read_document(path).validate(PagesFile)
     for names, bound in ((declared.results, True), (declared.others, False)):
         for name in names:

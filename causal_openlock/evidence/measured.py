@@ -13,9 +13,17 @@ import pandas as pd
 
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.derived import DERIVED
-from causal_openlock.evidence.published import PUBLISHED, published_units
+from causal_openlock.evidence.published import published_units
 from causal_openlock.evidence.stored import RUN, read_run, read_units
-from causal_openlock.evidence.study import Claim, Contrast, Measure, Selection, Study, Table
+from causal_openlock.evidence.study import (
+    PUBLISHED,
+    Claim,
+    Contrast,
+    Measure,
+    Selection,
+    Study,
+    Table,
+)
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import (
     Estimate,
@@ -216,9 +224,9 @@ class Evidence:
             units = self.units
         except EvidenceError as error:
             return f"*{error}*\n"
-        rows, sizes = [], set()
+        rows, sizes = [], []
         for row, label in table.rows.items():
-            cells = []
+            cells, own = [], set[int]()
             for column in table.columns:
                 try:
                     chosen = Selection.parse([*row.split(), *column.split()])
@@ -229,14 +237,15 @@ class Evidence:
                 one = mean_of(values)
                 cells.append(_written(one, table.measure, ""))
                 if chosen.learner not in PUBLISHED:
-                    sizes.add(one.units[0])
+                    own.add(one.units[0])
                     if table.interval:
                         cells[-1] += f" ({_written(one, table.measure, 'interval')})"
             rows.append([label, *cells])
-        n = " or ".join(str(size) for size in sorted(sizes)) or "no"
-        note = f"Means over {n} {self.study.unit}s"
+            sizes.append(" or ".join(map(str, sorted(own))) or "–")
+        note = f"Means over n {self.study.unit}s"
         note += ", 95% intervals." if table.interval else "."
-        return f"{markdown(['', *table.columns], rows)}\n\n{note}\n"
+        rows = [[*row, size] for row, size in zip(rows, sizes, strict=True)]
+        return f"{markdown(['', *table.columns, 'n'], rows)}\n\n{note}\n"
 
     def _derived_table(self) -> str:
         if not self.was_run:
@@ -314,7 +323,7 @@ def _written(found: Estimate, measure: str, ending: str, of: Selected | None = N
     if ending == "interval":
         low, high = found.interval
         if np.isnan(low):
-            return "no interval"
+            return "no interval: all units equal, or too few"
         if measure != "attempts":  # shares
             low, high = max(low, 0.0 if of else -1.0), min(high, 1.0)
         return f"{_number(low, measure)} to {_number(high, measure)}"

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ from typing import Any
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.study import Study
-from causal_openlock.wording import nearest
+from causal_openlock.wording import counted, nearest
 
 LINK = re.compile(
     r"\[(?P<text>[^\]\n]*)\]\((?P<path>[^)\s]*evidence/(?P<study>[\w-]+)/README\.md)"
@@ -79,6 +79,11 @@ class Pages:
             self._known[name] = Evidence(studies[name])
         return self._known[name]
 
+    def leads_to_study(self, page: Path) -> Callable[[str], bool]:
+        """Whether the target of a link on a page is the page of a study."""
+        known = {(self.root / study.name / "README.md").resolve() for study in self.studies}
+        return lambda target: (page.parent / target).resolve() in known
+
     def renewed(self, text: str, page: Path) -> tuple[str, list[str]]:
         """A page with its measured numbers and tables written anew, and what could not be.
 
@@ -93,7 +98,11 @@ class Pages:
             line = text.count("\n", 0, place) + 1
             faults.append(f"{page}:{line}: {error}")
 
+        of_study = self.leads_to_study(page)
+
         def link(found: re.Match[str]) -> str:
+            if not of_study(found["path"]):
+                return found[0]
             try:
                 number = self.evidence(found["study"]).text(found["title"])
             except EvidenceError as error:
@@ -117,7 +126,13 @@ class Pages:
         return BLOCK.sub(block, LINK.sub(link, text)), faults
 
 
-def unbound_numbers(text: str) -> list[tuple[int, str]]:
+def _in_evidence(target: str) -> bool:
+    return "evidence/" in target
+
+
+def unbound_numbers(
+    text: str, of_study: Callable[[str], bool] = _in_evidence
+) -> list[tuple[int, str]]:
     """The numbers in the prose of a page that no evidence accounts for, each with its line.
 
     Settings are written as code (```300```); names such as Figure 6 and CC4, and years of
@@ -125,6 +140,10 @@ def unbound_numbers(text: str) -> list[tuple[int, str]]:
 
     >>> unbound_numbers("It opens in .57 of `300` attempts of Figure 6.")
     [(1, '.57')]
+
+    Args:
+        text: The text of the page.
+        of_study: Whether the target of a link is the page of a study.
     """
     from markdown_it import MarkdownIt
 
@@ -132,7 +151,7 @@ def unbound_numbers(text: str) -> list[tuple[int, str]]:
         return re.sub(r"[^\n]", " ", found[0])
 
     def is_link(token: Any) -> bool:
-        return "evidence/" in token.attrs.get("href", "") and bool(token.attrs.get("title"))
+        return bool(token.attrs.get("title")) and of_study(token.attrs.get("href", ""))
 
     text = BLOCK.sub(blank, text)
     # Directives (```{note}) hold prose; other fences are code.
@@ -186,7 +205,7 @@ def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
     lines = [
         f"    causal-openlock evidence {study.name}",
         "",
-        f"plays {experiment}, which takes about {study.file.hours:g} hours of one core.",
+        f"plays {experiment}, which takes about {_hours(study.file.hours)} of one core.",
     ]
     if networks := study.file.networks:
         files = ", ".join(f"[{label}]({path})" for label, path in networks.files.items())
@@ -208,7 +227,7 @@ def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
         [
             *lines,
             "",
-            f"On {run['date']}, {done}, in {run['core_hours']:g} hours of one core (training "
+            f"On {run['date']}, {done}, in {_hours(run['core_hours'])} of one core (training "
             f"apart) on {run['machine']}; {versions}.",
             "",
             f"What was measured, a row for each {study.unit} and time: "
@@ -216,3 +235,7 @@ def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
             "[run.json](run.json). The claims and their margins: [study.yaml](study.yaml).",
         ]
     )
+
+
+def _hours(hours: float) -> str:
+    return f"{hours:g} hours" if hours >= 1.05 else counted(max(1, round(hours * 60)), "minute")

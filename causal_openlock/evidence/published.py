@@ -14,9 +14,8 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.results.people.published import model, paper_ddqn, people
+from causal_openlock.evidence.study import PUBLISHED
 from causal_openlock.experiment.protocol import PROTOCOLS
-
-PUBLISHED = ("people", "published_model", "paper_ddqn")
 
 
 @cache
@@ -28,7 +27,7 @@ def published_units() -> pd.DataFrame:
     [5.525]
     """
     parts = []
-    for name, means in (("people", people()), ("published_model", model())):
+    for name, means in zip(PUBLISHED, (people(), model()), strict=False):
         last = means.groupby("condition")["trial"].transform("max")
         # Their error bars have n in the denominator.
         error = means["se"] * np.sqrt(means["subjects"] / (means["subjects"] - 1))

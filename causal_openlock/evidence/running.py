@@ -30,7 +30,7 @@ from causal_openlock.comparison.progress import Show
 from causal_openlock.comparison.results import Results
 from causal_openlock.errors import CellsFailed, EvidenceError
 from causal_openlock.evidence.stored import COSTS, UNITS, read_run, read_units, write_run
-from causal_openlock.evidence.study import Networks, Study
+from causal_openlock.evidence.study import FILE, Networks, Study
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
 from causal_openlock.experiment.experiment import Experiment
@@ -100,8 +100,11 @@ def run_study(study: Study, results: Path, watched: Watched) -> None:
 
     Raises:
         CellsFailed: If cells failed, after all others were played.
-        OpenLockError: If a training failed, or the results folder holds another experiment.
+        EvidenceError: If a claim or a table is about what is not played, or a training failed.
+        StoreError: If the results folder holds another experiment.
     """
+    if faults := study.faults():
+        raise EvidenceError(f"{study.folder / FILE}: {faults[0]}")
     failed: list[CellsFailed] = []
     found: dict[Part, _Played] = {}
     try:
@@ -200,11 +203,14 @@ def keep(study: Study, results: Path, found: dict[Part, _Played] | None = None) 
     claims = {name: study.margin(name) for name in study.file.claims}
     try:
         before = read_run(study)
-        if before["declared"] == study.declared:
-            # Margins count as stated when they were first kept.
-            claims |= before["claims"]
-            if len(read_units(study)) > len(units):
-                return False
+        # A margin that was changed once results were known stays marked, whatever is run later.
+        claims = (
+            before["claims"]
+            if before["declared"] == study.declared
+            else {**claims, **before["claims"]}
+        )
+        if before["declared"] == study.declared and len(read_units(study)) > len(units):
+            return False
     except (EvidenceError, KeyError):
         pass
     tables = {UNITS: units}
@@ -260,8 +266,19 @@ def _about(study: Study, kept: list[_Played], claims: dict[str, str]) -> dict[st
         "core_hours": round(sum(one.seconds for one in kept) / 3600, 2),
         "date": last.date().isoformat(),
         "machine": _machine(),
+        "commit": _commit(study.folder),
         "versions": merged_versions([one.versions for one in kept]),
     }
+
+
+def _commit(folder: Path) -> str:
+    """The commit that the study's folder is at, if it is under version control."""
+    try:
+        words = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12"]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+    except OSError:
+        return ""
+    return done.stdout.strip()
 
 
 def _machine() -> str:

@@ -24,11 +24,11 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
@@ -36,13 +36,23 @@ from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import EvidenceError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import plain, read_document
 from causal_openlock.wording import nearest
 
 FILE = "study.yaml"
 
-Measure = Literal["attempts", "solved", "found", "opens", "finds_all", "else", "unlocks"]
+PUBLISHED = ("people", "published_model", "paper_ddqn")
+"""Published results by the names under which studies compare and show them."""
+
+TRIALS = ("attempts", "first_solution", "solved", "found")
+COURSE = ("opens", "finds_all", "found", "unlocks", "else")
+"""What is measured of each trial, and of each part of a course."""
+
+Measure = Literal[
+    "attempts", "first_solution", "solved", "found", "opens", "finds_all", "else", "unlocks"
+]
 """What is measured of each unit: see :mod:`~causal_openlock.evidence.units`."""
 
 Expected = Literal["less", "more", "same"]
@@ -225,6 +235,41 @@ class Study:
                 "parameters": networks and networks.parameters,
             }
         )
+
+    def faults(self) -> list[str]:
+        """Which claims and tables are about what is not played, a sentence each."""
+        networks = self.file.networks
+        learners = {one.name for one in self.asked.learners}
+        if networks:
+            learners = {*networks.files, *networks.parameters}
+        conditions = {one.name for one in self.asked.conditions}
+        measures = TRIALS if self.file.measured == "trials" else COURSE
+        found = []
+        for place, measure, side in self._sides():
+            of = side.condition or []
+            names = [of] if isinstance(of, str) else of
+            published = side.learner in PUBLISHED
+            for name, known in (
+                (side.learner, {*learners, *PUBLISHED}),
+                *((name, {*conditions, *PAPER_CONDITIONS} if published else conditions)
+                  for name in names),
+                (measure, {*measures, *(get_args(Measure) if published else ())}),
+            ):  # fmt: skip
+                if name not in known:
+                    found.append(f"{place}: {name!r} is not played; {nearest(name, known)}")
+        return found
+
+    def _sides(self) -> Iterator[tuple[str, str, Selection]]:
+        for name, claim in self.file.claims.items():
+            for part, contrast in claim.contrasts.items():
+                for side in (contrast.of, contrast.minus):
+                    if isinstance(side, Selection):
+                        yield f"claims: {name}: {part}", contrast.measure, side
+        for name, table in self.file.tables.items():
+            for row in table.rows:
+                for column in table.columns:
+                    words = [*row.split(), *column.split()]
+                    yield f"tables: {name}", table.measure, Selection.parse(words)
 
     def training(self, label: str) -> str:
         """A hash of a training: its command and the content of its file."""

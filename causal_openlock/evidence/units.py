@@ -27,21 +27,13 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
-from causal_openlock.analysis.results.deep.visits import (
-    ELSE,
-    FINDS_ALL,
-    FOUND,
-    OPENS,
-    UNLOCKS,
-    shares,
-)
+from causal_openlock.analysis.results.deep.visits import shares
 from causal_openlock.errors import EvidenceError
-from causal_openlock.evidence.study import Selection
+from causal_openlock.evidence.study import COURSE, TRIALS, Selection
 from causal_openlock.wording import joined
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 KEYS = [*CELL, "phase"]
-COURSE = [OPENS, FINDS_ALL, FOUND, UNLOCKS, ELSE]
 
 
 def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
@@ -52,9 +44,9 @@ def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
         measured: ``"trials"`` or ``"course"``.
     """
     if measured == "course":
-        when, measures, table = "part", COURSE, shares(trials)
+        when, measures, table = "part", [*COURSE], shares(trials)
     else:
-        when, measures = "trial", ["attempts", "first_solution", "solved", "found"]
+        when, measures = "trial", [*TRIALS]
         each = trials.assign(
             solved=trials["solved"].astype(float),
             found=trials["solutions_found"] / trials["solutions"],

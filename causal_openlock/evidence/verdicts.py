@@ -38,8 +38,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from causal_openlock.evidence.published import PUBLISHED, published_units
-from causal_openlock.evidence.study import Contrast, Expected, Selection
+from causal_openlock.evidence.published import published_units
+from causal_openlock.evidence.study import PUBLISHED, Contrast, Expected, Selection
 from causal_openlock.evidence.units import Selected, selected
 
 Verdict = Literal["holds", "in part", "does not hold", "undecided"]

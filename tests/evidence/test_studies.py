@@ -93,8 +93,8 @@ def test_what_is_written_follows_from_what_was_measured(root: Path) -> None:
     assert not check(root)
     page = (root.parent / "page.md").read_text()
     assert '[2.00](evidence/small/README.md "attempts oracle CC3")' in page
-    assert "| People | – | – | 5.53 |" in page
-    assert "| Oracle | 2.00 | 2.00 | 3.00 |" in page
+    assert "| People | – | – | 5.53 | – |" in page
+    assert "| Oracle | 2.00 | 2.00 | 3.00 | 3 |" in page
     assert "[How it was measured](evidence/small/README.md)" in page
     verdicts = (root / "small" / "verdicts.csv").read_text()
     assert "faster,CC3-CC4,attempts,less,1.0,-2.525" in verdicts
@@ -348,3 +348,46 @@ def test_a_block_without_an_end_is_a_fault_and_loses_nothing(root: Path) -> None
     _, faults = write(root)
     assert any("a block of evidence has no end" in fault for fault in faults)
     assert page.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "sentence"),
+    [
+        ("learner: oracle, condition: CC3-CC4}", "learner: orcale, condition: CC3-CC4}", "oracle"),
+        (
+            "learner: oracle, condition: CC3-CC4}",
+            "learner: oracle, condition: CC4}",
+            "'CC4' is not",
+        ),
+        ("measure: attempts, of", "measure: opens, of", "'opens' is not played"),
+    ],
+)
+def test_a_claim_about_what_is_not_played_is_found_before_anything_runs(
+    root: Path, before: str, after: str, sentence: str
+) -> None:
+    study = root / "small" / "study.yaml"
+    study.write_text(STUDY.replace(before, after, 1))
+    assert any(sentence in fault for fault in check(root))
+    with pytest.raises(EvidenceError, match=sentence):
+        run(root)
+    assert not (root.parent / "results").exists()
+
+
+def test_a_damaged_file_is_a_fault_and_nothing_is_written_from_it(root: Path) -> None:
+    run(root)
+    write(root)
+    before = (root / "small" / "verdicts.csv").read_bytes()
+    with (root / "small" / "units.parquet").open("ab") as file:
+        file.write(b"x")
+    assert any("units.parquet is damaged" in fault for fault in check(root))
+    write(root)
+    assert (root / "small" / "verdicts.csv").read_bytes() == before
+
+
+def test_a_mark_stays_when_more_is_run(root: Path) -> None:
+    run(root)
+    study, experiment = (root / "small" / name for name in ("study.yaml", "experiment.yaml"))
+    study.write_text(study.read_text().replace("smallest: 1}", "smallest: 0.1}"))
+    experiment.write_text(experiment.read_text().replace("subjects: 3", "subjects: 4"))
+    run(root)
+    assert "**holds**; stated after the run" in Evidence(read_study(root / "small")).block("claims")
