@@ -169,15 +169,17 @@ def weighted_difference(groups: Sequence[Group]) -> Difference:
     [2.0, 0.7, 3.3, 0.02]
 
     Returns:
-        The interval is NaN if a group has one subject, and also if nobody differs: an interval
-        without a width would claim that no other subject could. p is then the chance that all N
-        signs agree, 2 / 2ᴺ, or 1 where there is no difference.
+        NaN without groups. The interval is NaN if a group has one subject, and also if nobody
+        differs: an interval without a width would claim that no other subject could. p is then the
+        chance that all N signs agree, 2 / 2ᴺ, or 1 where there is no difference.
     """
     from scipy.special import stdtr, stdtrit
 
+    if not groups:
+        return Difference(math.nan, math.nan, math.nan, math.nan)
     weight, size, mean, variance = np.array(groups, float).T
     value = float(weight @ mean) + 0.0
-    if not len(groups) or size.min() < 2:
+    if size.min() < 2:
         return Difference(value, math.nan, math.nan, math.nan)
     spread = weight**2 * variance / size
     error = math.sqrt(spread.sum())

@@ -80,6 +80,8 @@ class Evidence:
     def complete(self) -> bool:
         """Whether all was run that the study asks for now."""
         networks = self.study.file.networks
+        if self.run["declared"] != self.study.declared:
+            return False
         if not networks:
             return bool(self.run["complete"])
         rows = read_units(self.study)[["learner", "unit"]].itertuples(index=False, name=None)
@@ -323,7 +325,7 @@ def _written(found: Estimate, measure: str, ending: str, of: Selected | None = N
     if ending == "interval":
         low, high = found.interval
         if np.isnan(low):
-            return "no interval: all units equal, or too few"
+            return "no interval: fewer than two units"
         if measure != "attempts":  # shares
             low, high = max(low, 0.0 if of else -1.0), min(high, 1.0)
         return f"{_number(low, measure)} to {_number(high, measure)}"

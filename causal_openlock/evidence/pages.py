@@ -216,6 +216,10 @@ def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
     if not run:
         return "\n".join([*lines, "", "It has not been run yet."])
     complete = evidence.complete
+    if run["declared"] != study.declared:
+        return "\n".join(
+            [*lines, "", "It has been changed since it was run; what is above is of then."]
+        )
     done = "all of it was run" if complete else f"{run['cells']} cells were run so far"
     if networks and not complete:
         units = evidence.units

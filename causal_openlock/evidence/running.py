@@ -151,8 +151,7 @@ def _train(study: Study, networks: Networks, part: Part, results: Path, watched:
         return out
     out.parent.mkdir(parents=True, exist_ok=True)
     file = study.training_files[part.trained]
-    places = {"file": str(file), "seed": str(part.seed), "out": str(out)}
-    words = [word.format(**places) for word in shlex.split(networks.command)]
+    words = networks.words(file=str(file), seed=str(part.seed), out=str(out))
     if words[0] == "python":
         words[0] = sys.executable
     about = f"{part.trained}, seed {part.seed}"

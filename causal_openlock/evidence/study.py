@@ -24,6 +24,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,6 +37,7 @@ from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import EvidenceError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.file_format import NAME_FORM
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import plain, read_document
@@ -54,6 +56,8 @@ Measure = Literal[
     "attempts", "first_solution", "solved", "found", "opens", "finds_all", "else", "unlocks"
 ]
 """What is measured of each unit: see :mod:`~causal_openlock.evidence.units`."""
+
+Label = Annotated[str, Field(pattern=NAME_FORM)]
 
 Expected = Literal["less", "more", "same"]
 
@@ -81,6 +85,8 @@ class Selection(StrictModel):
         Raises:
             EvidenceError: If the words have another form.
         """
+        if not words:
+            raise EvidenceError("a selection names at least a learner")
         learner, *rest = words
         asked: dict[str, Any] = {}
         while rest:
@@ -102,7 +108,7 @@ class Contrast(StrictModel):
 
     measure: Measure
     of: Selection
-    minus: Selection | float
+    minus: Selection | Annotated[float, Field(allow_inf_nan=False)]
     expected: Expected
     smallest: Annotated[
         float, Field(ge=0, description="The smallest difference that matters; 0 from a bound.")
@@ -110,6 +116,8 @@ class Contrast(StrictModel):
 
     @model_validator(mode="after")
     def _says_what_matters(self) -> Contrast:
+        if self.of.learner in PUBLISHED:
+            raise ValueError("of: is what was run; give what is published as minus:")
         bound = isinstance(self.minus, float) and self.expected != "same"
         if not (self.smallest or bound):
             raise ValueError("smallest: is missing: from which difference on does it matter?")
@@ -143,13 +151,30 @@ class Networks(StrictModel):
     command: Annotated[
         str, Field(description="Trains one; with {file}, {seed} and {out} where these belong.")
     ]
-    files: Annotated[dict[str, str], Field(min_length=1, description="Label: file of a training.")]
+    files: Annotated[
+        dict[Label, str], Field(min_length=1, description="Label: file of a training.")
+    ]
     seeds: Annotated[list[int], Field(min_length=1)]
     learner: str = "rl2"
     parameters: Annotated[
-        dict[str, dict[str, Any]],
+        dict[Label, dict[str, Any]],
         Field(description="Label of a variant of the first file's networks: other parameters."),
     ] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _command_can_be_run(self) -> Networks:
+        try:
+            words = self.words(file="", seed="", out="")
+        except (ValueError, KeyError, IndexError) as error:
+            raise ValueError(f"command: cannot be filled in ({error}); it may have {{file}}, "
+                             "{seed} and {out}") from None  # fmt: skip
+        if not words:
+            raise ValueError("command: is empty; what trains a network?")
+        return self
+
+    def words(self, **places: str) -> list[str]:
+        """The command as words, its places filled in."""
+        return [word.format(**places) for word in shlex.split(self.command)]
 
 
 class StudyFile(StrictModel):
@@ -157,7 +182,10 @@ class StudyFile(StrictModel):
 
     title: str
     about: str = ""
-    experiment: Annotated[str, Field(description="Its file, as seen from the study's folder.")]
+    experiment: Annotated[
+        str,
+        Field(pattern=r"^[^\x00]+$", description="Its file, as seen from the study's folder."),
+    ]
     measured: Annotated[
         Literal["trials", "course"],
         Field(description="Each trial of people's protocol, or parts of a long course."),

@@ -87,14 +87,14 @@ class Selected:
         units: ``[n]`` their numbers.
         share: Whether they are shares, between 0 and 1.
         draws: How many subjects these are of.
-        signed: Whether they are differences.
+        reach: How far apart two values can be.
     """
 
     values: FloatArray
     units: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     share: bool = False
     draws: int = 0
-    signed: bool = False
+    reach: float = 1.0
 
     def only(self, units: IntArray) -> Selected:
         """Those of some units."""
@@ -136,9 +136,12 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
     if each.empty:
         raise EvidenceError(f"no unit has been run with {joined(each.columns)} together")
     draws = rows[rows["unit"].isin(each.index)].groupby(["condition"])["subjects"].sum().min()
+    share = measure not in ("attempts", "first_solution", "error")
     return Selected(
-        each.mean(axis=1).to_numpy(float),
-        each.index.to_numpy(np.int64),
-        measure not in ("attempts", "first_solution", "error"),
-        int(draws) if draws == draws else len(each),
+        values=each.mean(axis=1).to_numpy(float),
+        units=each.index.to_numpy(np.int64),
+        share=share,
+        draws=int(draws),
+        # At most the limit of attempts, which somebody hits.
+        reach=1.0 if share else float(units[measure].max() - 1),
     )

@@ -19,25 +19,25 @@ level (Schuirmann, 1987). A claim of several contrasts holds if all of them do, 
 correction, as each must pass its own test; it does not hold if none does, not even in part; it is
 undecided while one of them is, and holds in part otherwise.
 
-Intervals are Student's t; of two independent groups Welch's. There are three exceptions. Of shares
-of which each unit has 0 or 1 they are Clopper and Pearson's (1934), and differences of these are
-put together from both (Newcombe, 1998). Where other shares are all equal, the interval covers what
-so many draws can miss, ``1 - 0.025 ** (1 / n)``, where a network counts for as many draws as it
-had subjects. And where attempts are all equal, at their limit for instance, nothing is known of
-how much units differ, and there is no interval: the verdict is undecided.
+Intervals are Student's t; of two independent groups Welch's. There are two exceptions. Of shares of
+which each unit has 0 or 1 they are Clopper and Pearson's (1934). And where units are all equal, at
+the limit of attempts for instance, they cover what so many draws can miss: of n draws a fraction of
+``1 - 0.025 ** (1 / n)``, each as far off as the measure reaches; a network counts for as many draws
+as it had subjects. Differences with such a side are put together from the intervals of both
+(Newcombe, 1998).
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
+from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.published import published_units
 from causal_openlock.evidence.study import PUBLISHED, Contrast, Expected, Selection
 from causal_openlock.evidence.units import Selected, selected
@@ -96,7 +96,7 @@ def _ends(found: Selected, level: float) -> Ends:
         high = float(stats.beta.ppf(1 - tail, ones + 1, n - ones)) if ones < n else 1.0
         return low, high
     if np.ptp(values) < 1e-12:
-        missed = 1 - tail ** (1 / found.draws) if found.share else np.nan
+        missed = (1 - tail ** (1 / max(found.draws, n))) * found.reach
         return mean - missed, mean + missed
     half = float(stats.t.ppf(1 - tail, n - 1) * stats.sem(values))
     return mean - half, mean + half
@@ -106,10 +106,10 @@ def difference(of: Selected, minus: Selected) -> Estimate:
     """The difference of the means of two independent groups of units."""
     one, two = mean_of(of), mean_of(minus)
     value, units = one.value - two.value, (*one.units, *two.units)
-    if min(units) > 1 and not of.share and (np.ptp(of.values) or np.ptp(minus.values)):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of a side whose units are all equal
-            test = stats.ttest_ind(of.values, minus.values, equal_var=False)
+    binary = of.share and all(np.isin(one.values, (0.0, 1.0)).all() for one in (of, minus))
+    equal = min(np.ptp(of.values), np.ptp(minus.values)) < 1e-12
+    if min(units) > 1 and not binary and not equal:
+        test = stats.ttest_ind(of.values, minus.values, equal_var=False)
         ends = {level: test.confidence_interval(level) for level in one.intervals}
         return Estimate(value, {k: (float(e.low), float(e.high)) for k, e in ends.items()}, units)
     return Estimate(value, _together(one, two), units)
@@ -158,13 +158,16 @@ def estimate(
     if not paired(contrast.of, known, unit, same or {}):
         return difference(of, minus)
     both = np.intersect1d(of.units, minus.units)
+    if not len(both):
+        raise EvidenceError("no unit has been run on both sides")
     one, two = of.only(both), minus.only(both)
     if of.share and all(np.isin(side.values, (0.0, 1.0)).all() for side in (one, two)):
         # Without what pairing would gain: cautious.
         estimates = mean_of(one), mean_of(two)
         value = estimates[0].value - estimates[1].value
         return Estimate(value, _together(*estimates), (len(both),))
-    return mean_of(Selected(one.values - two.values, both, one.share, one.draws, signed=True))
+    # Not the rule for shares of 0 or 1: these are differences.
+    return mean_of(replace(one, values=one.values - two.values, share=False))
 
 
 def from_known(found: Estimate, known: float, error: float = 0.0) -> Estimate:
@@ -173,8 +176,6 @@ def from_known(found: Estimate, known: float, error: float = 0.0) -> Estimate:
     for level, (low, high) in found.intervals.items():
         # People's means are of forty; beside it, a learner's own error is mostly small.
         theirs = float(stats.t.ppf((1 + level) / 2, 39)) * error
-        if np.isnan(low) and error and found.units[0] > 1:
-            low = high = found.value
         ends[level] = (
             found.value - known - float(np.hypot(found.value - low, theirs)),
             found.value - known + float(np.hypot(high - found.value, theirs)),

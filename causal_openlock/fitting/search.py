@@ -22,6 +22,7 @@ subjects, which is searched too, is of a second kind, a learner whose parameters
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -170,11 +171,12 @@ def search_space(
             )
         if name in fixed:
             raise LearnerError(f"{name} is both fixed and searched; take one of them out")
-        if not one.low < one.high or (one.log and one.low <= 0):
+        finite = math.isfinite(one.low) and math.isfinite(one.high)
+        if not (finite and one.low < one.high) or (one.log and one.low <= 0):
             above = ", and low above 0 for a logarithm" if one.log else ""
             raise LearnerError(
                 f"{name} cannot be searched from {one.low:g} to {one.high:g}; low must be below "
-                f"high{above}"
+                f"high, and both finite{above}"
             )
         whole = isinstance(default, int)
         if whole and not (float(one.low).is_integer() and float(one.high).is_integer()):

@@ -23,11 +23,10 @@ experiment: experiment.yaml
 hours: 0.01
 claims:
   faster:
-    text: The oracle is faster than people
+    text: Random actions solve less than four fifths of the tests
     contrasts:
       CC3-CC4:
-        {measure: attempts, of: {learner: oracle, condition: CC3-CC4},
-         minus: {learner: people, condition: CC3-CC4}, expected: less, smallest: 1}
+        {measure: solved, of: {learner: random, condition: CC3-CC4}, minus: 0.8, expected: less}
   like_people:
     text: It is as fast as people
     contrasts:
@@ -80,7 +79,7 @@ def test_a_study_that_was_not_run_is_undecided(root: Path) -> None:
     found = Evidence(read_study(root / "small"))
     assert found.text("claim faster verdict") == "undecided"
     assert "not run yet" in found.block("claims")
-    assert "faster than people | **undecided** | not run yet |" in found.block("verdicts")
+    assert "fifths of the tests | **undecided** | not run yet |" in found.block("verdicts")
     with pytest.raises(EvidenceError, match="has not been run; run it with: causal-openlock ev"):
         found.text("attempts oracle CC3")
 
@@ -97,7 +96,7 @@ def test_what_is_written_follows_from_what_was_measured(root: Path) -> None:
     assert "| Oracle | 2.00 | 2.00 | 3.00 | 3 |" in page
     assert "[How it was measured](evidence/small/README.md)" in page
     verdicts = (root / "small" / "verdicts.csv").read_text()
-    assert "faster,CC3-CC4,attempts,less,1.0,-2.525" in verdicts
+    assert "faster,CC3-CC4,solved,less,0.0,-0.8" in verdicts
     assert "like_people,CC3-CC4,attempts,same" in verdicts
     readme = (root / "small" / "README.md").read_text()
     assert "**holds**" in readme
@@ -110,7 +109,7 @@ def test_verdicts_have_a_row_for_each_claim_or_for_those_named(root: Path) -> No
     found = Evidence(read_study(root / "small"))
     rows = found.block("verdicts").splitlines()[2:]
     faster, like_people = rows
-    assert "| **holds** | CC3-CC4: −2.53 (−3.53 to −1.52), n = 3 |" in faster
+    assert "| **holds** | CC3-CC4: −.80 (−.80 to −.09), n = 3 |" in faster
     assert found.block("verdicts like_people").splitlines()[2:] == [like_people]
     with pytest.raises(EvidenceError, match="has no claim 'fastest'; did you mean faster"):
         found.block("verdicts fastest")
@@ -146,8 +145,9 @@ def test_an_experiment_that_changed_since_is_found(root: Path) -> None:
     experiment.write_text("# A comment changes nothing.\n" + experiment.read_text())
     assert not check(root)
     experiment.write_text(experiment.read_text().replace("subjects: 3", "subjects: 4"))
-    (fault,) = check(root)
-    assert "experiment.yaml, or what it names, has changed since it was run" in fault
+    faults = check(root)
+    assert any("or what it names, has changed since it was run" in fault for fault in faults)
+    assert not Evidence(read_study(root / "small")).complete
 
 
 def test_damaged_units_are_found(root: Path) -> None:
@@ -265,7 +265,7 @@ def test_a_title_that_means_nothing_is_explained(root: Path, title: str, sentenc
 def test_a_study_file_with_a_mistake_names_the_line(root: Path) -> None:
     study = root / "small" / "study.yaml"
     study.write_text(STUDY.replace("expected: less", "expected: fewer"))
-    with pytest.raises(FileError, match=r"study.yaml:11"):
+    with pytest.raises(FileError, match=r"study.yaml:10"):
         read_study(root / "small")
 
 
@@ -320,7 +320,9 @@ def test_a_margin_that_was_stated_after_the_run_is_marked(root: Path) -> None:
     assert "stated after the run" not in Evidence(read_study(root / "small")).block("claims")
     study = root / "small" / "study.yaml"
     study.write_text(study.read_text().replace("smallest: 1}", "smallest: 0.1}"))
-    assert "**holds**; stated after the run" in Evidence(read_study(root / "small")).block("claims")
+    assert "**undecided**; stated after the run" in Evidence(read_study(root / "small")).block(
+        "claims"
+    )
 
 
 @pytest.mark.parametrize(
@@ -390,4 +392,6 @@ def test_a_mark_stays_when_more_is_run(root: Path) -> None:
     study.write_text(study.read_text().replace("smallest: 1}", "smallest: 0.1}"))
     experiment.write_text(experiment.read_text().replace("subjects: 3", "subjects: 4"))
     run(root)
-    assert "**holds**; stated after the run" in Evidence(read_study(root / "small")).block("claims")
+    assert "**undecided**; stated after the run" in Evidence(read_study(root / "small")).block(
+        "claims"
+    )

@@ -131,10 +131,13 @@ def test_shares_that_are_all_equal_leave_room_for_what_was_missed() -> None:
     assert networks == pytest.approx((0.4963, 0.5037), abs=1e-4)
 
 
-def test_equal_attempts_say_nothing_about_how_units_differ() -> None:
-    assert verdict(mean_of(of(np.full(10, 30.0))), "more", 1.0) == "undecided"
-    both = difference(of(np.full(10, 30.0)), of(np.full(10, 3.0)))
-    assert verdict(both, "more", 1.0) == "undecided"
+def test_equal_attempts_leave_room_for_what_was_missed() -> None:
+    stuck = Selected(np.full(40, 30.0), np.arange(40), False, 40, reach=29.0)
+    low = mean_of(stuck).interval[0]
+    assert low == pytest.approx(30 - 29 * (1 - 0.025 ** (1 / 40)))
+    few = Selected(np.full(3, 30.0), np.arange(3), False, 3, reach=29.0)
+    found = difference(few, of([2.0] * 9 + [3.0]))
+    assert verdict(found, "more", 20.0) != "holds"
 
 
 def test_people_count_with_their_standard_error() -> None:

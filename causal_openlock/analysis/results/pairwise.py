@@ -83,7 +83,7 @@ def compared(
             groups += [Group.of(weight, values[0]), Group.of(-weight, values[1])]
             gap = np.subtract.outer(*values)
         wins.append(float(np.mean((gap < 0) + (gap == 0) / 2)))
-    return weighted_difference(groups), pairs, float(np.mean(wins))
+    return weighted_difference(groups), pairs, float(np.mean(wins)) if wins else np.nan
 
 
 def pairwise_table(held: Outcomes) -> pd.DataFrame:
