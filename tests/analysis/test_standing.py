@@ -122,7 +122,9 @@ def test_the_answer_in_sentences(played: Material) -> None:
         "Of the learners that are given neither the schema nor the room, able needs the fewest "
         f"attempts, 5.00 on average. It needs {-able['to_people']:.2f} fewer than people ("
     )
-    assert first.endswith("a difference that is found, with all tests of the report corrected for.")
+    assert first.endswith(
+        "a difference that is found after correction for all tests of the report."
+    )
     assert second == "Solved nothing: never."  # 24 pairs that all differ tell the others apart
 
 
@@ -132,8 +134,10 @@ def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) 
     pairs = {("half", "able"): 0.001, ("able", "told"): 0.03, ("able", "never"): 0.04}
     decisions.register("pairwise", {("human", *pair): p for pair, p in pairs.items()})
     first, second = answers(standings(played), decisions)["human"]
-    assert "which does not count as found" in first
-    assert second == "Not told apart from able: never and told. Solved nothing: never."
+    assert "which is no difference that is found after" in first
+    assert second == (
+        "Not told apart from able after that correction: never and told. Solved nothing: never."
+    )
 
 
 def test_the_answer_where_nothing_is_solved(played: Material) -> None:

@@ -94,7 +94,8 @@ def _standings(results: Material, protocol: str) -> list[tuple[Any, ...]]:
         rows.append((*about, *shown, _score(attempts, ends), best, *gap[:3], *_NONE))
     for name, own in held.items():
         means = pd.DataFrame({condition: one.mean() for condition, one in own.items()}).T
-        to_best = compared(own, held[best])[0] if best not in (None, name) else _NONE
+        rivals = best not in (None, name) and not own.keys().isdisjoint(held[best])
+        to_best = compared(own, held[best])[0] if rivals else _NONE
         away = _against(_people(headline, name), own)
         to_people = Difference(-away.value, -away.high, -away.low, away.p)
         size = min(map(len, own.values()))
