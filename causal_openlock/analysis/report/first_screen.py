@@ -200,7 +200,7 @@ def _cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> Cell:
     value = row["subjects" if column == "n" else column]
     if column == "attempts" and None not in (row["solved"], value):
         if row["solved"] == 0:
-            return f"not within {row['limit']}", ""
+            return f"> {row['limit']}", ""
         return ("≥ " if row["solved"] < 1 else "") + number(value), ""
     if column == "median" and row["solved"] is not None and value is None:
         return f"not within {row['limit']}", ""
