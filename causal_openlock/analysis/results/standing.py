@@ -94,8 +94,9 @@ def _standings(results: Material, protocol: str) -> list[tuple[Any, ...]]:
         rows.append((*about, *shown, _score(attempts, ends), best, *gap[:3], *_NONE))
     for name, own in held.items():
         means = pd.DataFrame({condition: one.mean() for condition, one in own.items()}).T
-        rivals = best not in (None, name) and not own.keys().isdisjoint(held[best])
-        to_best = compared(own, held[best])[0] if rivals else _NONE
+        to_best = _NONE
+        if best is not None and best != name and not own.keys().isdisjoint(held[best]):
+            to_best = compared(own, held[best])[0]
         away = _against(_people(headline, name), own)
         to_people = Difference(-away.value, -away.high, -away.low, away.p)
         size = min(map(len, own.values()))
