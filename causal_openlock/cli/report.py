@@ -64,7 +64,7 @@ def report_store(folder: Path, console: Terminal, others: Sequence[Path] = ()) -
 
     results = open_results(folder, *others)
     page = results.report(folder)
-    print_standings(results.standings, console)
+    print_standings(results.standings, console, page.answers)
     _print_missing(missing_cells(results.experiment), console)
     console.print_line(f"report: {page.path}")
 

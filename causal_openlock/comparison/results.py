@@ -250,7 +250,7 @@ class Results(Material):
 
         text = StringIO()
         plain = {"force_terminal": False, "force_jupyter": False, "no_color": True}
-        print_standings(self.standings, Terminal(file=text, width=100, **plain))
+        print_standings(self.standings, Terminal(file=text, width=100, **plain), warn=False)
         return "\n".join([text.getvalue().strip(), *self.cautions])
 
 

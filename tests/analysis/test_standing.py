@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from causal_openlock.analysis.report.first_screen import first_tables
+from causal_openlock.analysis.report.first_screen import answers, first_tables, legend
+from causal_openlock.analysis.report.sections import decisions_of
+from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.published import people
 from causal_openlock.analysis.results.scores import PEOPLE
@@ -82,22 +84,74 @@ def test_values_that_the_limit_cuts_off_are_marked(played: Material) -> None:
     heads = list(shown.heads[1:])
     median, best = (
         heads.index("Attempts where solved (median)"),
-        heads.index("Attempts more than able, the best"),
+        heads.index("Attempts more than able"),
     )
-    assert list(shown.rows) == ["people", *LEARNERS]
+    assert list(shown.rows) == ["people", "told", "able", "half", "never"]
+    assert shown.references == ("people", "told")
     assert shown.rows["never"][median] == ("not within 30", "")
     assert shown.rows["never"][best] == ("≥ +25.00", "in every subject")
     assert shown.rows["half"][best][0] == "≥ +14.50"
     assert shown.rows["told"][best][0] == "−2.00"
     assert shown.rows["able"][best] == ("best", "")
-    assert shown.short_rows["never"][median] == "> 30"
-    assert shown.short_rows["never"][best] == "≥ 25.0 [all]"
+    assert [shown.rows[name][0][0] for name in LEARNERS] == [
+        "5.00", "≥ 19.50", "> 30", "3.00"
+    ]  # fmt: skip
+    assert shown.short_rows["never"][0] == "> 30"
+    assert shown.short_rows["never"][2] == "≥ 25.0 [all]"
+    assert shown.few == (
+        "Only 4 subjects in a condition: with fewer than 20 the intervals are unreliable."
+    )
+
+
+def test_only_marks_that_occur_are_explained(played: Material) -> None:
+    every = legend([*first_tables(standings(played))], narrow=True)
+    assert "given the schema or the room" in every
+    assert "[all]" in every
+    assert "≥ marks" in every
+    assert "*" not in every
+    rows = [row for name in "ab" for row in play(name, same(5), 2)]
+    held = replace(material(rows, ("a", "b")), like_people=frozenset())
+    plain = legend([*first_tables(standings(held))], narrow=True)
+    assert not any(mark in plain for mark in ("≥", "*", "schema"))
+
+
+def test_the_answer_in_sentences(played: Material) -> None:
+    table = standings(played)
+    first, second = answers(table, decisions_of(played))["human"]
+    able = table.set_index("learner").loc["able"]
+    assert first.startswith(
+        "Of the learners that are given neither the schema nor the room, able needs the fewest "
+        f"attempts, 5.00 on average. It needs {-able['to_people']:.2f} fewer than people ("
+    )
+    assert first.endswith(
+        "a difference that is found after correction for all tests of the report."
+    )
+    assert second == "Solved nothing: never."  # 24 pairs that all differ tell the others apart
+
+
+def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) -> None:
+    decisions = Decisions()
+    decisions.register("standing", {("human", "able"): 0.5})
+    pairs = {("half", "able"): 0.001, ("able", "told"): 0.03, ("able", "never"): 0.04}
+    decisions.register("pairwise", {("human", *pair): p for pair, p in pairs.items()})
+    first, second = answers(standings(played), decisions)["human"]
+    assert "which is no difference that is found after" in first
+    assert second == (
+        "Not told apart from able after that correction: never and told. Solved nothing: never."
+    )
+
+
+def test_the_answer_where_nothing_is_solved(played: Material) -> None:
+    held = material([*play("a", same(30), 2), *play("b", same(30), 2)], ("a", "b"))
+    assert answers(standings(held), decisions_of(held)) == {
+        "human": ("No learner solved a trial.",)
+    }
 
 
 def test_a_difference_of_two_values_that_are_cut_off_may_be_off_either_way() -> None:
     rows = [*play("a", sometimes(9), 4), *play("b", same(30), 4)]
     (shown,) = first_tables(standings(material(rows, ("a", "b"))))
-    best = list(shown.heads[1:]).index("Attempts more than a, the best")
+    best = list(shown.heads[1:]).index("Attempts more than a")
     assert shown.rows["b"][best][0] == "+10.50*"
 
 

@@ -1,33 +1,34 @@
-"""The first table of the report and of the terminal: how every learner stands, as texts.
+"""The first answer of the report and of the terminal: how every learner stands, as texts.
 
+A few sentences answer first, of the best learner that is given neither the schema nor the room.
+The table below them has people and the learners that are given these apart, as references.
 A value that the limit of attempts has cut off is marked: "≥" where it is a lower bound, and "not
 within 30" where nothing was solved.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
+from causal_openlock.analysis.report.cautions import FEW_SUBJECTS
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import printed
+from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.scores import PEOPLE
-from causal_openlock.analysis.results.verdict import records, share
-
-MEANING = (
-    "Solved: share of trials. Found: solutions, of those to be found. Median: attempts where "
-    "solved. Score: 0 as at random, 1 ideal. Then attempts more than the best learner and than "
-    "people, with 95% intervals ([all]: the same in every subject); unsolved trials count as the "
-    "limit, so that ≥ marks a lower bound and * a value that may be off either way."
-)
-"""What the columns of the narrow table mean."""
+from causal_openlock.analysis.results.verdict import number, records, share
 
 SHOWN_PEOPLE = "people"
 
 Cell = tuple[str, str]
 """A value, and its interval or what else stands beside it in small type."""
+
+_PROSE = Prose("first_screen")
+_NARROW = ("attempts", "to_people", "to_best", "score", "solved", "found", "n")
+"""The columns of the narrow table."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,13 @@ class FirstTable:
         protocol: Its name.
         limit: The most attempts of a trial.
         conditions: How many were played.
+        best: The best learner that is given neither the schema nor the room; None where there is
+            none.
+        references: Names of the rows that are no competitors: people, and learners that are given
+            the schema or the room. They stand first.
+        marks: Which marks its values have: ``≥``, ``*`` and ``all``.
+        few: Warns of few subjects; empty where there are enough.
+        columns: What the columns are, those on the left mattering most.
         heads: Over the columns, in words; the first is over the names.
         short_heads: The same for a narrow table.
         rows: By learner, what is in the other columns; :data:`SHOWN_PEOPLE` stand first.
@@ -47,10 +55,15 @@ class FirstTable:
     protocol: str
     limit: int
     conditions: int
+    best: str | None
+    references: tuple[str, ...]
+    few: str
+    columns: tuple[str, ...]
     heads: tuple[str, ...]
     short_heads: tuple[str, ...]
     rows: Mapping[str, tuple[Cell, ...]]
     short_rows: Mapping[str, tuple[str, ...]]
+    marks: frozenset[str]
 
     @property
     def measured(self) -> str:
@@ -69,31 +82,114 @@ def first_tables(standings: pd.DataFrame) -> Iterator[FirstTable]:
         best = next((name for name in rows["best"] if isinstance(name, str)), None)
         own = rows[rows["learner"] != PEOPLE]
         columns = {
-            "n": ("n", "n", True),
-            "solved": ("Trials solved", "solved", True),
-            "found": ("Solutions found", "found", True),
-            "median": ("Attempts where solved (median)", "median", True),
-            "score": ("Score, 0 random to 1 ideal", "score", bool(rows["score"].notna().any())),
-            "to_best": (f"Attempts more than {best}, the best", f"− {best}", best is not None),
+            "attempts": ("Attempts (mean)", "attempts", True),
             "to_people": (
                 "Attempts more than people", "− people", bool(own["to_people"].notna().any())
             ),
+            "to_best": (f"Attempts more than {best}", f"− {best}", best is not None),
+            "score": ("Score, 0 random to 1 ideal", "score", bool(rows["score"].notna().any())),
+            "solved": ("Trials solved", "solved", True),
+            "found": ("Solutions found", "found", True),
+            "median": ("Attempts where solved (median)", "median", True),
+            "n": ("n", "n", True),
         }  # fmt: skip
         kept = {name: column for name, column in columns.items() if column[2]}
-        cut_off = {row["learner"]: (row["solved"] or 1) < 1 for row in records(rows)}
-        asked = [
-            (_name(row["learner"]), [(name, row, cut_off.get(best, False)) for name in kept])
-            for row in records(rows)
-        ]
+        narrow = [name for name in _NARROW if name in kept]
+        # References come first, people before all others; the rest stay in their order.
+        given = {row["learner"]: bool(row["informed"]) for row in records(rows)}
+        asked = sorted(
+            records(rows), key=lambda row: (row["learner"] != PEOPLE, not given[row["learner"]])
+        )
+        cut_off = {row["learner"]: (row["solved"] or 1) < 1 for row in asked}
+        beside = cut_off.get(best, False)
+        wide = {
+            _name(row["learner"]): tuple(_cell(name, row, beside) for name in kept) for row in asked
+        }
         yield FirstTable(
             protocol=str(protocol),
             limit=int(rows["limit"].iloc[0]),
             conditions=int(rows["conditions"].max()),
+            best=best,
+            references=tuple(
+                _name(row["learner"])
+                for row in asked
+                if row["learner"] == PEOPLE or given[row["learner"]]
+            ),
+            few=_few(own),
+            columns=tuple(kept),
             heads=("Learner", *(column[0] for column in kept.values())),
-            short_heads=("", *(column[1] for column in kept.values())),
-            rows={name: tuple(_cell(*one) for one in cells) for name, cells in asked},
-            short_rows={name: tuple(_short_cell(*one) for one in cells) for name, cells in asked},
+            short_heads=("", *(kept[name][1] for name in narrow)),
+            rows=wide,
+            short_rows={
+                _name(row["learner"]): tuple(_short_cell(name, row, beside) for name in narrow)
+                for row in asked
+            },
+            marks=frozenset(
+                mark
+                for mark, text in (("≥", "≥"), ("*", "*"), ("all", "in every subject"))
+                if any(text in part for cells in wide.values() for cell in cells for part in cell)
+            ),
         )
+
+
+def legend(tables: Sequence[FirstTable], narrow: bool = False) -> str:
+    """What the columns and marks of tables mean, of those that occur.
+
+    Args:
+        tables: From :func:`first_tables`.
+        narrow: Whether it is below the narrow tables, whose heads are shorter.
+    """
+    return _PROSE.sentence(
+        "legend",
+        narrow=narrow,
+        columns={name for table in tables for name in table.columns},
+        marks=frozenset().union(*(table.marks for table in tables)),
+        given=any(set(table.references) - {SHOWN_PEOPLE} for table in tables),
+    )
+
+
+def answers(standings: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, ...]]:
+    """What was found, in a few sentences, by protocol.
+
+    Who needs the fewest attempts and how that is beside people, who is not told apart from the
+    best, and who solved nothing.
+
+    Args:
+        standings: From :func:`~causal_openlock.analysis.results.standing.standings`.
+        decisions: From :func:`~causal_openlock.analysis.report.sections.decisions_of`.
+    """
+    found = {}
+    for protocol, rows in standings.groupby("protocol", sort=False):
+        own = {row["learner"]: row for row in records(rows) if row["learner"] != PEOPLE}
+        best = next((name for name in rows["best"] if isinstance(name, str)), None)
+        alike = [name for name in own if best and _alike(decisions, str(protocol), best, name)]
+        tested = best is not None and decisions.has("standing", (protocol, best))
+        found[str(protocol)] = _PROSE.paragraphs(
+            "answer",
+            best=own.get(best),
+            several=sum(not row["informed"] for row in own.values()) > 1,
+            people=tested,
+            found=tested and decisions.found("standing", (protocol, best)),
+            alike=alike,
+            unsolved=[name for name, row in own.items() if row["solved"] == 0],
+        )
+    return found
+
+
+def _alike(decisions: Decisions, protocol: str, best: str, other: str) -> bool:
+    """Whether a learner was compared with the best and no difference was found."""
+    keys = ((protocol, best, other), (protocol, other, best))
+    tested = [key for key in keys if decisions.has("pairwise", key)]
+    return any(not decisions.found("pairwise", key) for key in tested)
+
+
+def _few(rows: pd.DataFrame) -> str:
+    few = {row["learner"]: row["subjects"] for row in records(rows)}
+    few = {name: size for name, size in few.items() if size < FEW_SUBJECTS}
+    sizes = set(few.values())
+    return _PROSE.sentence(
+        "few", few=few, all=len(few) == len(rows), sizes=sorted(sizes), least=FEW_SUBJECTS
+    )
 
 
 def _name(learner: str) -> str:
@@ -102,10 +198,16 @@ def _name(learner: str) -> str:
 
 def _cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> Cell:
     value = row["subjects" if column == "n" else column]
+    if column == "attempts" and None not in (row["solved"], value):
+        if row["solved"] == 0:
+            return f"> {row['limit']}", ""
+        return ("≥ " if row["solved"] < 1 else "") + number(value), ""
     if column == "median" and row["solved"] is not None and value is None:
         return f"not within {row['limit']}", ""
     if value is None:
         return ("best", "") if column == "to_best" and row["learner"] == row["best"] else ("–", "")
+    if column == "attempts":
+        return number(value), ""
     if column == "solved":
         return share(value), ""
     if column == "found":

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import re
 import webbrowser
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.cautions import warnings_of
-from causal_openlock.analysis.report.first_screen import first_tables
+from causal_openlock.analysis.report.first_screen import answers, first_tables, legend
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
@@ -50,9 +50,11 @@ class Report:
 
     Attributes:
         path: Its page, ``report.html``.
+        answers: The sentences that it opens with, by protocol.
     """
 
     path: Path
+    answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def open(self) -> None:
         """Open the page in a browser."""
@@ -107,6 +109,7 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
     stand = standings(material)
     write_table(stand, folder / "tables" / "standings.csv")
     written.files.append("tables/standings.csv")
+    first, opening = list(first_tables(stand)), answers(stand, decisions)
     page = render(
         "report.html.j2",
         title=experiment.title or experiment.name,
@@ -117,7 +120,9 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
         model_size=style.sizes(model()),
         missing=[cell.text for cell in missing],
         failed=sum(cell.failed for cell in missing),
-        first=list(first_tables(stand)),
+        first=first,
+        answers=opening,
+        legends={table.protocol: legend([table]) for table in first},
         headline={one.protocol: one for one in verdict_tables(material.headline, learners)},
         in_cell=in_cell,
         sizes={
@@ -137,7 +142,7 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
     )
     write_text(path, page)
     _remove(folder, earlier - set(written.files))
-    return Report(path)
+    return Report(path, opening)
 
 
 def files_of(path: Path) -> set[str]:

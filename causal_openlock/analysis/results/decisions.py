@@ -46,6 +46,10 @@ class Decisions:
         """How many tests are defined."""
         return int((~np.isnan([*self._tests.values()])).sum()) if self._tests else 0
 
+    def has(self, section: str, key: Hashable) -> bool:
+        """Whether there is such a test."""
+        return (section, key) in self._tests
+
     def p(self, section: str, key: Hashable) -> float:
         """A corrected p; NaN where the test is not defined."""
         if not self._corrected:

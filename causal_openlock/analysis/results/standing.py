@@ -9,7 +9,7 @@ such trials are in are lower bounds, and are marked as that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,9 +27,10 @@ from causal_openlock.experiment.protocol import default_action_limit
 from causal_openlock.world.room import positions_for
 
 STANDING_COLUMNS = [
-    *("learner", "protocol", "conditions", "subjects", "limit"),
+    *("learner", "informed", "protocol", "conditions", "subjects", "limit"),
     *("solved", "found", "solutions", "median", "attempts", "score", "best"),
-    *("to_best", "to_best_low", "to_best_high", "to_people", "to_people_low", "to_people_high"),
+    *("to_best", "to_best_low", "to_best_high"),
+    *("to_people", "to_people_low", "to_people_high", "to_people_p"),
 ]
 """Columns of :func:`standings`."""
 
@@ -52,15 +53,17 @@ def standings(results: Material) -> pd.DataFrame:
             the last trial of a baseline. Shares and means are those of conditions, averaged.
 
     Returns:
-        ``learner``, ``protocol``, ``conditions`` (how many), ``subjects`` (the fewest in one of
-        them); ``limit``, the most attempts that a trial may have; ``solved``, the share of trials;
+        ``learner``; whether it is ``informed``: given the schema or the room, and so a reference
+        like people; ``protocol``, ``conditions`` (how many), ``subjects`` (the fewest in one);
+        ``limit``, the most attempts that a trial may have; ``solved``, the share of trials;
         ``found`` of so many ``solutions``, means of trials; ``median`` attempts where trials were
         solved, NaN if none was; mean ``attempts``, where an unsolved trial counts as the limit;
         ``score``, 0 for the attempts of random actions and 1 for those of the ideal observer, NaN
         where these are not known; the ``best`` learner, which is one that has to find out how the
         room works; ``to_best`` and ``to_people``, how many attempts more than these the learner
         needs, each with the ends of its 95% interval, ``_low`` and ``_high``; NaN if nobody
-        differs (:func:`~causal_openlock.analysis.effects.weighted_difference`). Rows of
+        differs (:func:`~causal_openlock.analysis.effects.weighted_difference`); ``to_people_p``,
+        the p of that difference as if it were the only test. Rows of
         :data:`~causal_openlock.analysis.results.scores.PEOPLE` have what is published of them.
     """
     tables = [
@@ -80,25 +83,36 @@ def _standings(results: Material, protocol: str) -> list[tuple[Any, ...]]:
     best = best_learner(results, held)
     headline = results.headline[results.headline["protocol"] == protocol]
     published = _people(headline)
+    informed = _informed(results)
     rows: list[tuple[Any, ...]] = []
     if published:
         gap = _against(published, held[best]) if best else _NONE
         size = next(iter(published.values())).size
         attempts = {name: one.mean for name, one in published.items()}
-        about = (PEOPLE, protocol, len(published), size, limit)
+        about = (PEOPLE, False, protocol, len(published), size, limit)
         shown = (np.nan, np.nan, np.nan, np.nan, np.mean([*attempts.values()]))
-        rows.append((*about, *shown, _score(attempts, ends), best, *gap[:3], *_NONE[:3]))
+        rows.append((*about, *shown, _score(attempts, ends), best, *gap[:3], *_NONE))
     for name, own in held.items():
         means = pd.DataFrame({condition: one.mean() for condition, one in own.items()}).T
-        to_best = compared(own, held[best])[0] if best not in (None, name) else _NONE
+        to_best = _NONE
+        if best is not None and best != name and not own.keys().isdisjoint(held[best]):
+            to_best = compared(own, held[best])[0]
         away = _against(_people(headline, name), own)
         to_people = Difference(-away.value, -away.high, -away.low, away.p)
-        about = (name, protocol, len(own), min(map(len, own.values())), limit)
+        size = min(map(len, own.values()))
+        about = (name, name in informed, protocol, len(own), size, limit)
         shown = (*means[["solved", "found", "solutions"]].mean(), medians.get(name, np.nan))
         score = _score(means["attempts"].to_dict(), ends)
-        gaps = (*to_best[:3], *to_people[:3])
+        gaps = (*to_best[:3], *to_people)
         rows.append((*about, *shown, means["attempts"].mean(), score, best, *gaps))
     return rows
+
+
+def beside_people(results: Material) -> dict[Hashable, float]:
+    """The p of every learner against people, by protocol and name."""
+    table = standings(results)
+    own = table[table["to_people"].notna()]
+    return {(row.protocol, row.learner): row.to_people_p for row in own.itertuples()}
 
 
 def best_learner(results: Material, held: Outcomes) -> str | None:
@@ -107,7 +121,7 @@ def best_learner(results: Material, held: Outcomes) -> str | None:
     Learners that know the schema or the room are no competitors, unless there are no others; none
     is the best where none solves a trial. Only those count that played the most conditions.
     """
-    informed = {spec.name for spec in results.experiment.learners if spec.origin.informed}
+    informed = _informed(results)
     able = {
         name: np.mean([one["attempts"].mean() for one in own.values()])
         for name, own in held.items()
@@ -117,6 +131,11 @@ def best_learner(results: Material, held: Outcomes) -> str | None:
     whole = [name for name in able if len(held[name]) == most]
     chosen = [name for name in whole if name not in informed] or whole
     return min(chosen, key=able.__getitem__, default=None)
+
+
+def _informed(results: Material) -> set[str]:
+    """Learners that are given what subjects cannot perceive."""
+    return {spec.name for spec in results.experiment.learners if spec.origin.informed}
 
 
 def _ends(results: Material, protocol: str, limit: int) -> dict[str, tuple[float, float]]:

@@ -118,7 +118,7 @@ def test_subjects_that_differ_widely_leave_it_undecided(tmp_path: Path) -> None:
 
 def test_people_are_beside_learners_that_did_what_they_did(tmp_path: Path) -> None:
     experiment = described(
-        tmp_path, "conditions: [CC4]\nlearners: [{learner: random, protocol: human, name: a}]\n"
+        tmp_path, "conditions: [CC4]\nlearners: [{learner: ddqn, protocol: human, name: a}]\n"
     )
     rows = []
     for trial, length in enumerate((16, 8, 4, 4, 4), 1):
@@ -136,3 +136,11 @@ def test_people_are_beside_learners_that_did_what_they_did(tmp_path: Path) -> No
 def test_nothing_is_said_where_exploration_does_not_differ(tmp_path: Path) -> None:
     one = described(tmp_path, "conditions: [CC4]\nlearners: [{learner: ddqn, name: a}, random]\n")
     assert made(course(around([0.5] * 5)), one) is None
+
+
+def test_nothing_is_said_of_learners_whose_exploration_never_shrinks(tmp_path: Path) -> None:
+    experiment = described(
+        tmp_path, "conditions: [CC4]\nlearners: [{learner: random, protocol: human, name: a}]\n"
+    )
+    rows = [row for trial in range(1, 6) for row in trial_rows([0, 1, 2, 3], trial=trial)]
+    assert made(table(rows), experiment) is None

@@ -21,6 +21,7 @@ from typing import Any
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.standing import beside_people
 
 ORDER = (
     "learning_cost",
@@ -41,6 +42,7 @@ ORDER = (
 def decisions_of(material: Material, order: Sequence[str] = ORDER) -> Decisions:
     """What is found in a report of these sections, of all their tests together."""
     decisions = Decisions()
+    decisions.register("standing", beside_people(material))
     for name in order:
         if hasattr(module := _module(name), "tests"):
             decisions.register(name, module.tests(material))

@@ -71,6 +71,11 @@ def schedules(experiment: Experiment) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=[*columns, "first_trial", "later_trial"])
 
 
+def changing(explored: pd.DataFrame) -> bool:
+    """Whether an epsilon shrinks at all, of those of :func:`schedules`."""
+    return bool(((explored["decay"] != 1) | explored["after_trial"].notna()).any())
+
+
 def beside_learning(explored: pd.DataFrame, progressed: pd.DataFrame) -> pd.DataFrame:
     """Schedules with what each of them led to.
 
@@ -118,7 +123,7 @@ def section(material: Material) -> Section | None:
     """How fast people's attempts and learners' exploration shrink.
 
     Returns:
-        None unless learners of the experiment differ in how their exploration shrinks, or someone
+        None unless a learner's exploration shrinks, and learners differ in how it does or someone
         played enough trials under the protocol ``human`` for a curve to be fitted.
     """
     explored = schedules(material.experiment)
@@ -128,7 +133,7 @@ def section(material: Material) -> Section | None:
         for (learner, condition), values in learning_curves(material.trials, HUMAN_PROTOCOL).items()
         if len(values) >= LEAST_TRIALS and (learner, condition) in (material.like_people or ())
     }
-    if not several and not curves:
+    if not changing(explored) or not (several or curves):
         return None
     people = fitted({f"people, {name}": values for name, values in people_over_trials().items()})
     tables = [_fits("people_decay", people)]
