@@ -37,8 +37,8 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     }
     played = trials[trials["learner"].isin(like.points)]
     table = beside_yardsticks(like, played, settings)
-    return table.merge(like.table[["learner", "shown"]].rename(columns={"shown": "effects"}),
-                       on="learner", how="left")  # fmt: skip
+    effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
+    return table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
 
 
 def learning_costs(study: Study, units: pd.DataFrame) -> pd.DataFrame:
