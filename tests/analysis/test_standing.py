@@ -89,7 +89,7 @@ def test_values_that_the_limit_cuts_off_are_marked(played: Material) -> None:
     assert list(shown.rows) == ["people", "told", "able", "half", "never"]
     assert shown.references == ("people", "told")
     assert shown.rows["never"][median] == ("not within 30", "")
-    assert shown.rows["never"][best] == ("≥ +25.00", "in every subject")
+    assert shown.rows["never"][best] == ("≥ +25.00", "the same in every subject of a condition")
     assert shown.rows["half"][best][0] == "≥ +14.50"
     assert shown.rows["told"][best][0] == "−2.00"
     assert shown.rows["able"][best] == ("best", "")
@@ -135,7 +135,7 @@ def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) 
     pairs = {("half", "able"): 0.001, ("able", "told"): 0.03, ("able", "never"): 0.04}
     decisions.register("pairwise", {("human", *pair): p for pair, p in pairs.items()})
     first, second = answers(standings(played), decisions)["human"]
-    assert "which is no difference that is found after" in first
+    assert "which is not found after" in first
     assert second == (
         "Not told apart from able after that correction: never and told. Solved nothing: never."
     )

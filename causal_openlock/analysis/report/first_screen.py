@@ -20,6 +20,7 @@ from causal_openlock.analysis.report.section import printed
 from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.scores import PEOPLE
 from causal_openlock.analysis.results.verdict import number, records, share
+from causal_openlock.wording import counted
 
 SHOWN_PEOPLE = "people"
 
@@ -43,8 +44,9 @@ class FirstTable:
             none.
         references: Names of the rows that are no competitors: people, and learners that are given
             the schema or the room. They stand first.
-        marks: Which marks its values have: ``≥``, ``*`` and ``all``.
+        marks: Which marks its values have: ``≥``, ``≤``, ``*`` and ``all``.
         few: Warns of few subjects; empty where there are enough.
+        uneven: Whether rows are of different numbers of conditions.
         columns: What the columns are, those on the left mattering most.
         heads: Over the columns, in words; the first is over the names.
         short_heads: The same for a narrow table.
@@ -58,6 +60,7 @@ class FirstTable:
     best: str | None
     references: tuple[str, ...]
     few: str
+    uneven: bool
     columns: tuple[str, ...]
     heads: tuple[str, ...]
     short_heads: tuple[str, ...]
@@ -69,7 +72,8 @@ class FirstTable:
     def measured(self) -> str:
         """What is counted, in words."""
         of = f", {self.conditions} conditions together" if self.conditions > 1 else ""
-        return f"at most {self.limit} attempts in a room{of}"
+        of += " at most: each row is of those that it has" * self.uneven
+        return f"at most {counted(self.limit, 'attempt')} in a room{of}"
 
 
 def first_tables(standings: pd.DataFrame) -> Iterator[FirstTable]:
@@ -116,6 +120,7 @@ def first_tables(standings: pd.DataFrame) -> Iterator[FirstTable]:
                 if row["learner"] == PEOPLE or given[row["learner"]]
             ),
             few=_few(own),
+            uneven=rows["conditions"].nunique() > 1,
             columns=tuple(kept),
             heads=("Learner", *(column[0] for column in kept.values())),
             short_heads=("", *(kept[name][1] for name in narrow)),
@@ -126,7 +131,7 @@ def first_tables(standings: pd.DataFrame) -> Iterator[FirstTable]:
             },
             marks=frozenset(
                 mark
-                for mark, text in (("≥", "≥"), ("*", "*"), ("all", "in every subject"))
+                for mark, text in (("≥", "≥"), ("≤", "≤"), ("*", "*"), ("all", "in every subject"))
                 if any(text in part for cells in wide.values() for cell in cells for part in cell)
             ),
         )
@@ -218,12 +223,21 @@ def _cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> Cell:
         return printed(float(value), ".2f"), ""
     low, high = row[f"{column}_low"], row[f"{column}_high"]
     before, after = _marks(column, row, best_cut_off)
-    small = (
-        "in every subject"
-        if low is None
-        else f"{printed(float(low), '+.2f')} to {printed(float(high), '+.2f')}"
-    )
+    small = _without_interval(column, row)
+    if low is not None:
+        small = f"{printed(float(low), '+.2f')} to {printed(float(high), '+.2f')}"
     return f"{before}{printed(float(value), '+.2f')}{after}", small
+
+
+_EVERY = "in every subject"
+_EVERY_OF_A_CONDITION = "the same in every subject of a condition"
+
+
+def _without_interval(column: str, row: Mapping[str, Any]) -> str:
+    """Why there is no interval: too few subjects, or all of them differ by the same."""
+    if column != "to_best" or row["subjects"] < 2:
+        return "no interval"
+    return _EVERY if row["conditions"] == 1 else _EVERY_OF_A_CONDITION
 
 
 def _short_cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> str:
@@ -232,14 +246,16 @@ def _short_cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> str:
         return main.replace("not within ", "> ")
     low, value, high = row[f"{column}_low"], row[column], row[f"{column}_high"]
     before, after = _marks(column, row, best_cut_off)
-    interval = "all" if low is None else f"{_narrow(low)}, {_narrow(high)}"
+    interval = "all" if small in (_EVERY, _EVERY_OF_A_CONDITION) else "–"
+    if low is not None:
+        interval = f"{_narrow(low)}, {_narrow(high)}"
     return f"{before}{_narrow(value)}{after} [{interval}]"
 
 
 def _marks(column: str, row: Mapping[str, Any], best_cut_off: bool) -> tuple[str, str]:
     """What is before and after a difference that the limit of attempts has cut off."""
     if row["solved"] is None or row["solved"] == 1:
-        return "", ""
+        return ("≤ " if column == "to_best" and best_cut_off else ""), ""
     return ("", "*") if column == "to_best" and best_cut_off else ("≥ ", "")
 
 

@@ -91,7 +91,10 @@ def _standings(results: Material, protocol: str) -> list[tuple[Any, ...]]:
         attempts = {name: one.mean for name, one in published.items()}
         about = (PEOPLE, False, protocol, len(published), size, limit)
         shown = (np.nan, np.nan, np.nan, np.nan, np.mean([*attempts.values()]))
-        rows.append((*about, *shown, _score(attempts, ends), best, *gap[:3], *_NONE))
+        # Their score beside learners' would be of other rooms if they have not played them all.
+        whole = set(attempts) == {condition for own in held.values() for condition in own}
+        score = _score(attempts, ends) if whole else np.nan
+        rows.append((*about, *shown, score, best, *gap[:3], *_NONE))
     for name, own in held.items():
         means = pd.DataFrame({condition: one.mean() for condition, one in own.items()}).T
         to_best = _NONE
