@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from causal_openlock.analysis.measures import TRANSFERS
+from causal_openlock.analysis.report.sections import decisions_of
 from causal_openlock.analysis.report.sections.human_likeness import chosen_settings, section
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.human_likeness import (
@@ -245,7 +246,7 @@ def test_settings_are_those_that_differ_from_the_defaults():
     settings = chosen_settings(material)
     assert settings["bayes_like_people"] == 6
     assert settings["bayes"] == 0
-    found = section(material)
+    found = section(material, decisions_of(material, ["human_likeness"]))
     assert found is not None
     shown = found.tables[0].frame.set_index("learner")["settings"]
     assert shown["bayes_like_people"] == 6

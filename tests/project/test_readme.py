@@ -89,4 +89,4 @@ def test_every_option_that_the_readme_names_exists() -> None:
 
 
 def test_the_readme_fits_on_three_screens() -> None:
-    assert len(README.splitlines()) <= 140
+    assert len(README.splitlines()) <= 150  # of fifty lines each

@@ -42,7 +42,8 @@ ORDER = (
 def decisions_of(material: Material, order: Sequence[str] = ORDER) -> Decisions:
     """What is found in a report of these sections, of all their tests together."""
     decisions = Decisions()
-    decisions.register("standing", beside_people(material))
+    if set(ORDER) <= set(order):  # a whole report, with its first screen
+        decisions.register("standing", beside_people(material))
     for name in order:
         if hasattr(module := _module(name), "tests"):
             decisions.register(name, module.tests(material))
