@@ -55,9 +55,14 @@ class Evidence:
         return (self.study.folder / RUN).exists()
 
     @cached_property
+    def own_units(self) -> pd.DataFrame:
+        """The units of the study."""
+        return read_units(self.study)
+
+    @cached_property
     def units(self) -> pd.DataFrame:
         """The units of the study, and what is published."""
-        return pd.concat([read_units(self.study), published_units()], ignore_index=True)
+        return pd.concat([self.own_units, published_units()], ignore_index=True)
 
     @cached_property
     def derived(self) -> pd.DataFrame:
@@ -69,7 +74,7 @@ class Evidence:
         name = self.study.file.derived
         if name is None:
             raise EvidenceError(f"{self.study.name} derives no table")
-        return DERIVED[name](self.study, read_units(self.study)).set_index("learner")
+        return DERIVED[name](self.study, self.own_units).set_index("learner")
 
     @cached_property
     def run(self) -> dict[str, Any]:
@@ -84,7 +89,7 @@ class Evidence:
             return False
         if not networks:
             return bool(self.run["complete"])
-        rows = read_units(self.study)[["learner", "unit"]].itertuples(index=False, name=None)
+        rows = self.own_units[["learner", "unit"]].itertuples(index=False, name=None)
         labels = [*networks.files, *networks.parameters]
         return {(label, seed) for label in labels for seed in networks.seeds} <= set(rows)
 
@@ -137,7 +142,7 @@ class Evidence:
                 one, said = found
                 low, high = one.interval
                 row |= {"effect": one.value, "ci_low": low, "ci_high": high}
-                row |= {"n": " and ".join(map(str, one.units)), "verdict": said}
+                row |= {"n": one.n, "verdict": said}
             rows.append({"verdict": "undecided", "n": "0", **row, "of_claim": self.verdict(name)})
         columns = ["claim", "contrast", "measure", "expected", "smallest", "effect", "ci_low"]
         columns += ["ci_high", "n", "verdict", "of_claim"]
@@ -288,7 +293,7 @@ class Evidence:
 def _difference_in_words(contrast: Contrast, found: Estimate) -> str:
     written = _written(found, contrast.measure, "sign")
     interval = _written(found, contrast.measure, "interval")
-    return f"{written} ({interval}), n = {' and '.join(map(str, found.units))}"
+    return f"{written} ({interval}), n = {found.n}"
 
 
 def _contrast_in_words(
@@ -321,7 +326,7 @@ def _side(selection: Selection | float) -> str:
 def _written(found: Estimate, measure: str, ending: str, of: Selected | None = None) -> str:
     """An estimate as it stands on a page: a mean of units, or without these a difference."""
     if ending == "units":
-        return " and ".join(map(str, found.units))
+        return found.n
     if ending == "interval":
         low, high = found.interval
         if np.isnan(low):

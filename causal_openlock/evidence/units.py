@@ -96,6 +96,11 @@ class Selected:
     draws: int = 0
     reach: float = 1.0
 
+    @property
+    def binary(self) -> bool:
+        """Whether each unit has a share of 0 or 1."""
+        return self.share and bool(np.isin(self.values, (0.0, 1.0)).all())
+
     def only(self, units: IntArray) -> Selected:
         """Those of some units."""
         kept = np.isin(self.units, units)

@@ -71,6 +71,11 @@ class Estimate:
         """The ends of the 95% interval."""
         return self.intervals[LEVEL]
 
+    @property
+    def n(self) -> str:
+        """How many units each side has, in words."""
+        return " and ".join(map(str, self.units))
+
 
 def mean_of(found: Selected) -> Estimate:
     """The mean of some units.
@@ -90,7 +95,7 @@ def _ends(found: Selected, level: float) -> Ends:
     if n < 2:
         return np.nan, np.nan
     mean, tail = float(np.mean(values)), (1 - level) / 2
-    if found.share and np.isin(values, (0.0, 1.0)).all():
+    if found.binary:
         ones = int(values.sum())
         low = float(stats.beta.ppf(tail, ones, n - ones + 1)) if ones else 0.0
         high = float(stats.beta.ppf(1 - tail, ones + 1, n - ones)) if ones < n else 1.0
@@ -106,7 +111,7 @@ def difference(of: Selected, minus: Selected) -> Estimate:
     """The difference of the means of two independent groups of units."""
     one, two = mean_of(of), mean_of(minus)
     value, units = one.value - two.value, (*one.units, *two.units)
-    binary = of.share and all(np.isin(one.values, (0.0, 1.0)).all() for one in (of, minus))
+    binary = of.binary and minus.binary
     equal = min(np.ptp(of.values), np.ptp(minus.values)) < 1e-12
     if min(units) > 1 and not binary and not equal:
         test = stats.ttest_ind(of.values, minus.values, equal_var=False)
@@ -161,11 +166,9 @@ def estimate(
     if not len(both):
         raise EvidenceError("no unit has been run on both sides")
     one, two = of.only(both), minus.only(both)
-    if of.share and all(np.isin(side.values, (0.0, 1.0)).all() for side in (one, two)):
+    if one.binary and two.binary:
         # Without what pairing would gain: cautious.
-        estimates = mean_of(one), mean_of(two)
-        value = estimates[0].value - estimates[1].value
-        return Estimate(value, _together(*estimates), (len(both),))
+        return replace(difference(one, two), units=(len(both),))
     # Not the rule for shares of 0 or 1: these are differences.
     return mean_of(replace(one, values=one.values - two.values, share=False))
 
