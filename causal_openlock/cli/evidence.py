@@ -35,11 +35,14 @@ def evidence(
         Path, typer.Option(help="Folder for records and networks, which are not kept.")
     ] = Path("results/evidence"),
     workers: Workers = None,
+    anew: Annotated[
+        bool, typer.Option("--anew", help="Play, too, what is stored with the studies.")
+    ] = False,
 ) -> None:
     """Run studies: every number and verdict of the result pages comes from one.
 
     Without names and options, list the studies, what each takes and how far it is. A study that
-    is stopped keeps what was measured, and the same command completes it.
+    is stopped keeps what was measured, and the same command completes it, on any machine.
     """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.evidence import checking
@@ -56,7 +59,7 @@ def evidence(
         faults = checking.check(folder)
     else:
         if names or every:
-            _run(read_studies(folder, tuple(names or ())), results, workers, console)
+            _run(read_studies(folder, tuple(names or ())), results, workers, anew, console)
         changed, faults = checking.write(folder)
         for path in changed:
             console.print_line(f"{path} written")
@@ -73,7 +76,9 @@ def evidence(
         console.print("all numbers and verdicts follow from what is stored")
 
 
-def _run(studies: list[Study], results: Path, workers: int | None, console: Terminal) -> None:
+def _run(
+    studies: list[Study], results: Path, workers: int | None, anew: bool, console: Terminal
+) -> None:
     from causal_openlock.comparison.progress import shown
     from causal_openlock.evidence.running import Watched, run_study
 
@@ -81,7 +86,7 @@ def _run(studies: list[Study], results: Path, workers: int | None, console: Term
         for study in studies:
             with shown(study.name, console) as show:
                 watched = Watched(console.print_line, console.warn, show, workers)
-                run_study(study, results / study.name, watched)
+                run_study(study, results / study.name, watched, anew)
 
 
 def _in_words(study: Study) -> str:
@@ -90,7 +95,8 @@ def _in_words(study: Study) -> str:
     found = Evidence(study)
     try:
         _ = found.units
-        state = "complete" if found.complete else f"{found.run['cells']} cells"
+        parts = "networks" if study.file.networks else "cells"
+        state = "complete" if found.complete else f"{found.run['cells']} {parts}"
         if found.run["declared"] != study.declared:
             state = "changed since it was run"
     except OpenLockError as error:

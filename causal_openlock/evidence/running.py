@@ -3,7 +3,8 @@
 A study can be stopped at any time and goes on where it was. What has been played by then is
 already evidence, of fewer units: verdicts on it are undecided where it does not suffice. Records
 and networks stay in ``results``, which is not kept; what lasts is in the study's folder
-(:mod:`~causal_openlock.evidence.stored`).
+(:mod:`~causal_openlock.evidence.stored`). A study whose records are gone, on another machine for
+instance, goes on from there: what was measured is not played again.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
@@ -33,9 +35,11 @@ from causal_openlock.evidence.stored import COSTS, UNITS, read_run, read_units, 
 from causal_openlock.evidence.study import FILE, Networks, Study
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
-from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.store import merged_versions
+from causal_openlock.wording import joined
+from causal_openlock.world.fsm import BoolArray
 
 
 @dataclass(frozen=True)
@@ -90,13 +94,14 @@ def parts_of(study: Study) -> list[Part]:
     ]
 
 
-def run_study(study: Study, results: Path, watched: Watched) -> None:
+def run_study(study: Study, results: Path, watched: Watched, anew: bool = False) -> None:
     """Run what is missing of a study, and keep what was measured, even if it is stopped.
 
     Args:
         study: The study.
         results: Folder for records and networks.
         watched: How it is watched.
+        anew: Whether to play, too, what is stored with the study and not in ``results``.
 
     Raises:
         CellsFailed: If cells failed, after all others were played.
@@ -106,15 +111,19 @@ def run_study(study: Study, results: Path, watched: Watched) -> None:
     if faults := study.faults():
         raise EvidenceError(f"{study.folder / FILE}: {faults[0]}")
     failed: list[CellsFailed] = []
-    found: dict[Part, _Played] = {}
+    found = {} if anew else _stored(study)
     try:
         for part in parts_of(study):
+            held = found.get(part.name)
+            if part.label and held and not _folder(results, part).exists():
+                continue
             lost = play(
                 _experiment(study, part, results, watched),
                 _folder(results, part),
                 warn=watched.warn,
                 progress=watched.show,
                 workers=watched.workers,
+                elsewhere=held.cells if held else (),
             )
             failed += [lost] if lost else []
             if part.label:
@@ -170,61 +179,102 @@ def _train(study: Study, networks: Networks, part: Part, results: Path, watched:
     return out
 
 
-@dataclass
-class _Played:
-    """What has been played of a part."""
+_RUN = ("date", "machine", "commit", "versions")
 
-    units: pd.DataFrame
-    costs: list[pd.DataFrame]
-    versions: dict[str, Any]
-    seconds: float
-    played: float
-    cells: int
+
+@dataclass(frozen=True)
+class _Measured:
+    """What was measured of a part.
+
+    Attributes:
+        tables: By file, what is kept: a row for each unit and time, or subject.
+        cells: File names of the cells that these are of; of a network, its name.
+        missing: How many cells were not played yet.
+        seconds: How long the others took together.
+        run: Of the run: ``date``, ``machine``, ``commit`` and ``versions``, a list of each.
+    """
+
+    tables: dict[str, pd.DataFrame]
+    cells: tuple[str, ...]
     missing: int
+    seconds: float
+    run: dict[str, list[Any]]
+
+    def as_dict(self) -> dict[str, Any]:
+        """All but the tables, as ``run.json`` holds it."""
+        return {
+            "cells": list(self.cells),
+            "missing": self.missing,
+            "seconds": round(self.seconds),
+            **self.run,
+        }
 
 
-def keep(study: Study, results: Path, found: dict[Part, _Played] | None = None) -> bool:
+def keep(study: Study, results: Path, found: dict[str, _Measured] | None = None) -> bool:
     """Keep what has been played so far; returns whether that is more than was kept before.
 
     Args:
         study: The study.
         results: Folder for records and networks.
-        found: What is known already of parts that are complete.
+        found: By part, what is known already; by default what is stored.
     """
-    found = {} if found is None else found
+    found = _stored(study) if found is None else found
     for part in parts_of(study):
-        if part not in found and (played := _played(study, part, results)):
-            found[part] = played
-    kept = list(found.values())
-    if not kept:
+        before = found.get(part.name)
+        if before and not before.missing and part.label:
+            continue
+        if played := _played(study, part, results):
+            found[part.name] = _added(study, played, before)
+    if not found:
         return False
-    units = pd.concat([one.units for one in kept], ignore_index=True)
+    tables = {
+        name: pd.concat([one.tables[name] for one in found.values()], ignore_index=True)
+        for name in next(iter(found.values())).tables
+    }
     claims = {name: study.margin(name) for name in study.file.claims}
     try:
-        before = read_run(study)
-        # A margin that was changed once results were known stays marked, whatever is run later.
-        claims = (
-            before["claims"]
-            if before["declared"] == study.declared
-            else {**claims, **before["claims"]}
-        )
-        if before["declared"] == study.declared and len(read_units(study)) > len(units):
-            return False
-    except (EvidenceError, KeyError):
+        last, more = read_run(study), len(read_units(study)) > len(tables[UNITS])
+    except EvidenceError:
         pass
-    tables = {UNITS: units}
-    if costs := [one for part in kept for one in part.costs]:
-        tables[COSTS] = pd.concat(costs, ignore_index=True)
-    write_run(study, tables, _about(study, kept, claims))
-    for part in [part for part, one in found.items() if one.missing]:
-        del found[part]  # there may be more of it later
+    else:
+        same = last["declared"] == study.declared
+        if same and more:
+            return False
+        # A margin that was changed once results were known stays marked, whatever is run later.
+        claims = last["claims"] if same else {**claims, **last["claims"]}
+    write_run(study, tables, _about(study, found, claims))
     return True
 
 
-def _played(study: Study, part: Part, results: Path) -> _Played | None:
+def _stored(study: Study) -> dict[str, _Measured]:
+    """By part, what is stored with the study, if it is what the study asks for now."""
+    try:
+        run, tables = read_run(study), {UNITS: read_units(study)}
+        if run["declared"] != study.declared:
+            return {}
+        if COSTS in run["files"]:
+            tables[COSTS] = read_units(study, COSTS)
+    except EvidenceError:
+        return {}
+    found = {}
+    for part in parts_of(study):
+        if held := run["parts"].get(part.name):
+            units = tables[UNITS]
+            own = units[(units["learner"] == part.label) & (units["unit"] == part.seed)]
+            found[part.name] = _Measured(
+                tables={UNITS: own} if part.label else tables,
+                cells=tuple(held["cells"]),
+                missing=held["missing"],
+                seconds=held["seconds"],
+                run={name: held[name] for name in _RUN},
+            )
+    return found
+
+
+def _played(study: Study, part: Part, results: Path) -> _Measured | None:
     """What has been played of a part, if it is what the study asks for now."""
     folder = _folder(results, part)
-    cells = list((folder / "cells").glob("*.parquet"))
+    cells = sorted((folder / "cells").glob("*.parquet"))
     if not cells:
         return None
     read = Results.read(folder)
@@ -234,28 +284,69 @@ def _played(study: Study, part: Part, results: Path) -> _Played | None:
         asked = replace(asked, seed=seed, learners=learners)
     if read.experiment.declaration != asked.declaration:
         return None
-    units, costs = units_of(read.trials, study.file.measured), []
+    tables = {UNITS: units_of(read.trials, study.file.measured)}
     if part.label:
         if read.experiment.missing:
             return None
-        units = of_network(units, part.label, part.seed)
+        tables = {UNITS: of_network(tables[UNITS], part.label, part.seed)}
     elif study.file.derived == "learning_costs":
-        costs = [subject_costs(read, read.trials).astype(dict.fromkeys(CELL, str))]
-    return _Played(
-        units=units,
-        costs=costs,
-        versions=dict(read.experiment.versions),
-        seconds=_seconds(cells),
-        played=max(cell.stat().st_mtime for cell in cells),
-        cells=len(read.experiment.files),
+        tables[COSTS] = subject_costs(read, read.trials).astype(dict.fromkeys(CELL, str))
+    last = datetime.fromtimestamp(max(cell.stat().st_mtime for cell in cells), UTC)
+    return _Measured(
+        tables=tables,
+        cells=(part.name,) if part.label else tuple(cell.name for cell in cells),
         missing=len(read.experiment.missing),
+        seconds=_seconds(cells),
+        run={
+            "date": [last.date().isoformat()],
+            "machine": [_machine()],
+            "commit": [_commit(study.folder)],
+            "versions": [dict(read.experiment.versions)],
+        },
     )
 
 
-def _about(study: Study, kept: list[_Played], claims: dict[str, str]) -> dict[str, Any]:
+def _added(study: Study, played: _Measured, before: _Measured | None) -> _Measured:
+    """What was played now and, of other cells, before."""
+    names = set(before.cells) - set(played.cells) if before else set()
+    cells = [cell for cell in study.asked.cells() if cell.file_name in names]
+    if not (before and cells):
+        return played
+    return _Measured(
+        tables={
+            name: pd.concat([before.tables[name][_of(before.tables[name], cells)], table])
+            for name, table in played.tables.items()
+        },
+        cells=(*(cell.file_name for cell in cells), *played.cells),
+        missing=played.missing - len(cells),
+        seconds=played.seconds + before.seconds * len(cells) / len(before.cells),
+        run={name: _each_once([*before.run[name], *played.run[name]]) for name in _RUN},
+    )
+
+
+def _of(table: pd.DataFrame, cells: list[Cell]) -> BoolArray:
+    """Which rows are of some cells."""
+    subjects = table["unit" if "unit" in table else "subject"]
+    own: BoolArray = np.zeros(len(table), dtype=bool)
+    for cell in cells:
+        own |= (
+            (table["learner"] == cell.spec.name)
+            & (table["condition"] == cell.condition.name)
+            & subjects.between(cell.first_subject, cell.first_subject + cell.subjects - 1)
+        ).to_numpy()
+    return own
+
+
+def _each_once(values: list[Any]) -> list[Any]:
+    return [value for i, value in enumerate(values) if value not in values[:i]]
+
+
+def _about(study: Study, found: dict[str, _Measured], claims: dict[str, str]) -> dict[str, Any]:
     """What ``run.json`` holds."""
-    last = datetime.fromtimestamp(max(one.played for one in kept), UTC)
-    missing, cells = sum(one.missing for one in kept), sum(one.cells for one in kept)
+    kept = found.values()
+    missing = sum(one.missing for one in kept) + len(parts_of(study)) - len(found)
+    cells = missing + sum(len(one.cells) for one in kept)
+    run = {name: _each_once([value for one in kept for value in one.run[name]]) for name in _RUN}
     return {
         "command": f"causal-openlock evidence {study.name}",
         "declared": study.declared,
@@ -263,10 +354,10 @@ def _about(study: Study, kept: list[_Played], claims: dict[str, str]) -> dict[st
         "complete": not missing,
         "cells": f"{cells - missing} of {cells}",
         "core_hours": round(sum(one.seconds for one in kept) / 3600, 2),
-        "date": last.date().isoformat(),
-        "machine": _machine(),
-        "commit": _commit(study.folder),
-        "versions": merged_versions([one.versions for one in kept]),
+        "date": max(run["date"]),
+        "machine": joined(run["machine"]),
+        "versions": merged_versions(run["versions"]),
+        "parts": {name: one.as_dict() for name, one in found.items()},
     }
 
 

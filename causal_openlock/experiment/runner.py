@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -41,6 +41,7 @@ def run(
     progress: Callable[[RunProgress], None] | None = None,
     watching: Watching | None = None,
     time_limit: float | None = None,
+    elsewhere: Collection[str] = (),
 ) -> Store:
     """Run the cells of an experiment that are not done yet.
 
@@ -59,6 +60,7 @@ def run(
         time_limit: Seconds after which a cell is ended, counted from its start or continuation; by
             default there is no limit. The cell then counts as failed, and keeps its checkpoint.
             It is ignored with an ``executor`` or without workers: nobody could end a cell.
+        elsewhere: File names of cells that are not played, as their results are kept elsewhere.
 
     Raises:
         CellsFailed: If cells failed, after all others were played; the folder's ``errors`` has the
@@ -102,6 +104,8 @@ def run(
             write_text(store.source(package), source)
         missing = {}
         for cell in experiment.cells():
+            if cell.file_name in elsewhere:
+                continue
             fault = store.check(cell)
             if fault is None:
                 store.clear(cell)
@@ -117,8 +121,10 @@ def run(
             if cell.file_name not in missing:
                 course.ended(cell, 0.0)
                 (done or _ignore)(cell, True)
+        # What is stopped has some subjects of all, rather than all of some.
+        pending = sorted(missing.values(), key=lambda cell: cell.first_subject)
         playing = _Run(
-            pending=deque(missing.values()),
+            pending=deque(pending),
             store=store,
             course=course,
             watching=watching,

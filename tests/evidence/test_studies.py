@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import causal_openlock.evidence.running as running
@@ -160,9 +161,8 @@ def test_damaged_units_are_found(root: Path) -> None:
         read_units(read_study(root / "small"))
 
 
-def test_a_run_that_was_stopped_keeps_what_was_measured(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def stopped_run(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that is stopped after its first cell."""
     play = running.play
 
     def stopped(experiment: object, *rest: object, **options: object) -> None:
@@ -171,17 +171,49 @@ def test_a_run_that_was_stopped_keeps_what_was_measured(
 
         play(experiment, *rest, done=done, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(running, "play", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        run(root)
+    with monkeypatch.context() as patched:
+        patched.setattr(running, "play", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            run(root)
+
+
+def test_a_run_that_was_stopped_keeps_what_was_measured(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped_run(root, monkeypatch)
     study = read_study(root / "small")
     assert not read_run(study)["complete"]
     assert read_run(study)["cells"] == "1 of 4"
     assert Evidence(study).text("claim faster verdict") == "undecided"
-    monkeypatch.setattr(running, "play", play)
     run(root)
     assert read_run(study)["complete"]
     assert Evidence(study).text("claim faster verdict") == "holds"
+
+
+@pytest.mark.parametrize("subjects_of_a_cell", [1, 40])
+def test_what_was_measured_elsewhere_is_completed(
+    root: Path, monkeypatch: pytest.MonkeyPatch, subjects_of_a_cell: int
+) -> None:
+    experiment = root / "small" / "experiment.yaml"
+    text = experiment.read_text().replace("cell_size: 3", f"cell_size: {subjects_of_a_cell}")
+    experiment.write_text(text)
+    stopped_run(root, monkeypatch)
+    shutil.rmtree(root.parent / "results")
+    run(root)
+    study = read_study(root / "small")
+    (part,) = read_run(study)["parts"].values()
+    played = list((root.parent / "results" / "cells" / "played" / "cells").glob("*.parquet"))
+    assert len(played) == len(part["cells"]) - 1
+    completed = read_units(study)
+    shutil.rmtree(root.parent / "results")
+    run(root)  # has nothing to play
+    assert not list((root.parent / "results").rglob("*.parquet"))
+    pd.testing.assert_frame_equal(read_units(study), completed)
+    run_study(study, root.parent / "results", Watched(workers=0), anew=True)
+    by = ["learner", "condition", "phase", "trial", "unit"]
+    ordered = [table.sort_values(by, ignore_index=True) for table in (read_units(study), completed)]
+    pd.testing.assert_frame_equal(*ordered)
+    assert len(list((root.parent / "results").rglob("*.parquet"))) == len(part["cells"])
 
 
 def test_networks_are_trained_and_each_is_a_unit(tmp_path: Path) -> None:
@@ -205,6 +237,11 @@ def test_networks_are_trained_and_each_is_a_unit(tmp_path: Path) -> None:
     }
     assert set(units["subjects"]) == {3}
     assert said[0].startswith("training first, seed 1; its progress is in ")
+    told = len(said)
+    shutil.rmtree(tmp_path / "results")
+    run_study(read_study(folder), tmp_path / "results", Watched(said.append, workers=0))
+    assert len(said) == told  # nothing is trained again
+    pd.testing.assert_frame_equal(read_units(read_study(folder)), units)
     (folder / "second.yaml").write_text("actions: 2\n")
     (tmp_path / "evidence" / "pages.yaml").write_text("results: []\n")
     (fault,) = (one for one in check(tmp_path / "evidence") if "changed" in one)
@@ -299,8 +336,11 @@ def test_less_does_not_replace_more(root: Path) -> None:
         cell.unlink()
         break
     (study,) = read_studies(root)
-    assert not running.keep(study, root.parent / "results")
+    assert not running.keep(study, root.parent / "results", {})
     assert (root / "small" / "run.json").read_bytes() == before
+    assert running.keep(study, root.parent / "results")  # with what is stored of that cell
+    assert read_run(study)["complete"]
+    assert len(read_units(study)) == 2 * 3 * (5 + 7)
 
 
 def test_units_of_another_run_are_refused(root: Path) -> None:
