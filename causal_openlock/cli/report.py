@@ -27,7 +27,7 @@ def report(
     folder: ResultsFolder,
     against: Annotated[
         Path | None,
-        typer.Argument(help="Another one: say what changed, and whether it is more than noise."),
+        typer.Argument(help="Another one: say what changed, and whether the results differ."),
     ] = None,
     beside: Annotated[
         list[Path] | None,
@@ -87,7 +87,7 @@ def report_difference(first: Path, second: Path, out: Path, console: Terminal) -
     """Compare two results folders: a page in a folder, and the same on the terminal."""
     from causal_openlock.analysis.report.difference_page import (
         sentence_on_changes,
-        sentence_on_noise,
+        sentence_on_differences,
         write_difference,
     )
     from causal_openlock.analysis.results.reading import read_results
@@ -103,7 +103,7 @@ def report_difference(first: Path, second: Path, out: Path, console: Terminal) -
     else:
         console.print(sentence_on_changes(changed))
     _print_differences(table, names, console)
-    console.print_line(sentence_on_noise(table))
+    console.print_line(sentence_on_differences(table))
     console.print_line(f"report: {path}")
 
 
@@ -125,7 +125,7 @@ def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Termi
 
 
 def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Terminal) -> None:
-    from causal_openlock.analysis.report.difference_page import MORE
+    from causal_openlock.analysis.report.difference_page import DIFFERENT
     from causal_openlock.analysis.report.section import printed
     from causal_openlock.comparison.console import plain_table
 
@@ -133,8 +133,8 @@ def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Ter
     heads = ("learner", "condition", "protocol", *names, "difference", "95% interval", "p (Holm)")
     shown = plain_table(*heads, left=3)
     shown.add_column("", no_wrap=True)
-    # What is more than noise comes first, so that it is on the screen however much there is.
-    order = (table["verdict"] != MORE).sort_values(kind="stable").index
+    # What differs comes first, so that it is on the screen however much there is.
+    order = (table["verdict"] != DIFFERENT).sort_values(kind="stable").index
     for row in table.loc[order].head(MOST_ROWS).to_dict("records"):
         low, high = (printed(row[name], "+.2f") for name in ("ci_low", "ci_high"))
         shown.add_row(
@@ -147,7 +147,7 @@ def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Ter
             f"{low} to {high}" if row["ci_low"] == row["ci_low"] else "",
             printed(row["p_holm"], ".2g"),
             row["verdict"],
-            style="bold" if row["verdict"] == MORE else "",
+            style="bold" if row["verdict"] == DIFFERENT else "",
         )
     if len(table):
         console.print_whole(shown)

@@ -57,4 +57,5 @@ def published_units() -> pd.DataFrame:
             learner="paper_ddqn", protocol="rl", judged=shares["block"] == last
         )
     )
-    return pd.concat(parts, ignore_index=True).assign(unit=0, subjects=1).drop(columns="se")
+    units = pd.concat(parts, ignore_index=True).assign(unit=0).drop(columns="se")
+    return units.assign(subjects=units["subjects"].fillna(1).astype(int))

@@ -152,13 +152,11 @@ def estimate(
     if not isinstance(known, Selection):
         return from_known(mean_of(of), known)
     if known.learner in PUBLISHED:
-        number, error = (
-            float(selected(published_units(), known, name).values.mean())
-            if name != "error" or contrast.measure == "attempts"
-            else 0.0
-            for name in (contrast.measure, "error")
-        )
-        return from_known(mean_of(of), number, error)
+        there = selected(published_units(), known, contrast.measure)
+        error = 0.0  # that of shares is not known
+        if contrast.measure == "attempts":
+            error = float(selected(published_units(), known, "error").values.mean())
+        return from_known(mean_of(of), float(there.values.mean()), error, there.draws)
     minus = selected(units, known, contrast.measure)
     if not paired(contrast.of, known, unit, same or {}):
         return difference(of, minus)
@@ -173,12 +171,18 @@ def estimate(
     return mean_of(replace(one, values=one.values - two.values, share=False))
 
 
-def from_known(found: Estimate, known: float, error: float = 0.0) -> Estimate:
-    """The difference to a known number, or to a published mean with its standard error."""
+def from_known(found: Estimate, known: float, error: float = 0.0, draws: int = 2) -> Estimate:
+    """The difference to a known number, or to a published mean.
+
+    Args:
+        found: An estimate.
+        known: The number.
+        error: The standard error of a published mean.
+        draws: How many people, or agents, that mean is of.
+    """
     ends = {}
     for level, (low, high) in found.intervals.items():
-        # People's means are of forty; beside it, a learner's own error is mostly small.
-        theirs = float(stats.t.ppf((1 + level) / 2, 39)) * error
+        theirs = float(stats.t.ppf((1 + level) / 2, draws - 1)) * error
         ends[level] = (
             found.value - known - float(np.hypot(found.value - low, theirs)),
             found.value - known + float(np.hypot(high - found.value, theirs)),

@@ -142,7 +142,7 @@ def test_equal_attempts_leave_room_for_what_was_missed() -> None:
 
 def test_people_count_with_their_standard_error() -> None:
     own = of([3.0, 4, 5, 4])
-    found = from_known(mean_of(own), 6.45, 0.998)
+    found = from_known(mean_of(own), 6.45, 0.998, 40)
     assert found.value == pytest.approx(4 - 6.45)
     theirs, mine = stats.t.ppf(0.975, 39) * 0.998, stats.t.ppf(0.975, 3) * stats.sem(own.values)
     assert found.interval[1] - found.value == pytest.approx(np.hypot(theirs, mine))

@@ -1,4 +1,4 @@
-"""Two results folders side by side: what changed between them, and is it more than noise.
+"""Two results folders side by side: what changed between them, and do the results differ.
 
 The descriptions of the two experiments are compared piece by piece, and for each learner in each
 condition that both played, the means of the subjects
@@ -46,7 +46,7 @@ COLUMNS = (
     *("attempts_first", "attempts_second", "difference", "ci_low", "ci_high", "p", "p_holm"),
     "verdict",
 )
-SAME, NOISE, MORE, UNKNOWN = "the same", "within noise", "more than noise", "one subject"
+SAME, UNDECIDED, DIFFERENT, UNKNOWN = "the same", "undecided", "different", "one subject"
 
 
 def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
@@ -115,8 +115,8 @@ def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str])
         ``attempts_``; the ``difference`` (second less first) with its bootstrap interval
         ``ci_low`` and ``ci_high``; ``p`` of Welch's test, and ``p_holm``, corrected over all rows
         but those that are the same, which are not tested (NaN there); and a ``verdict``:
-        :data:`SAME` where every subject has the same value, :data:`MORE` where ``p_holm`` is below
-        5%, otherwise :data:`NOISE`, or :data:`UNKNOWN` for one subject.
+        :data:`SAME` where every subject has the same value, :data:`DIFFERENT` where ``p_holm`` is
+        below 5%, otherwise :data:`UNDECIDED`, or :data:`UNKNOWN` for one subject.
     """
     groups = [_groups(trials) for trials in (first, second)]
     keys = [key for key in groups[0] if key in groups[1]]
@@ -135,7 +135,7 @@ def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str])
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     asked = table["p"].where(table["verdict"] != SAME)
     table["p_holm"] = holm(asked.to_numpy(float))
-    decided = np.where(table["p_holm"] < ALPHA, MORE, NOISE)
+    decided = np.where(table["p_holm"] < ALPHA, DIFFERENT, UNDECIDED)
     return table.assign(verdict=np.where(table["verdict"] == "", decided, table["verdict"]))
 
 
@@ -204,9 +204,9 @@ def sentence_on_changes(changed: pd.DataFrame) -> str:
     return _PROSE.sentence("changes", things=changed["what"].tolist())
 
 
-def sentence_on_noise(table: pd.DataFrame) -> str:
-    """How many differences (:func:`compared`) are more than noise, in a sentence."""
-    rows = table[table["verdict"] == MORE]
+def sentence_on_differences(table: pd.DataFrame) -> str:
+    """How many differences (:func:`compared`) are more than chance explains, in a sentence."""
+    rows = table[table["verdict"] == DIFFERENT]
     more = (rows["learner"] + " in " + rows["condition"]).tolist()
     verdicts = table["verdict"].value_counts().to_dict()
     return _PROSE.sentence("noise", total=len(table), more=more, verdicts=verdicts)
@@ -231,11 +231,11 @@ def _noise_section(
         name: [f"{key[0]} in {key[1]} ({key[2]}, {key[3]})" for key in sorted(cells)]
         for name, cells in zip(names, alone, strict=True)
     }
-    text = (sentence_on_noise(table), *_PROSE.paragraphs("only", alone=only))
+    text = (sentence_on_differences(table), *_PROSE.paragraphs("only", alone=only))
     title = _PROSE.sentence("noise_title")
     if table.empty:
         return Section("noise", title, text)
-    drawn = table.assign(sure=table["verdict"] == MORE)
+    drawn = table.assign(sure=table["verdict"] == DIFFERENT)
     plot = _PROSE.plot(
         "means", plot_differences, drawn, {"names": names}, f"{label}_means", "",
         drawn=min(len(table), MOST_DRAWN), rows=len(table),

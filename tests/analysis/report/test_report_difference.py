@@ -1,4 +1,4 @@
-"""Two results side by side: what changed, and whether it is more than noise."""
+"""Two results side by side: what changed, and whether the results differ."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from typer.testing import CliRunner
 
 from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.report.difference_page import (
-    MORE,
-    NOISE,
+    DIFFERENT,
     SAME,
+    UNDECIDED,
     UNKNOWN,
     changes,
     compared,
     sentence_on_changes,
-    sentence_on_noise,
+    sentence_on_differences,
     write_difference,
 )
 from causal_openlock.cli import app
@@ -105,16 +105,16 @@ def test_verdicts_tell_noise_from_more() -> None:
     trials = [count(record).trials for record in (first, second)]
     told = compared(trials[0], trials[1], ["noisy", "moved", "equal"])
     assert dict(zip(told["learner"], told["verdict"], strict=True)) == {
-        "noisy": NOISE,
-        "moved": MORE,
+        "noisy": UNDECIDED,
+        "moved": DIFFERENT,
         "equal": SAME,
         "alone": UNKNOWN,
     }
     moved = told.set_index("learner").loc["moved"]
     assert moved["difference"] == pytest.approx(np.mean(far) - np.mean(near))
     assert moved["ci_low"] < moved["difference"] < moved["ci_high"]
-    said = sentence_on_noise(told)
-    assert said.startswith("1 of 4 means differ by more than noise (moved in CC4)")
+    said = sentence_on_differences(told)
+    assert said.startswith("1 of 4 means differ by more than chance explains (moved in CC4)")
 
 
 def test_a_difference_seen_by_chance_is_corrected_away() -> None:
@@ -124,7 +124,7 @@ def test_a_difference_seen_by_chance_is_corrected_away() -> None:
     trials = [count(lengths(**group)).trials for group in groups]
     told = compared(trials[0], trials[1], [])
     assert (told["p"] < 0.05).any()
-    assert not (told["verdict"] == MORE).any()
+    assert not (told["verdict"] == DIFFERENT).any()
 
 
 def test_learners_that_did_not_change_do_not_hide_one_that_did() -> None:
@@ -135,7 +135,7 @@ def test_learners_that_did_not_change_do_not_hide_one_that_did() -> None:
     told = compared(trials[0], trials[1], []).set_index("learner")
     assert 0.05 / 61 < told.loc["moved", "p"] < 0.05
     assert told.loc["moved", "p_holm"] == told.loc["moved", "p"]
-    assert told["verdict"].value_counts().to_dict() == {SAME: 60, MORE: 1}
+    assert told["verdict"].value_counts().to_dict() == {SAME: 60, DIFFERENT: 1}
     assert told.loc[told["verdict"] == SAME, "p_holm"].isna().all()
 
 
@@ -151,7 +151,7 @@ def test_the_page_stands_alone_and_has_its_tables_as_files(tmp_path: Path) -> No
     assert page.open == []
     assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", text)
     assert "a <1> and b" in page.text
-    assert "1 of 1 means differ by more than noise (bayes in CC4)." in page.text
+    assert "1 of 1 means differ by more than chance explains (bayes in CC4)." in page.text
     assert "seed 9, 1 cell missing" in page.text
     assert ["seed", "1", "9"] in page.tables[0]
     assert "+10.00" in page.tables[1][1]
