@@ -9,8 +9,7 @@ import pandas as pd
 
 from causal_openlock.analysis.results.cost import costs_by_learner
 from causal_openlock.analysis.results.people.human_likeness import likeness
-from causal_openlock.analysis.results.people.yardsticks import beside_yardsticks
-from causal_openlock.contract.registry import changed_parameters
+from causal_openlock.analysis.results.people.yardsticks import beside_yardsticks, chosen_settings
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.stored import COSTS, read_units
 from causal_openlock.evidence.study import Study
@@ -31,12 +30,8 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     like = likeness(trials, None, learners)
     if like is None:
         raise EvidenceError("no learner has played all six conditions yet")
-    settings = {
-        spec.name: len(changed_parameters(spec.learner, spec.parameters))
-        for spec in study.asked.learners
-    }
     played = trials[trials["learner"].isin(like.points)]
-    table = beside_yardsticks(like, played, settings)
+    table = beside_yardsticks(like, played, chosen_settings(study.asked.learners))
     effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
     return table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
 

@@ -37,7 +37,7 @@ from causal_openlock.evidence.study import Study
 from causal_openlock.wording import counted, nearest
 
 LINK = re.compile(
-    r"\[(?P<text>[^\]\n]*)\]\((?P<path>[^)\s]*evidence/(?P<study>[\w-]+)/README\.md)"
+    r"\[(?P<text>[^\]\n]*)\]\((?P<path>(?:[^)\s]*/)?(?P<study>[\w-]+)/README\.md)"
     r'[ \n]"(?P<title>[^"]*)"\)'
 )
 START = re.compile(r"<!-- evidence: (?P<study>[\w-]+) (?P<what>[\w ]+) -->\n")

@@ -8,7 +8,7 @@ import pytest
 
 from causal_openlock.analysis.measures import TRANSFERS
 from causal_openlock.analysis.report.sections import decisions_of
-from causal_openlock.analysis.report.sections.human_likeness import chosen_settings, section
+from causal_openlock.analysis.report.sections.human_likeness import section
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.human_likeness import (
     distance,
@@ -27,6 +27,7 @@ from causal_openlock.analysis.results.people.yardsticks import (
     NULL_CURVES,
     PERFECT,
     beside_yardsticks,
+    chosen_settings,
     drawn_means,
     noise_ceiling,
     null_curves,
@@ -243,7 +244,7 @@ def test_settings_are_those_that_differ_from_the_defaults():
     whole = made_up("bayes_like_people")
     pairs = frozenset(zip(whole["learner"], whole["condition"], strict=True))
     material = Material(table([]), experiment, whole, ("bayes_like_people",), pairs, {})
-    settings = chosen_settings(material)
+    settings = chosen_settings(material.experiment.learners)
     assert settings["bayes_like_people"] == 6
     assert settings["bayes"] == 0
     found = section(material, decisions_of(material, ["human_likeness"]))
@@ -256,7 +257,7 @@ def test_defaults_are_recognised_in_a_results_folder(tmp_path):
     text = "conditions: [CC4]\nsubjects: 1\nlearners: [bayes, ddqn, recurrent, random, rl2]\n"
     material = Material(table([]), declared(tmp_path, text), made_up("bayes"), ("bayes",),
                         frozenset(), {})  # fmt: skip
-    assert set(chosen_settings(material).values()) == {0}
+    assert set(chosen_settings(material.experiment.learners).values()) == {0}
 
 
 def test_the_published_model_and_people_have_the_form_of_learners():

@@ -24,10 +24,10 @@ from causal_openlock.analysis.results.people.human_likeness import (
 )
 from causal_openlock.analysis.results.people.yardsticks import (
     beside_yardsticks,
+    chosen_settings,
     noise_ceiling,
     null_curves,
 )
-from causal_openlock.contract.registry import changed_parameters, is_ours
 
 _PROSE = Prose("human_likeness")
 
@@ -61,7 +61,7 @@ def section(material: Material, decisions: Decisions) -> Section | None:
     table["clear"] = table["learner"].map(clear.groupby(each["learner"]).sum())
     table.loc[table["learner"] == PUBLISHED_MODEL, "clear"] = pd.NA
     published = table["learner"] == PUBLISHED_MODEL
-    beside = beside_yardsticks(like, material.trials, chosen_settings(material))
+    beside = beside_yardsticks(like, material.trials, chosen_settings(material.experiment.learners))
     return _PROSE.section(
         "human_likeness",
         [
@@ -79,18 +79,6 @@ def section(material: Material, decisions: Decisions) -> Section | None:
         # Of those that come out no farther than the nearest one beyond people's sampling error.
         alike=beside.loc[beside["verdict"] == "not ranked", "learner"].tolist(),
     )
-
-
-def chosen_settings(material: Material) -> dict[str, int]:
-    """How many settings of each of the toolkit's learners differ from the learner's defaults.
-
-    Learners of others are left out: showing results runs no code that they name.
-    """
-    return {
-        spec.name: len(changed_parameters(spec.learner, spec.parameters))
-        for spec in material.experiment.learners
-        if is_ours(spec.learner)
-    }
 
 
 _TESTED = ["learner", "effect", "difference", "t", "df", "p", "p_corrected"]

@@ -16,7 +16,7 @@ is read beside three others:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +33,8 @@ from causal_openlock.analysis.results.people.human_likeness import (
     training_points_of_model,
 )
 from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED
+from causal_openlock.contract.registry import changed_parameters, is_ours
+from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.world.fsm import FloatArray
 
 PERFECT = "perfect model"
@@ -208,6 +210,18 @@ def rmse_difference(
     nearer, farther, undecided = VERDICTS
     verdict = nearer if high < 0 else farther if low > 0 else undecided
     return Difference(rmse[0] - rmse[1], low, high, verdict)
+
+
+def chosen_settings(learners: Iterable[LearnerSpec]) -> dict[str, int]:
+    """How many settings of each of the toolkit's learners differ from the learner's defaults.
+
+    Learners of others are left out: showing results runs no code that they name.
+    """
+    return {
+        spec.name: len(changed_parameters(spec.learner, spec.parameters))
+        for spec in learners
+        if is_ours(spec.learner)
+    }
 
 
 def beside_yardsticks(
