@@ -32,7 +32,7 @@ from causal_openlock.comparison.progress import Show
 from causal_openlock.comparison.results import Results
 from causal_openlock.errors import CellsFailed, EvidenceError
 from causal_openlock.evidence.stored import COSTS, UNITS, read_run, read_units, write_run
-from causal_openlock.evidence.study import FILE, Networks, Study
+from causal_openlock.evidence.study import FILE, MEASURED, Networks, Study
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
 from causal_openlock.experiment.experiment import Cell, Experiment
@@ -247,26 +247,34 @@ def keep(study: Study, results: Path, found: dict[str, _Measured] | None = None)
 
 
 def _stored(study: Study) -> dict[str, _Measured]:
-    """By part, what is stored with the study, if it is what the study asks for now."""
+    """By part, what is stored with the study, as far as the study asks for it now."""
     try:
         run, tables = read_run(study), {UNITS: read_units(study)}
-        if run["declared"] != study.declared:
-            return {}
         if COSTS in run["files"]:
             tables[COSTS] = read_units(study, COSTS)
     except EvidenceError:
         return {}
     found = {}
     for part in parts_of(study):
-        if held := run["parts"].get(part.name):
-            units = tables[UNITS]
+        if not (held := run["parts"].get(part.name)):
+            continue
+        of_run = {name: held[name] for name in _RUN}
+        names, seconds, units = held["cells"], held["seconds"], tables[UNITS]
+        if part.label and run["declared"] == study.declared:
             own = units[(units["learner"] == part.label) & (units["unit"] == part.seed)]
+            found[part.name] = _Measured({UNITS: own}, tuple(names), 0, seconds, of_run)
+        elif not part.label and set(MEASURED[study.file.measured]) <= set(units):
+            # A name holds the hash of all that decides a cell: a learner that was added since
+            # leaves the others as they are.
+            asked = study.asked.cells()
+            if not (cells := [cell for cell in asked if cell.file_name in names]):
+                continue
             found[part.name] = _Measured(
-                tables={UNITS: own} if part.label else tables,
-                cells=tuple(held["cells"]),
-                missing=held["missing"],
-                seconds=held["seconds"],
-                run={name: held[name] for name in _RUN},
+                tables={name: table[_of(table, cells)] for name, table in tables.items()},
+                cells=tuple(cell.file_name for cell in cells),
+                missing=len(asked) - len(cells),
+                seconds=seconds * len(cells) / max(1, len(names)),
+                run=of_run,
             )
     return found
 

@@ -52,6 +52,8 @@ TRIALS = ("attempts", "first_solution", "solved", "found")
 COURSE = ("opens", "finds_all", "found", "unlocks", "else")
 """What is measured of each trial, and of each part of a course."""
 
+MEASURED: Mapping[str, Sequence[str]] = {"trials": TRIALS, "course": COURSE}
+
 Measure = Literal[
     "attempts", "first_solution", "solved", "found", "opens", "finds_all", "else", "unlocks"
 ]
@@ -271,7 +273,7 @@ class Study:
         if networks:
             learners = {*networks.files, *networks.parameters}
         conditions = {one.name for one in self.asked.conditions}
-        measures = TRIALS if self.file.measured == "trials" else COURSE
+        measures = MEASURED[self.file.measured]
         found = []
         for place, measure, side in self._sides():
             of = side.condition or []

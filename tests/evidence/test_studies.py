@@ -216,6 +216,24 @@ def test_what_was_measured_elsewhere_is_completed(
     assert len(list((root.parent / "results").rglob("*.parquet"))) == len(part["cells"])
 
 
+def test_a_learner_that_is_added_leaves_the_others_as_they_are(root: Path) -> None:
+    run(root)
+    before = read_units(read_study(root / "small"))
+    shutil.rmtree(root.parent / "results")
+    experiment = root / "small" / "experiment.yaml"
+    experiment.write_text(experiment.read_text().replace("[oracle, random]", "[oracle, ideal]"))
+    (root / "small" / "study.yaml").write_text(
+        "title: Small\nexperiment: experiment.yaml\nhours: 1\n"
+    )
+    run(root)
+    played = list((root.parent / "results").rglob("*.parquet"))
+    assert {path.name.split("_")[0] for path in played} == {"ideal"}
+    units = read_units(read_study(root / "small"))
+    assert set(units["learner"]) == {"oracle", "ideal"}
+    kept, same = (table[table["learner"] == "oracle"] for table in (units, before))
+    pd.testing.assert_frame_equal(kept.reset_index(drop=True), same.reset_index(drop=True))
+
+
 def test_networks_are_trained_and_each_is_a_unit(tmp_path: Path) -> None:
     shipped = Path(running.__file__).parents[2] / "learners" / "checkpoints" / "rl2.npz"
     train = tmp_path / "train.py"
