@@ -49,6 +49,9 @@ VERDICTS = (LEARNS, FALLS, FLAT, SOME, NOT, UNDECIDED)
 SURE_OF_SUBJECT = 0.01
 """How likely it may be that any subject of a group at chance is taken for one that learns."""
 
+MARGIN = 0.1
+"""The smallest share beyond chance that matters: what is surely less is no learning."""
+
 MANY_CONDITIONS = 3
 """From so many on, all conditions of a learner need not be named one by one."""
 
@@ -81,8 +84,12 @@ def judge(
         for over, mean, part in zip(above, means, parts.T, strict=True)
     ]
     if not any(learned):
-        some = counted is not None and _any_able(parts[:, -1], bar, counted)
-        return FLAT if any(above) else SOME if some else NOT
+        if any(above):
+            return FLAT
+        if counted is not None and _any_able(parts[:, -1], bar, counted):
+            return SOME
+        # That nothing was found is no sign that there is nothing.
+        return NOT if interval(parts[:, -1])[1] < bar + MARGIN else UNDECIDED
     peak = int(np.argmax(np.where(learned, means, -1.0)))
     halved = means[-1] <= means[peak] / 2
     if halved and interval(parts[:, -1] - parts[:, peak])[1] < 0:
@@ -191,6 +198,7 @@ def section(material: Material) -> Section | None:
         doors=by_verdict(doors),
         alls=by_verdict(alls),
         least=LEAST_SUBJECTS,
+        margin=MARGIN,
         sure=SURE_OF_SUBJECT,
     )
 
