@@ -6,13 +6,15 @@ Recomputing takes seconds: it reads the stored units and runs nothing.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from pydantic import Field
 
 from causal_openlock.errors import EvidenceError, OpenLockError
+from causal_openlock.evidence.figures import drawn, figure_path, is_current
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.pages import Pages, page_of, unbound_numbers
 from causal_openlock.evidence.study import FILE, read_studies
@@ -42,16 +44,19 @@ class Written:
 
     Attributes:
         texts: By file, its text.
+        figures: By file of those that are of something else, what draws it.
         faults: What is wrong otherwise, a sentence each.
     """
 
     texts: dict[Path, str] = field(default_factory=dict)
+    figures: dict[Path, Callable[[], str]] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
 
     @property
     def stale(self) -> list[Path]:
         """The files that hold something else."""
-        return [path for path, text in self.texts.items() if _text(path) != text]
+        texts = [path for path, text in self.texts.items() if _text(path) != text]
+        return [*texts, *self.figures]
 
 
 def written(root: Path) -> Written:
@@ -82,6 +87,9 @@ def written(root: Path) -> Written:
         made.texts[study.folder / README] = text
         if table:
             made.texts[study.folder / VERDICTS] = table
+        for name in study.file.figures if found.was_run else ():
+            if not is_current(found, name):
+                made.figures[figure_path(found, name)] = partial(drawn, found, name)
     for path, bound in _pages(root):
         text, faults = pages.renewed(path.read_text(encoding="utf-8"), path)
         made.texts[path] = text
@@ -107,7 +115,7 @@ def write(root: Path) -> tuple[list[Path], list[str]]:
     made = written(root)
     stale = made.stale
     for path in stale:
-        write_text(path, made.texts[path])
+        write_text(path, made.texts[path] if path in made.texts else made.figures[path]())
     return stale, made.faults
 
 

@@ -247,6 +247,13 @@ class Evidence:
         rows = [[*row, size] for row, size in zip(rows, sizes, strict=True)]
         return f"{markdown(['', *table.columns, 'n'], rows)}\n\n{note}\n"
 
+    def figure(self, name: str, folder: str) -> str:
+        """The Markdown that shows the figure of a table; empty if it has none."""
+        if name not in self.study.file.figures or not self.was_run:
+            return ""
+        shown = f"{self.study.file.title}: {name.replace('_', ' ')}, every {self.study.unit}"
+        return f"![{shown}]({folder}/{name}.svg)\n\n"
+
     def _derived_table(self) -> str:
         if not self.was_run:
             return "*not run yet*\n"

@@ -116,8 +116,10 @@ class Pages:
             except EvidenceError as error:
                 fault(found.start(), error)
                 return found[0]
-            source = f"[How it was measured]({here}/{found['study']}/README.md)."
-            return f"{found['start']}{body}\n{source}\n{found['end']}"
+            folder = f"{here}/{found['study']}"
+            source = f"[How it was measured]({folder}/README.md)."
+            figure = self.evidence(found["study"]).figure(found["what"], folder)
+            return f"{found['start']}{body}\n{figure}{source}\n{found['end']}"
 
         blocks = len(BLOCK.findall(text))
         if not blocks == text.count("<!-- evidence:") == text.count(END):
@@ -195,6 +197,7 @@ def page_of(evidence: Evidence) -> str:
     derived = ["derived"] if file.derived else []
     for name in (*derived, *file.tables) if run else ():
         parts.append(evidence.block(name))
+        parts += filter(None, [evidence.figure(name, ".")])
     parts.append(f"## How it was measured\n\n{_run_in_words(evidence, run)}\n")
     return "\n".join(parts)
 

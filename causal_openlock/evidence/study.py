@@ -200,6 +200,16 @@ class StudyFile(StrictModel):
     hours: Annotated[float, Field(gt=0, description="Of one core, for all of it.")]
     claims: dict[str, Claim] = Field(default_factory=dict)
     tables: dict[str, Table] = Field(default_factory=dict)
+    figures: Annotated[
+        list[str], Field(description="Names of tables that are drawn, too, with every unit.")
+    ] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _figures_are_of_tables(self) -> StudyFile:
+        for name in self.figures:
+            if name not in self.tables:
+                raise ValueError(f"figures: there is no table {name}; {nearest(name, self.tables)}")
+        return self
 
     @model_validator(mode="after")
     def _sides_can_be_selected(self) -> StudyFile:

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 import causal_openlock.evidence.running as running
 from causal_openlock.errors import EvidenceError, FileError, StoreError
 from causal_openlock.evidence.checking import check, write
+from causal_openlock.evidence.figures import draw_course
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.pages import unbound_numbers
 from causal_openlock.evidence.running import Watched, run_study
@@ -277,6 +279,57 @@ def test_a_training_that_fails_is_one_sentence(tmp_path: Path) -> None:
         (folder / f"{name}.yaml").write_text("actions: 1\n")
     with pytest.raises(EvidenceError, match=r"the training .* failed: no such schema"):
         run_study(read_study(folder), tmp_path / "results", Watched(workers=0))
+
+
+def test_a_figure_is_of_what_is_stored(root: Path) -> None:
+    study = root / "small" / "study.yaml"
+    study.write_text(STUDY + "figures: [attempts]\n")
+    run(root)
+    write(root)
+    figure = root / "small" / "attempts.svg"
+    first = figure.read_text()
+    page = (root.parent / "page.md").read_text()
+    assert "![A small study: attempts, every subject](evidence/small/attempts.svg)" in page
+    assert not check(root)
+    figure.unlink()
+    assert check(root) == [
+        f"{figure} is not what was measured; write it anew with: causal-openlock evidence --write"
+    ]
+    write(root)
+    assert figure.read_text() == first
+    study.write_text(study.read_text().replace("columns: [CC3 trial 1, ", "columns: ["))
+    assert any(fault.startswith(f"{figure} is not what") for fault in check(root))
+    write(root)
+    assert figure.read_text() != first
+
+
+def test_a_figure_of_a_course_has_a_line_for_each_unit(root: Path) -> None:
+    folder = root / "small"
+    (folder / "experiment.yaml").write_text(
+        "name: small\nsubjects: 3\nconditions: [CC4, CE4]\nlearners: [random]\nprotocol: short\n"
+        "protocols: {short: {based_on: rl, baseline_loops: 2, attempt_limit: 10}}\n"
+    )
+    (folder / "study.yaml").write_text(
+        "title: A course\nexperiment: experiment.yaml\nmeasured: course\nhours: 0.01\n"
+        "tables:\n  opens:\n    measure: opens\n    columns: [part 1, part 2, part 5]\n"
+        "    rows: {paper_ddqn CC4: Paper, random CC4: Random, random CE4: Random}\n"
+        "figures: [opens]\n"
+    )
+    run(root)
+    figure = Figure()
+    evidence = Evidence(read_study(folder))
+    draw_course(evidence, evidence.study.file.tables["opens"], figure)
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == ["paper ddqn", "random"]
+    published, own = ([line.get_xdata().tolist() for line in a.lines] for a in figure.axes)
+    assert published == [[1, 2, 5]]
+    assert own == [[1, 2, 5]] * 2 * (3 + 1)  # of each condition the subjects, and their mean
+
+
+def test_a_figure_of_no_table_is_refused(root: Path) -> None:
+    (root / "small" / "study.yaml").write_text(STUDY + "figures: [attemps]\n")
+    with pytest.raises(FileError, match="there is no table attemps; did you mean attempts"):
+        read_study(root / "small")
 
 
 @pytest.mark.parametrize(

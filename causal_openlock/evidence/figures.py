@@ -1,0 +1,208 @@
+"""Tables of a study as figures, in which every unit can be seen.
+
+A study names under ``figures`` which of its tables are drawn. Where the columns are the parts of a
+course a panel has a thin line for each unit and a thick one for their mean; otherwise a panel for
+each column has a dot for each unit of a row, and their mean with its interval. A figure stands in
+the study's folder beside what it was made from, and holds a mark of that: so a figure of other
+units is found without drawing it anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.measured import Evidence
+from causal_openlock.evidence.stored import UNITS
+from causal_openlock.evidence.study import PUBLISHED, Selection, Table
+from causal_openlock.evidence.units import Selected, selected
+from causal_openlock.evidence.verdicts import mean_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FORM = 1
+"""Of what is drawn here; another number makes all figures anew."""
+
+_MARK = re.compile(r"<!-- made from ([0-9a-f]+) -->")
+_PART = re.compile(r"part (\d+)$")
+_UNIT, _PUBLISHED = "#1F6F9F", "#777777"
+
+
+def figure_path(evidence: Evidence, name: str) -> Path:
+    """Where the figure of a table is."""
+    return evidence.study.folder / f"{name}.svg"
+
+
+def is_current(evidence: Evidence, name: str) -> bool:
+    """Whether the figure of a table is there, and of what is stored and declared now."""
+    path = figure_path(evidence, name)
+    marks = _MARK.findall(path.read_text(encoding="utf-8")) if path.exists() else []
+    return marks == [_mark(evidence, name)]
+
+
+def _mark(evidence: Evidence, name: str) -> str:
+    table = evidence.study.file.tables[name].model_dump()
+    made_of = json.dumps([FORM, evidence.run["files"][UNITS], table], sort_keys=True)
+    return hashlib.sha256(made_of.encode()).hexdigest()[:16]
+
+
+def drawn(evidence: Evidence, name: str) -> str:
+    """The figure of a table as SVG, with its mark."""
+    from matplotlib.figure import Figure
+
+    from causal_openlock.analysis.plots import style
+
+    figure = Figure()
+    table = evidence.study.file.tables[name]
+    draw = draw_course if all(map(_PART.search, table.columns)) else draw_dots
+    draw(evidence, table, figure)
+    svg = style.image(figure, "svg").decode()
+    return f"{svg.rstrip()}\n<!-- made from {_mark(evidence, name)} -->\n"
+
+
+def _units(evidence: Evidence, table: Table, row: str, column: str) -> Selected | None:
+    """The units of a cell of the table, if there are any."""
+    chosen = Selection.parse([*row.split(), *column.split()])
+    try:
+        return selected(evidence.units, chosen, table.measure)
+    except EvidenceError:
+        return None
+
+
+def _rows(evidence: Evidence, table: Table) -> list[str]:
+    """The rows that hold something."""
+    return [
+        row for row in table.rows if any(_units(evidence, table, row, c) for c in table.columns)
+    ]
+
+
+def _name(row: str) -> str:
+    return row.replace("_", " ")
+
+
+# -- dots ----------------------------------------------------------------------------------------
+
+
+def draw_dots(evidence: Evidence, table: Table, figure: Any) -> None:
+    """A panel for each column, with a line of dots for each row."""
+    from causal_openlock.analysis.plots.panels import in_rows, panels
+
+    rows = _rows(evidence, table)
+    own = [row for row in rows if row not in PUBLISHED]
+    across, count = 3 if len(table.columns) > 2 else 2, len(table.columns)
+    with panels(figure, count, in_rows(count, across, 0.2 * len(own) + 0.7)) as at:
+        for axes, column in zip(at.axes, table.columns, strict=True):
+            axes.set_title(column, loc="left", pad=13)
+            axes.set_yticks(range(len(own)), [_name(row) for row in own])
+            axes.set_ylim(len(own) - 0.4, -0.6)
+            axes.grid(False, axis="y")
+            axes.grid(True, axis="x")
+            for place, row in enumerate(own):
+                if (found := _units(evidence, table, row, column)) is not None:
+                    _dots_of_row(axes, place, found)
+            for row in (row for row in rows if row in PUBLISHED):
+                if (found := _units(evidence, table, row, column)) is not None:
+                    axes.axvline(float(found.values.mean()), color=_PUBLISHED, lw=1, ls=(0, (4, 2)))
+                    axes.annotate(
+                        _name(row), (float(found.values.mean()), 1), xytext=(2, 1),
+                        xycoords=("data", "axes fraction"), textcoords="offset points",
+                        color=_PUBLISHED, fontsize="small", ha="left", va="bottom",
+                    )  # fmt: skip
+            axes.set_xlim(*_limits(evidence, table))
+        for axes in at.axes[-across:]:
+            axes.set_xlabel(_measure(table))
+
+
+def _dots_of_row(axes: Axes, place: int, found: Selected) -> None:
+    # Side by side in the order of their numbers, so that equal values do not hide each other.
+    spread = np.linspace(-0.22, 0.22, len(found.values)) if len(found.values) > 1 else [0.0]
+    axes.plot(found.values, place + np.asarray(spread), ls="", marker="o", ms=2.6, mew=0,
+              color=_UNIT, alpha=0.55)  # fmt: skip
+    mean = mean_of(found)
+    low, high = mean.interval
+    if np.isfinite(low):
+        axes.plot([low, high], [place, place], color="black", lw=1.4, solid_capstyle="butt")
+    axes.plot(mean.value, place, marker="D", ms=4, mfc="black", mec="white", mew=0.5)
+
+
+# -- courses -------------------------------------------------------------------------------------
+
+
+def draw_course(evidence: Evidence, table: Table, figure: Any) -> None:
+    """A panel for each learner, with the course of each unit."""
+    from matplotlib.lines import Line2D
+
+    from causal_openlock.analysis.plots import style
+    from causal_openlock.analysis.plots.panels import in_rows, panels
+
+    rows = _rows(evidence, table)
+    names = list(dict.fromkeys(row.split()[0] for row in rows))
+    with panels(figure, len(names), in_rows(len(names), 4, 1.75)) as at:
+        for axes, name in zip(at.axes, names, strict=True):
+            style.panel_title(axes, _name(name))
+            for row in (row for row in rows if row.split()[0] == name):
+                _lines_of_row(axes, list(_parts(evidence, table, row)), row)
+            axes.set_xticks([float(_part(column)) for column in table.columns])
+            axes.set_xlabel("part of the training")
+            axes.set_ylim(*_limits(evidence, table))
+        at.label_y(_measure(table))
+        conditions = dict.fromkeys(row.split()[1] for row in rows)
+        colours = [(one, style.current().trained(one)) for one in conditions]
+        at.legend([Line2D([], [], color=colour, lw=2, label=one) for one, colour in colours])
+
+
+def _part(column: str) -> int:
+    found = _PART.search(column)
+    assert found
+    return int(found[1])
+
+
+def _parts(evidence: Evidence, table: Table, row: str) -> Iterator[tuple[int, Selected]]:
+    for column in table.columns:
+        if (found := _units(evidence, table, row, column)) is not None:
+            yield _part(column), found
+
+
+def _lines_of_row(axes: Axes, parts: list[tuple[int, Selected]], row: str) -> None:
+    from causal_openlock.analysis.plots import style
+
+    colour = style.current().trained(row.split()[1])
+    x = [part for part, _ in parts]
+    if row.split()[0] not in PUBLISHED:
+        for unit in parts[0][1].units:
+            own = [found.only(np.array([unit])).values for _, found in parts]
+            if all(len(one) for one in own):
+                axes.plot(x, np.concatenate(own), color=colour, lw=0.6, alpha=0.45)
+    axes.plot(x, [found.values.mean() for _, found in parts], color=colour, lw=2, marker="o", ms=3)
+
+
+# -- both ----------------------------------------------------------------------------------------
+
+
+def _limits(evidence: Evidence, table: Table) -> tuple[float, float]:
+    """Those of all panels: of shares all there are, of attempts as many as somebody needed."""
+    if table.measure not in ("attempts", "first_solution"):
+        return -0.03, 1.03
+    cells = (_units(evidence, table, row, c) for row in table.rows for c in table.columns)
+    return 0.0, 1.05 * max(float(cell.values.max()) for cell in cells if cell is not None)
+
+
+def _measure(table: Table) -> str:
+    return {
+        "attempts": "attempts",
+        "first_solution": "attempts to the first solution",
+        "solved": "share of trials solved",
+        "finds_all": "share of visits",
+        "found": "share of solutions",
+        "opens": "share of attempts",
+        "unlocks": "share of attempts",
+        "else": "share of attempts",
+    }[table.measure]
