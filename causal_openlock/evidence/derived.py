@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.results.cost import costs_by_learner
-from causal_openlock.analysis.results.people.human_likeness import likeness
+from causal_openlock.analysis.results.people.human_likeness import Likeness, likeness
 from causal_openlock.analysis.results.people.yardsticks import beside_yardsticks, chosen_settings
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.stored import COSTS, read_units
@@ -24,16 +24,25 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     Raises:
         EvidenceError: If no learner has played all six conditions.
     """
-    trials = units.rename(columns={"unit": "subject"})
-    trials = trials.assign(experiment=study.name, seed=0, loop=1)
-    learners = list(dict.fromkeys(trials["learner"]))
-    like = likeness(trials, None, learners)
-    if like is None:
-        raise EvidenceError("no learner has played all six conditions yet")
+    trials, like = beside_people(study, units)
     played = trials[trials["learner"].isin(like.points)]
     table = beside_yardsticks(like, played, chosen_settings(study.asked.learners))
     effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
     return table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
+
+
+def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Likeness]:
+    """The trials of a study, and its learners beside people's fourteen means.
+
+    Raises:
+        EvidenceError: If no learner has played all six conditions.
+    """
+    trials = units.rename(columns={"unit": "subject"})
+    trials = trials.assign(experiment=study.name, seed=0, loop=1)
+    like = likeness(trials, None, list(dict.fromkeys(trials["learner"])))
+    if like is None:
+        raise EvidenceError("no learner has played all six conditions yet")
+    return trials, like
 
 
 def learning_costs(study: Study, units: pd.DataFrame) -> pd.DataFrame:

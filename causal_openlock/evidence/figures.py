@@ -2,9 +2,10 @@
 
 A study names under ``figures`` which of its tables are drawn. Where the columns are the parts of a
 course a panel has a thin line for each unit and a thick one for their mean; otherwise a panel for
-each column has a dot for each unit of a row, and their mean with its interval. A figure stands in
-the study's folder beside what it was made from, and holds a mark of that: so a figure of other
-units is found without drawing it anew.
+each column has a dot for each unit of a row, and their mean with its interval. Of distances from
+people the figure has people's means and the nearest learner's. A figure stands in the study's
+folder beside what it was made from, and holds a mark of that: so a figure of other units is found
+without drawing it anew.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from causal_openlock.analysis.results.people.human_likeness import PUBLISHED_MODEL
 from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.derived import beside_people
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.stored import UNITS
-from causal_openlock.evidence.study import PUBLISHED, Selection, Table
+from causal_openlock.evidence.study import OF_ALL, PUBLISHED, Selection, Table
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import mean_of
 
@@ -49,8 +52,9 @@ def is_current(evidence: Evidence, name: str) -> bool:
 
 
 def _mark(evidence: Evidence, name: str) -> str:
-    table = evidence.study.file.tables[name].model_dump()
-    made_of = json.dumps([FORM, evidence.run["files"][UNITS], table], sort_keys=True)
+    file = evidence.study.file
+    what = file.derived if name == OF_ALL else file.tables[name].model_dump()
+    made_of = json.dumps([FORM, evidence.run["files"][UNITS], what], sort_keys=True)
     return hashlib.sha256(made_of.encode()).hexdigest()[:16]
 
 
@@ -61,9 +65,12 @@ def drawn(evidence: Evidence, name: str) -> str:
     from causal_openlock.analysis.plots import style
 
     figure = Figure()
-    table = evidence.study.file.tables[name]
-    draw = draw_course if all(map(_PART.search, table.columns)) else draw_dots
-    draw(evidence, table, figure)
+    if name == OF_ALL:
+        draw_distances(evidence, figure)
+    else:
+        table = evidence.study.file.tables[name]
+        draw = draw_course if all(map(_PART.search, table.columns)) else draw_dots
+        draw(evidence, table, figure)
     svg = style.image(figure, "svg").decode()
     return f"{svg.rstrip()}\n<!-- made from {_mark(evidence, name)} -->\n"
 
@@ -182,6 +189,19 @@ def _lines_of_row(axes: Axes, parts: list[tuple[int, Selected]], row: str) -> No
             if all(len(one) for one in own):
                 axes.plot(x, np.concatenate(own), color=colour, lw=0.6, alpha=0.45)
     axes.plot(x, [found.values.mean() for _, found in parts], color=colour, lw=2, marker="o", ms=3)
+
+
+# -- distances from people -----------------------------------------------------------------------
+
+
+def draw_distances(evidence: Evidence, figure: Any) -> None:
+    """People's means, and those of the learner nearest to them and of the published model."""
+    from causal_openlock.analysis.plots.likeness import draw_points
+
+    _, like = beside_people(evidence.study, evidence.own_units)
+    nearest = next(name for name in like.points if name != PUBLISHED_MODEL)
+    points = {name: like.points[name] for name in (nearest, PUBLISHED_MODEL)}
+    draw_points(points, like.effects, figure)
 
 
 # -- both ----------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from causal_openlock.evidence.derived import DERIVED
 from causal_openlock.evidence.published import published_units
 from causal_openlock.evidence.stored import RUN, read_run, read_units
 from causal_openlock.evidence.study import (
+    OF_ALL,
     PUBLISHED,
     Claim,
     Contrast,
@@ -212,7 +213,7 @@ class Evidence:
             return self._claims()
         if what.split()[0] == "verdicts":
             return self._verdicts(what.split()[1:] or list(self.study.file.claims))
-        if what == "derived" and self.study.file.derived:
+        if what == OF_ALL and self.study.file.derived:
             return self._derived_table()
         if what not in self.study.file.tables:
             known = nearest(what, ["claims", "verdicts", *self.study.file.tables])
@@ -251,7 +252,8 @@ class Evidence:
         """The Markdown that shows the figure of a table; empty if it has none."""
         if name not in self.study.file.figures or not self.was_run:
             return ""
-        shown = f"{self.study.file.title}: {name.replace('_', ' ')}, every {self.study.unit}"
+        what = "" if name == OF_ALL else f": {name.replace('_', ' ')}, every {self.study.unit}"
+        shown = f"{self.study.file.title}{what}"
         return f"![{shown}]({folder}/{name}.svg)\n\n"
 
     def _derived_table(self) -> str:

@@ -45,6 +45,9 @@ from causal_openlock.wording import nearest
 
 FILE = "study.yaml"
 
+OF_ALL = "derived"
+"""The name of the table that is computed from all units."""
+
 PUBLISHED = ("people", "published_model", "paper_ddqn")
 """Published results by the names under which studies compare and show them."""
 
@@ -201,14 +204,15 @@ class StudyFile(StrictModel):
     claims: dict[str, Claim] = Field(default_factory=dict)
     tables: dict[str, Table] = Field(default_factory=dict)
     figures: Annotated[
-        list[str], Field(description="Names of tables that are drawn, too, with every unit.")
+        list[str], Field(description="Names of tables that are drawn, too; or ``derived``.")
     ] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _figures_are_of_tables(self) -> StudyFile:
+        known = [*self.tables, *([OF_ALL] if self.derived == "distances_from_people" else [])]
         for name in self.figures:
-            if name not in self.tables:
-                raise ValueError(f"figures: there is no table {name}; {nearest(name, self.tables)}")
+            if name not in known:
+                raise ValueError(f"figures: there is no table {name}; {nearest(name, known)}")
         return self
 
     @model_validator(mode="after")
