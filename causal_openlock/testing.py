@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.contract.learner import InformedLearner, Learner, Step
+from causal_openlock.contract.learner import InformedLearner, Learner, Step, View
 from causal_openlock.contract.probes import (
     GlobalRandomness,
     InputChangedError,
@@ -61,6 +61,9 @@ SHORT = Protocol("contract", 5, stop_when_solved=True, baseline_trials=2, traini
 
 Change = Callable[[Any, int], Any]
 """Changes a view or a step, by the number of steps taken before."""
+
+UNLIKELY = 4.0
+"""Standard errors beyond which actions are not drawn as a learner says: one in 16,000 is."""
 
 EARLY = 12
 """Actions after which a learner is interrupted, or a subject finishes."""
@@ -262,6 +265,52 @@ class LearnerContract:
                 "nothing but what it is given",
             )
 
+    # -- its probabilities ----------------------------------------------------------------------
+
+    def test_it_draws_its_actions_from_its_probabilities(self) -> None:
+        """Where it gives them, what it does is as likely as they say, and asking changes nothing.
+
+        Two sums over all its actions are compared with what they come to in the mean: how
+        surprising they are, and how often the likeliest is taken.
+        """
+        learner, asked = self._made(), list[Any]()
+        act = learner.act
+
+        def answer(view: View) -> Any:
+            asked.append(learner.probabilities(view))
+            return act(view)
+
+        learner.act = answer  # type: ignore[method-assign]
+        session = self._session(self._transfer())
+        session.begin(learner)
+        beyond = np.zeros((2, 2))  # of surprise and of the likeliest: more than expected, variance
+        for step in session.steps(learner):
+            found = asked.pop()
+            if found is None:
+                raise unittest.SkipTest(f"{self.learner} gives no probabilities")
+            rows = found[step.view.playing]
+            self._require(
+                rows.shape[1] == session.brief.actions
+                and bool((rows >= 0).all())
+                and bool(np.allclose(rows.sum(axis=1), 1.0)),
+                "its probabilities are not numbers of 0 or more for each action that add up to 1",
+            )
+            taken = rows[np.arange(len(rows)), step.action[step.view.playing]]
+            self._require(
+                bool((taken > 0).all()), "it did what is impossible by its own probabilities"
+            )
+            beyond += _more_than_expected(rows, taken)
+        for what, (more, variance) in zip(("surprising", "likeliest"), beyond, strict=True):
+            off = abs(more) / np.sqrt(variance) if variance > 1e-9 else abs(more) * 1e6
+            self._require(
+                off < UNLIKELY,
+                f"its actions are not drawn from its probabilities: the sum of how {what} they "
+                f"are is {off:.1f} standard errors off",
+            )
+        self._require_same(
+            self._first_play(), session.record(), "is another once its probabilities are asked for"
+        )
+
     # -- its input and its state ----------------------------------------------------------------
 
     def test_it_never_changes_what_it_is_given(self) -> None:
@@ -428,6 +477,25 @@ class LearnerContract:
 
     def _answers(self, condition: Condition, *change: Change) -> list[NDArray[Any]]:
         return [*self._steps(self._session(condition), self._made(), *change)]
+
+
+def _more_than_expected(
+    rows: NDArray[np.float64], taken: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Of surprise and of the likeliest action: more than expected, and the variance, in sum."""
+    surprise = -np.log(np.where(rows > 0, rows, 1.0))
+    mean = (rows * surprise).sum(axis=1)
+    spread = (rows * (surprise - mean[:, None]) ** 2).sum(axis=1)
+    highest = rows.max(axis=1)
+    among = np.isclose(rows, highest[:, None])
+    share = (rows * among).sum(axis=1)
+    hit = np.isclose(taken, highest)
+    return np.array(
+        [
+            [(-np.log(taken) - mean).sum(), spread.sum()],
+            [(hit - share).sum(), (share * (1.0 - share)).sum()],
+        ]
+    )
 
 
 class _ShowsAnother(Session):

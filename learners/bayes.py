@@ -33,6 +33,7 @@ from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, TABLE_BYTES
 from causal_openlock.belief.hypotheses import Space
+from causal_openlock.belief.intentions import Intention, Intentions, courses, drawn_solutions
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.planning import (
     TIE,
@@ -43,7 +44,7 @@ from causal_openlock.belief.planning import (
     thinned,
 )
 from causal_openlock.belief.sampling import DRAWS, LISTED_CAUSES, ROUNDS
-from causal_openlock.belief.structures import behaviour_bytes
+from causal_openlock.belief.structures import Hypotheses, behaviour_bytes
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.experiment.expected_cost import Cost
@@ -113,6 +114,7 @@ class Bayes(Checkpointed, BeliefLearner):
         self.beliefs = Beliefs(brief, self.parameters, samples)
         self._plans: list[tuple[int, ...] | None] = [None] * brief.subjects
         self._tried = [0] * brief.subjects
+        self._intentions: dict[int, Intentions] = {}
         self._objectives = {
             "solve_and_learn": Objective(1.0, self.parameters.beta),
             "solve": Objective(0.0, 1.0),
@@ -136,20 +138,19 @@ class Bayes(Checkpointed, BeliefLearner):
             if self.parameters.policy in ("thompson", "random_consistent"):
                 slot = self._carry_out(subject, belief, situation, (one, other))
             else:
-                slot = self._choose(self._values(belief, situation), other)
+                slot = pick(self._odds(self._values(belief, situation)), other)
             door = slot == self.brief.positions
             actions[subject] = 2 * slot if door else belief.positions[slot]
         return actions
 
-    def _choose(self, values: FloatArray, draw: float) -> int:
-        """The slot of the best lever to push, by softmax; P is the door."""
+    def _odds(self, values: FloatArray) -> FloatArray:
+        """``[P + 1]`` how likely each lever is pushed, and the door, by softmax."""
         best = values.max()
         if self.parameters.temperature > 0:
             with np.errstate(over="ignore"):  # at very low temperatures
-                odds = np.exp((values - best) / self.parameters.temperature)
-        else:
-            odds = (values >= best - TIE).astype(float)
-        return pick(odds, draw)
+                odds: FloatArray = np.exp((values - best) / self.parameters.temperature)
+                return odds
+        return (values >= best - TIE).astype(float)
 
     def _values(self, belief: Belief, situation: Situation) -> FloatArray:
         """``[P + 1]`` value of pushing each lever, and the door, under the policy."""
@@ -165,28 +166,52 @@ class Bayes(Checkpointed, BeliefLearner):
         self, subject: int, belief: Belief, situation: Situation, draws: tuple[float, float]
     ) -> int:
         """The next lever of the solution that the subject carries out; P is the door."""
-        plan = self._plans[subject]
-        missing = [slot for slot in plan or () if not situation.pushed >> slot & 1]
-        # If the lever tried last is not pushed, the plan has failed.
-        if plan is None or len(plan) - len(missing) < self._tried[subject]:
-            hypotheses = belief.space.hypotheses
-            plan = sample_solution(
-                hypotheses if belief.whole else hypotheses[belief.which],
-                belief.weight,
-                situation,
-                draws,
-                by_weight=self.parameters.policy == "thompson",
-            )
-            self._plans[subject] = plan
-            self._tried[subject] = 0
-            missing = list(plan or ())
-        if plan is None or not (missing or situation.unlocked):
-            self._plans[subject] = None
-            return int(draws[0] * self.brief.positions)
-        if not missing:
-            return self.brief.positions
-        self._tried[subject] = len(plan) - len(missing) + 1
-        return missing[0]
+
+        def draw() -> list[tuple[float, tuple[int, ...] | None]]:
+            possible = self._possible(belief), belief.weight, situation
+            return [(1.0, sample_solution(*possible, draws, self._by_weight))]
+
+        mind = Intention(self._plans[subject], self._tried[subject])
+        ways = [*courses(mind, situation, self.brief.positions, draw)]
+        way = ways[int(draws[0] * len(ways))]
+        self._plans[subject], self._tried[subject] = way.then
+        return way.slot
+
+    @property
+    def _by_weight(self) -> bool:
+        return self.parameters.policy == "thompson"
+
+    def _possible(self, belief: Belief) -> Hypotheses:
+        hypotheses = belief.space.hypotheses
+        return hypotheses if belief.whole else hypotheses[belief.which]
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of the policy and of lapses, averaged over what it may intend."""
+        self.beliefs.enter(view)
+        positions, lapse = self.brief.positions, self.parameters.lapse
+        found = np.full((self.brief.subjects, self.brief.actions), lapse / self.brief.actions)
+        for subject in np.flatnonzero(view.playing).tolist():
+            belief = self.belief(subject)
+            situation = Situation.of(view, subject, belief.slots, belief.found)
+            if self.parameters.policy in ("thompson", "random_consistent"):
+                odds = self._intended(subject, belief, situation)
+            else:
+                odds = self._odds(self._values(belief, situation))
+            odds = (1.0 - lapse) * odds / odds.sum()
+            found[subject, belief.positions] += odds[:positions]
+            found[subject, -1] += odds[-1]
+        return found
+
+    def _intended(self, subject: int, belief: Belief, situation: Situation) -> FloatArray:
+        """``[P + 1]`` the probability of each slot, and the door, after what was done so far."""
+        if subject not in self._intentions:
+            self._intentions[subject] = Intentions(self.parameters.lapse, self.brief.actions)
+
+        def draw() -> list[tuple[float, tuple[int, ...] | None]]:
+            possible = self._possible(belief), belief.weight, situation
+            return drawn_solutions(*possible, self._by_weight)
+
+        return self._intentions[subject].next(situation, self.brief.positions, draw)
 
     def _plan(self, belief: Belief, situation: Situation, objective: Objective) -> FloatArray:
         space = belief.space
@@ -201,8 +226,19 @@ class Bayes(Checkpointed, BeliefLearner):
             plans[key] = planner.values(weight, situation)
         return plans[key]
 
+    def _slot(self, subject: int, action: int) -> int | None:
+        """What an action pushes: a slot, P for the door, or None for a lever that is pulled."""
+        positions = self.brief.positions
+        if action < positions:
+            return int(self.belief(subject).slots[action])
+        return positions if action == 2 * positions else None
+
     def learn(self, step: Step) -> None:
         """Update the posteriors with what was observed."""
+        for subject, intentions in self._intentions.items():
+            if step.view.playing[subject]:
+                slot = self._slot(subject, int(step.action[subject]))
+                intentions.acted(slot, bool(step.attempt_over[subject]))
         self.beliefs.update(step)
         for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
             self._plans[subject] = None

@@ -51,6 +51,15 @@ class BayesNetDDQN(DDQN, BeliefLearner):
                 actions[subject] = pick(gains, float(draw[subject]))
         return actions
 
+    def _exploring(self, view: View) -> FloatArray:
+        self.beliefs.enter(view)
+        odds = super()._exploring(view)
+        for subject in np.flatnonzero(view.playing).tolist():
+            gains = self.gains(subject, view)
+            if gains.sum() > TIE:
+                odds[subject] = gains / gains.sum()
+        return odds
+
     def learn(self, step: Step) -> None:
         """Train the DDQN and update the posteriors."""
         super().learn(step)

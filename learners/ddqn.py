@@ -24,7 +24,7 @@ from pydantic import Field
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.randomness import Streams
+from causal_openlock.world.randomness import Streams, certain
 from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
 
@@ -176,6 +176,17 @@ class DDQN(Checkpointed, Learner):
             inputs = self._network_input(view.observation, view.console.solutions_found)
             actions = np.where(explores, actions, self.q.greedy(inputs, ~explores))
         return actions
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of exploring and of the greedy action, by epsilon."""
+        inputs = self._network_input(view.observation, view.console.solutions_found)
+        greedy = certain(self.q.greedy(inputs), self.brief.actions)
+        share = self.epsilon[:, None]
+        return share * self._exploring(view) + (1.0 - share) * greedy
+
+    def _exploring(self, view: View) -> FloatArray:
+        """``[B, A]`` the probability of each action of those that explore."""
+        return np.full((self.brief.subjects, self.brief.actions), 1.0 / self.brief.actions)
 
     def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:
         """``[B]`` an action for those that explore, by a number in [0, 1) each."""

@@ -84,19 +84,34 @@ class Ideal(InformedLearner):
 
     def act(self, view: View) -> IntArray:
         """``[B]`` one of the best actions of each subject."""
-        positions = self._brief.positions
         draws = self._draws.uniform()
         actions = np.zeros(self._brief.subjects, dtype=np.int64)
         for subject in np.flatnonzero(view.playing).tolist():
-            room = self._rooms[subject] or self._enter(view, subject)
-            schema = self._schemas[subject]
-            situation = Situation.of(view, subject, room.slots, room.found)
-            solver = _solver(schema, room.action_limit)
-            best = solver.best(room.weight, situation, bool(view.console.solutions_left[subject]))
-            verb, slot = divmod(best[int(draws[subject] * len(best))], len(schema.levers))
-            lever = int(np.flatnonzero(room.slots == slot)[0])
-            actions[subject] = 2 * positions if verb == 2 else verb * positions + lever
+            best = self._best(view, subject)
+            actions[subject] = best[int(draws[subject] * len(best))]
         return actions
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` the same for each of the best actions."""
+        found = np.zeros((self._brief.subjects, self._brief.actions))
+        for subject in np.flatnonzero(view.playing).tolist():
+            best = self._best(view, subject)
+            found[subject, best] = 1.0 / len(best)
+        return found
+
+    def _best(self, view: View, subject: int) -> list[int]:
+        """The best actions of a subject."""
+        room = self._rooms[subject] or self._enter(view, subject)
+        schema = self._schemas[subject]
+        situation = Situation.of(view, subject, room.slots, room.found)
+        solver = _solver(schema, room.action_limit)
+        best = solver.best(room.weight, situation, bool(view.console.solutions_left[subject]))
+        return [self._action(room, *divmod(each, len(schema.levers))) for each in best]
+
+    def _action(self, room: RoomBelief, verb: int, slot: int) -> int:
+        positions = self._brief.positions
+        lever = int(np.flatnonzero(room.slots == slot)[0])
+        return 2 * positions if verb == 2 else verb * positions + lever
 
     def _enter(self, view: View, subject: int) -> RoomBelief:
         positions = self._brief.positions

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, InformedLearner, Truth, View
-from causal_openlock.world.fsm import IntArray
+from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.randomness import certain
 
 
 class Oracle(InformedLearner):
@@ -36,6 +37,9 @@ class Oracle(InformedLearner):
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the next push of the current solution."""
+        return self._next(view)
+
+    def _next(self, view: View) -> IntArray:
         # Solutions are carried out in order, so the number found is the index of the present one.
         present = np.minimum(view.console.solutions_found, self._plans.shape[1] - 1)
         plan = self._plans[self._room, present]
@@ -43,3 +47,7 @@ class Oracle(InformedLearner):
         pushed = (plan < self._door) & (view.observation[everyone, plan % self._door] == 1)
         chosen: IntArray = np.take_along_axis(plan, (~pushed).argmax(axis=1)[:, None], axis=1)[:, 0]
         return chosen
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` 1 for the next push, and 0 for everything else."""
+        return certain(self._next(view), self._door + 1)

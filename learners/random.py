@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from causal_openlock.contract.learner import Brief, Learner, View
-from causal_openlock.world.fsm import IntArray
+from causal_openlock.world.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
 
 
@@ -24,6 +26,10 @@ class RandomLearner(Learner):
     def act(self, view: View) -> IntArray:
         """``[B]`` uniformly random actions."""
         return self._streams.integers(self._actions)
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` the same for every action."""
+        return np.full((len(view.playing), self._actions), 1.0 / self._actions)
 
     def state_dict(self) -> dict[str, Any]:
         """The states of the random streams."""

@@ -22,8 +22,8 @@ from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Share
-from causal_openlock.world.fsm import IntArray
-from causal_openlock.world.randomness import Streams
+from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.randomness import Streams, certain
 from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
 from learners.networks.perception import Perception
@@ -128,13 +128,24 @@ class Recurrent(Checkpointed, Learner):
 
     def act(self, view: View) -> IntArray:
         """``[B]`` epsilon-greedy actions; :meth:`learn` then keeps the next hidden state."""
+        greedy = self._greedy(view)
+        uniform = self._exploration.uniform()
+        random = (uniform[:, 1] * self.brief.actions).astype(np.int64)
+        return np.where(uniform[:, 0] < self.epsilon, random, greedy)
+
+    def _greedy(self, view: View) -> IntArray:
+        """``[B]`` the best actions; keeps the values, and the hidden state that follows."""
         from_numpy = self._torch.from_numpy
         self._inputs = self._perception.inputs(view)
         values, state = self.q.values(from_numpy(self._inputs), from_numpy(self._hidden_state))
         self._values, self._next_hidden_state = values, state.numpy()
-        uniform = self._exploration.uniform()
-        random = (uniform[:, 1] * self.brief.actions).astype(np.int64)
-        return np.where(uniform[:, 0] < self.epsilon, random, values.argmax(dim=1).numpy())
+        best: IntArray = values.argmax(dim=1).numpy()
+        return best
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of a random and of the greedy action, by epsilon."""
+        share, actions = self.epsilon[:, None], self.brief.actions
+        return share / actions + (1.0 - share) * certain(self._greedy(view), actions)
 
     def learn(self, step: Step) -> None:
         """Add the step to the buffer, take a gradient step if one is due, and lower epsilon."""

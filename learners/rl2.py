@@ -24,8 +24,8 @@ from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
-from causal_openlock.world.fsm import IntArray
-from causal_openlock.world.randomness import Streams
+from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.randomness import Streams, certain
 from learners.networks.checkpointed import Checkpointed
 from learners.networks.denormals import denormals_flushed
 from learners.networks.perception import Perception
@@ -161,6 +161,15 @@ class RL2(Checkpointed, Learner):
             likeliest: IntArray = self._logits.argmax(axis=1)
             return likeliest
         return sample_actions(self._logits, uniform)
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of the policy."""
+        self._logits, self._values, self._next_hidden_state = self._evaluate(view)
+        if self.parameters.greedy:
+            return certain(self._logits.argmax(axis=1), self.brief.actions)
+        highest = self._logits.max(axis=1, keepdims=True)
+        odds: FloatArray = np.exp(self._logits - highest, dtype=np.float64)
+        return odds / odds.sum(axis=1, keepdims=True)
 
     def learn(self, step: Step) -> None:
         """Keep the hidden state, or reset it; update the weights if they change and it is time."""

@@ -294,14 +294,9 @@ def sample_solution(
     Returns:
         Slots in an order that works; None if no hypothesis has a solution left to find.
     """
-    possible = (weight > 0)[:, None]
-    found = situation.found
-    fitting = achievable(hypotheses, situation.pushed, situation.left, found) & possible
-    if not fitting.any():
-        # No solution can be completed in this attempt any more; begin one all the same.
-        fitting = achievable(hypotheses, 0, hypotheses.causes.shape[1] + 1, found) & possible
-        if not fitting.any():
-            return None
+    fitting = fitting_solutions(hypotheses, weight, situation)
+    if fitting is None:
+        return None
     if by_weight:
         which = pick(weight * _any_of(fitting), draws[0])
         solution = int(hypotheses.solutions[which, pick(fitting[which] * 1.0, draws[1])])
@@ -311,6 +306,18 @@ def sample_solution(
         allows = _any_of(fitting & (hypotheses.solutions == solution))
         which = pick(weight * allows, draws[1])
     return _in_order(hypotheses, which, solution, situation.pushed)
+
+
+def fitting_solutions(
+    hypotheses: Hypotheses, weight: FloatArray, situation: Situation
+) -> BoolArray | None:
+    """``[h, k]`` which solutions a subject may set out for; None if there are none left."""
+    possible, found = (weight > 0)[:, None], situation.found
+    fitting = achievable(hypotheses, situation.pushed, situation.left, found) & possible
+    if not fitting.any():
+        # No solution can be completed in this attempt any more; begin one all the same.
+        fitting = achievable(hypotheses, 0, hypotheses.causes.shape[1] + 1, found) & possible
+    return fitting if fitting.any() else None
 
 
 def _any_of(table: BoolArray) -> BoolArray:

@@ -186,6 +186,17 @@ class Learner(ABC):
     def act(self, view: View) -> IntArray:
         """``[B]`` the action of each subject."""
 
+    def probabilities(self, view: View) -> FloatArray | None:
+        """``[B, A]`` the probability of each action now; None if the learner cannot say.
+
+        ``act`` draws from exactly these, given all that was perceived and done so far. What is
+        hidden in a learner, such as an intention that it carries out, is averaged over as what was
+        done leaves it. It may be asked before ``act``, which it does not change, or in its place:
+        where it is known what a subject did, ``learn`` follows at once. Rows of subjects that have
+        finished are ignored.
+        """
+        return None
+
     def learn(self, step: Step) -> None:
         """Learn from what the actions led to; called after every action."""
 

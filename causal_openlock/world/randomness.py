@@ -87,6 +87,18 @@ def pick(odds: FloatArray, draw: float) -> int:
     return min(int(np.searchsorted(sums, draw * sums[-1], side="right")), len(sums) - 1)
 
 
+def certain(actions: NDArray[np.int64], number: int) -> FloatArray:
+    """``[B, number]`` probabilities of actions of which each subject, ``[B]``, takes one for sure.
+
+    Example:
+        >>> certain(np.array([2, 0]), 3).tolist()
+        [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
+    """
+    found = np.zeros((len(actions), number))
+    found[np.arange(len(actions)), actions] = 1.0
+    return found
+
+
 class Streams:
     """Uniform numbers for B subjects at once, each from its own generator.
 
