@@ -24,6 +24,7 @@ from causal_openlock.cli import (
     play,
     report,
     schema,
+    score,
 )
 from causal_openlock.cli.terminal import complain, say, write_anything
 from causal_openlock.errors import OpenLockError
@@ -45,6 +46,7 @@ for _command in (
     export.export,
     export.bundle,
     fit.fit,
+    score.score,
     evidence.evidence,
     pictures.trace,
     pictures.film,

@@ -1,0 +1,163 @@
+"""Who predicts recorded subjects: by exact probabilities, in the rooms that they met."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+import causal_openlock as ol
+from causal_openlock.cli import app
+from causal_openlock.errors import LearnerError, StoreError
+from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.runner import run
+from causal_openlock.experiment.session import Session
+from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.scoring.scores import by_subject, ranking
+from causal_openlock.scoring.teacher_forcing import score_actions
+from learners.ddqn import DDQN
+
+SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)
+LEARNERS = [
+    ol.learner("bayes", label="thompson", policy="thompson"),
+    ol.learner("bayes", label="noisy", temperature=1.0, lapse=0.05),
+    ol.learner("ddqn", hidden_units=16, batch_size=16),
+]
+Played = tuple[pa.Table, StoredExperiment]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of three learners, six subjects each."""
+    made = make_experiment(["CC3"], LEARNERS, subjects=6, protocol=SHORT, seed=5)
+    folder = tmp_path_factory.mktemp("scored")
+    run(made, folder, workers=0)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def played(folder: Path) -> Played:
+    return Store(folder).record()
+
+
+def spec(name: str, *others: Any) -> LearnerSpec:
+    (found,) = (one for one in make_experiment(["CC3"], [*LEARNERS, *others]).learners
+                if one.name == name)  # fmt: skip
+    return found
+
+
+def of(played: Played, learner: str) -> Played:
+    record, experiment = played
+    own = [name == learner for name in record["learner"].to_pylist()]
+    return record.filter(pa.array(own)), experiment
+
+
+def test_one_that_knows_nothing_needs_as_many_bits_as_there_are_actions(played: Played) -> None:
+    actions = score_actions(*played, spec("random", "random"))
+    subjects = by_subject(actions)
+    assert subjects["bits"].to_numpy() == pytest.approx(np.log2(15))
+    assert subjects["expected"].to_numpy() == pytest.approx(np.log2(15))
+    taken = [len(one) for one in played[0]["actions"].to_pylist()]
+    assert subjects["actions"].sum() == sum(taken)
+
+
+def test_who_acted_predicts_best(played: Played) -> None:
+    for name, other in (("thompson", "noisy"), ("noisy", "thompson")):
+        own = of(played, name)
+        scored = [
+            score_actions(*own, spec(each, "random"), 0.01) for each in (other, name, "random")
+        ]
+        ranked = ranking(by_subject(pd.concat(scored)))
+        assert ranked["scored"].iloc[0] == name
+        assert ranked["best_of"].tolist() == [6, 0, 0]
+        assert (ranked["worse_low"].iloc[1:] > 0).all()
+
+
+def test_it_is_as_surprised_as_it_expects_to_be(played: Played) -> None:
+    own = score_actions(*of(played, "thompson"), spec("thompson"))
+    more = -own["log_probability"] - own["entropy"]
+    assert np.isfinite(more).all()
+    assert abs(more.mean()) < 4 * more.std() / np.sqrt(len(more))
+
+
+def test_a_learner_that_trains_has_the_probabilities_that_it_acted_by(played: Played) -> None:
+    record, experiment = of(played, "ddqn")
+    asked: list[np.ndarray] = []
+
+    class Watched(DDQN):
+        def act(self, view: Any) -> Any:
+            asked.append(self.probabilities(view))
+            return super().act(view)
+
+    made = spec("ddqn")
+    session = Session(experiment.conditions[0], SHORT, 6, seed=5, learner="ddqn",
+                      reward=made.reward, experiment="comparison")  # fmt: skip
+    learner = Watched(DDQN.Parameters(hidden_units=16, batch_size=16))
+    session.begin(learner)
+    then = [
+        asked[-1][subject, action]
+        for step in session.steps(learner)
+        for subject, action in enumerate(step.action.tolist())
+        if step.view.playing[subject]
+    ]
+    now = score_actions(record, experiment, made)
+    assert sorted(np.exp(now["log_probability"])) == pytest.approx(sorted(then), abs=1e-9)
+
+
+def test_lapses_bound_what_an_action_can_cost(played: Played) -> None:
+    own = of(played, "ddqn")
+    never = score_actions(*own, spec("thompson"))
+    assert np.isneginf(never["log_probability"]).any()
+    assert by_subject(never)["impossible"].sum() == np.isneginf(never["log_probability"]).sum()
+    assert np.isnan(ranking(by_subject(never))["low"]).all()
+    least = score_actions(*own, spec("thompson"), lapse=0.15)["log_probability"].min()
+    assert least == pytest.approx(np.log(0.15 / 15))
+
+
+def test_what_does_not_come_out_again_is_refused(played: Played) -> None:
+    record, experiment = played
+    elsewhere = replace(experiment, conditions=(ol.Condition.named("CE3", ol.find_schema),))
+    names = pa.array(["CE3"] * len(record)).dictionary_encode()
+    moved = record.set_column(record.schema.get_field_index("condition"), "condition", names)
+    with pytest.raises(StoreError, match="does not come out again in the rooms"):
+        score_actions(moved, elsewhere, spec("random", "random"))
+
+
+def test_a_learner_without_probabilities_is_refused(played: Played) -> None:
+    with pytest.raises(LearnerError, match="sb3 does not give the probabilities"):
+        score_actions(*played, spec("sb3", "sb3"))
+
+
+def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:
+    words = ["score", str(folder), "-l", "random", "-l", "oracle", "--of", "thompson"]
+    result = CliRunner().invoke(app, [*words, "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert "n = 6 subjects; 0.01 of all actions" in " ".join(result.output.split())
+    actions = pq.read_table(tmp_path / "actions.parquet").to_pandas()
+    assert set(actions["scored"]) == {"random", "oracle"}
+    assert set(actions["learner"]) == {"thompson"}
+    assert len(pd.read_csv(tmp_path / "subjects.csv")) == 2 * 6
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ([], "name who predicts, with --learner or --from"),
+        (["-l", "byes"], "did you mean bayes?"),
+        (["-l", "bayes", "--of", "nobody"], "there is no learner 'nobody'"),
+        (["--from", "default", "-l", "mine"], "there is no learner 'mine'"),
+    ],
+)
+def test_mistakes_are_explained(folder: Path, words: list[str], sentence: str) -> None:
+    result = CliRunner().invoke(app, ["score", str(folder), *words])
+    assert result.exit_code != 0
+    assert sentence in str(result.exception)
