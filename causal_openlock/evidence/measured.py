@@ -239,7 +239,7 @@ class Evidence:
                 cells.append(_written(one, table.measure, ""))
                 if chosen.learner not in PUBLISHED:
                     own.add(one.units[0])
-                    if table.interval:
+                    if table.interval and np.isfinite(one.interval[0]):
                         cells[-1] += f" ({_written(one, table.measure, 'interval')})"
             rows.append([label, *cells])
             sizes.append(" or ".join(map(str, sorted(own))) or "–")
@@ -332,7 +332,7 @@ def _written(found: Estimate, measure: str, ending: str, of: Selected | None = N
     if ending == "interval":
         low, high = found.interval
         if np.isnan(low):
-            return "no interval: fewer than two units"
+            return "no interval: fewer than three units"
         if measure != "attempts":  # shares
             low, high = max(low, 0.0 if of else -1.0), min(high, 1.0)
         return f"{_number(low, measure)} to {_number(high, measure)}"

@@ -19,7 +19,8 @@ level (Schuirmann, 1987). A claim of several contrasts holds if all of them do, 
 correction, as each must pass its own test; it does not hold if none does, not even in part; it is
 undecided while one of them is, and holds in part otherwise.
 
-Intervals are Student's t; of two independent groups Welch's. There are two exceptions. Of shares of
+Intervals are Student's t; of two independent groups Welch's. Fewer than three units decide nothing.
+There are two exceptions. Of shares of
 which each unit has 0 or 1 they are Clopper and Pearson's (1934). And where units are all equal, at
 the limit of attempts for instance, they cover what so many draws can miss: of n draws a fraction of
 ``1 - 0.025 ** (1 / n)``, each as far off as the measure reaches; a network counts for as many draws
@@ -46,6 +47,8 @@ Verdict = Literal["holds", "in part", "does not hold", "undecided"]
 Ends = tuple[float, float]
 
 LEVEL = 0.95
+LEAST = 3
+"""Fewer units have no interval, and decide nothing."""
 EQUIVALENCE = 0.90
 """Level of the interval that must lie within both margins: two tests at 5%."""
 
@@ -92,7 +95,7 @@ def mean_of(found: Selected) -> Estimate:
 
 def _ends(found: Selected, level: float) -> Ends:
     values, n = found.values, len(found.values)
-    if n < 2:
+    if n < LEAST:
         return np.nan, np.nan
     mean, tail = float(np.mean(values)), (1 - level) / 2
     if found.binary:
@@ -113,7 +116,7 @@ def difference(of: Selected, minus: Selected) -> Estimate:
     value, units = one.value - two.value, (*one.units, *two.units)
     binary = of.binary and minus.binary
     equal = min(np.ptp(of.values), np.ptp(minus.values)) < 1e-12
-    if min(units) > 1 and not binary and not equal:
+    if min(units) >= LEAST and not binary and not equal:
         test = stats.ttest_ind(of.values, minus.values, equal_var=False)
         ends = {level: test.confidence_interval(level) for level in one.intervals}
         return Estimate(value, {k: (float(e.low), float(e.high)) for k, e in ends.items()}, units)
@@ -182,7 +185,7 @@ def from_known(found: Estimate, known: float, error: float = 0.0, draws: int = 2
     """
     ends = {}
     for level, (low, high) in found.intervals.items():
-        theirs = float(stats.t.ppf((1 + level) / 2, draws - 1)) * error
+        theirs = float(stats.t.ppf((1 + level) / 2, draws - 1)) * error if error else 0.0
         ends[level] = (
             found.value - known - float(np.hypot(found.value - low, theirs)),
             found.value - known + float(np.hypot(high - found.value, theirs)),

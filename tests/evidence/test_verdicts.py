@@ -148,6 +148,19 @@ def test_people_count_with_their_standard_error() -> None:
     assert found.interval[1] - found.value == pytest.approx(np.hypot(theirs, mine))
 
 
+def test_two_units_decide_nothing() -> None:
+    found = mean_of(of([4.0, 4.1]))
+    assert np.isnan(found.interval[0])
+    assert verdict(found, "more", smallest=1) == "undecided"
+    assert verdict(mean_of(of([4.0, 4.1, 4.2])), "more", smallest=1) == "holds"
+
+
+def test_published_shares_are_taken_as_they_are() -> None:
+    own = mean_of(of([0.4, 0.5, 0.45, 0.5]))
+    found = from_known(own, 0.28, 0.0, 1)
+    assert found.interval == pytest.approx((own.interval[0] - 0.28, own.interval[1] - 0.28))
+
+
 def units() -> pd.DataFrame:
     rows = [
         (learner, condition, "train", 5, True, unit, 1, base + unit)
