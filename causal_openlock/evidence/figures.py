@@ -124,8 +124,9 @@ def draw_dots(evidence: Evidence, table: Table, figure: Any) -> None:
                         color=_PUBLISHED, fontsize="small", ha="left", va="bottom",
                     )  # fmt: skip
             axes.set_xlim(*_limits(evidence, table))
-        for axes in at.axes[-across:]:
-            axes.set_xlabel(_measure(table))
+        for axes in at.axes:
+            if axes.get_subplotspec().is_last_row():
+                axes.set_xlabel(_measure(table))
 
 
 def _dots_of_row(axes: Axes, place: int, found: Selected) -> None:
