@@ -125,8 +125,8 @@ def draw_dots(evidence: Evidence, table: Table, figure: Any) -> None:
                     )  # fmt: skip
             axes.set_xlim(*_limits(evidence, table))
         for axes in at.axes:
-            place = axes.get_subplotspec()
-            if place and place.is_last_row():
+            where = axes.get_subplotspec()
+            if where and where.is_last_row():
                 axes.set_xlabel(_measure(table))
 
 
