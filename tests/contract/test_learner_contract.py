@@ -91,6 +91,23 @@ class TestBayesOfManyLevers(LearnerContract):
     subjects = 2
 
 
+class TestWinStay(LearnerContract):
+    learner = "win_stay"
+
+
+class TestAssociative(LearnerContract):
+    learner = "associative"
+
+
+class TestTabularQ(LearnerContract):
+    learner = "tabular_q"
+    attempts = 20  # so that it acts greedily in states that it knows
+
+
+class TestPosteriorSampling(LearnerContract):
+    learner = "posterior_sampling"
+
+
 class TestBayesNetDDQN(LearnerContract):
     learner = "bayes_net_ddqn"
     parameters = TestDDQN.parameters
