@@ -31,6 +31,7 @@ paper publishes of its own model.
 
 from __future__ import annotations
 
+import math
 from copy import deepcopy
 from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
@@ -195,18 +196,24 @@ class TheoryBased(Checkpointed, Learner):
         worth = versions.copy()
         schemas = schemas_of(self.brief.positions, room.length, room.solutions)
         if self.parameters.top_down and schemas:
-            which = np.arange(len(schemas.abstract)) if room.schemas is None else room.schemas
-            forms = versions[schemas.paths[:, which]].prod(axis=0)
+            which, of_each, abstract = room.schemas, schemas.paths, schemas.abstract
+            if which is None:
+                which = np.arange(len(abstract))
+            else:
+                of_each, abstract = of_each[:, which], abstract[which]
+            forms = math.prod(versions[paths] for paths in of_each)
             for one in found:
-                forms *= (schemas.paths[:, which] == one).any(axis=0)
-            room.schemas, forms = which[forms > 0], forms[forms > 0]
-            abstract = schemas.abstract[room.schemas]
+                forms *= np.logical_or.reduce([paths == one for paths in of_each])
+            if not (left_over := forms > 0).all():
+                which, of_each = which[left_over], of_each[:, left_over]
+                forms, abstract = forms[left_over], abstract[left_over]
+            room.schemas = which
             if len(forms):
                 many = np.bincount(abstract, forms, len(schemas.distance))
                 belief = self._schema_belief(subject, schemas, room)
                 forms *= (belief / np.where(many > 0, many, 1.0))[abstract]
                 worth = np.zeros(len(versions))
-                for paths in schemas.paths[:, room.schemas]:
+                for paths in of_each:
                     worth += np.bincount(paths, forms, len(worth))
         likely: FloatArray = left * (worth / np.maximum(versions, 1))[chains.path]
         return likely
