@@ -6,7 +6,8 @@ what was associated with it is gone there), its *position* and its *colour* (whi
 together with the verb, push or pull; the door's colour is the lamp of its lock. All cues present
 share one prediction error::
 
-    V = V_lever + V_position + V_colour        delta = effect - V        V_cue += salience_cue * delta
+    V = V_lever + V_position + V_colour
+    V_cue += salience_cue * (effect - V)
 
 The effect is 1 if the door opened, ``partial`` if a lever came out, and 0 otherwise. Actions are
 drawn by the softmax of V, among those that can be seen to be possible: no push of a pushed lever,

@@ -70,7 +70,7 @@ class TheoryBasedParameters:
     ] = "sampled"
     retries: Annotated[
         bool, "whether an action that did nothing is followed by another in its place"
-    ] = False
+    ] = True
     foresight: Annotated[
         bool, "whether an action is judged by what is expected of the levers after it, too"
     ] = True
@@ -134,7 +134,7 @@ class TheoryBased(Checkpointed, Learner):
     # -- the two theories -----------------------------------------------------------------------
 
     def _drawn(self, subject: int, alpha: FloatArray) -> FloatArray:
-        """Probabilities from the parameters of a Dirichlet distribution: their mean, or a sample."""
+        """Probabilities that are Dirichlet-distributed: a sample, or their mean."""
         if self._earlier or self.parameters.beliefs == "sampled":
             return self.brief.generators[subject].dirichlet(alpha)
         share: FloatArray = alpha / alpha.sum()
@@ -313,7 +313,7 @@ class TheoryBased(Checkpointed, Learner):
             paths = np.sort(chains.path[room.found])
             schemas = schemas_of(self.brief.positions, room.length, room.solutions)
             if self._earlier and schemas:
-                (which,) = np.flatnonzero((schemas.paths.T == paths).all(axis=1))
+                (which,) = np.flatnonzero((paths == schemas.paths.T).all(axis=1))
                 key = room.length, room.solutions
                 alpha = self._abstract[subject].setdefault(key, np.ones(len(schemas.distance)))
                 alpha[schemas.abstract[which]] += settings.schema_gain

@@ -64,7 +64,7 @@ class WinStay(Checkpointed, Learner):
         self._place = np.zeros(brief.subjects, dtype=np.int64)  # actions of the attempt so far
 
     def act(self, view: View) -> IntArray:
-        """``[B]`` the next lever of the sequence, or the door once it is unlocked or none is left."""
+        """``[B]`` the next lever of the sequence, or the door if it is unlocked or none is left."""
         draws, positions = self._draws.uniform(), self._positions
         for subject in np.flatnonzero(view.playing & (self._place == 0)).tolist():
             grey = view.observation[subject, positions : 2 * positions] == 1

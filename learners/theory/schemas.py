@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations, permutations
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
@@ -56,7 +56,7 @@ def edit_distances(paths: IntArray) -> FloatArray:
     Args:
         paths: ``[N, length]`` the levers of each solution.
     """
-    edges = {edge for path in paths.tolist() for edge in zip(path, path[1:], strict=False)}
+    edges = {edge for path in paths.tolist() for edge in pairwise(path)}
     nodes = set(np.unique(paths).tolist())
     pairs = [*permutations(edges, 2)]
     common = np.array([

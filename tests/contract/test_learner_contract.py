@@ -91,6 +91,16 @@ class TestBayesOfManyLevers(LearnerContract):
     subjects = 2
 
 
+class TestTheoryBased(LearnerContract):
+    learner = "theory_based"
+
+
+class TestTheoryBasedByChains(LearnerContract):
+    learner = "theory_based"
+    parameters = {"form": "cogsci_2019"}  # noqa: RUF012
+    schemas = ("CC3", "CE4")
+
+
 class TestWinStay(LearnerContract):
     learner = "win_stay"
 
