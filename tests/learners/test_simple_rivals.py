@@ -118,17 +118,19 @@ def test_q_values_are_watkins_own() -> None:
     session = shown(learner, [])
     start = session.view.observation
 
-    def attempt() -> list[float]:
+    def attempt(last: int = 14) -> list[float]:
         values = []
-        for action in (first, one, 14):
+        for action in (first, one, last):
             before = session.view.observation
             learner.learn(session.step(np.array([action])))
             values.append(float(learner.values(before)[0, action]))
         return values
 
     assert attempt() == pytest.approx([0.5, 5.0, 25.0])  # half of 1, 10 and 50
-    # 1 + .8 * 5, 10 + .8 * 25, and 50 alone, as the value of the next attempt is not its own.
+    # 1 + .8 * 5, 10 + .8 * 25, and 50 alone.
     assert attempt() == pytest.approx([0.25 + 2.5, 2.5 + 15.0, 12.5 + 25.0])
+    # The door could be opened next, but the attempt is over: no value reaches beyond it.
+    assert attempt(last=first)[2] == pytest.approx(0.5 * -0.5)
     assert np.flatnonzero(learner.values(start)[0]).tolist() == [first]
 
 
@@ -169,10 +171,11 @@ def test_the_posterior_is_the_prior_and_what_was_counted() -> None:
     assert model[after, 1, 14].tolist() == pytest.approx([0.14, 0.14, 0.14, 0.28])  # opened once
 
 
-def test_who_has_seen_all_that_can_happen_solves_the_room_at_once() -> None:
+@pytest.mark.parametrize("seed", range(6))
+def test_who_has_seen_all_that_can_happen_solves_the_room_at_once(seed: int) -> None:
     levers = levers_of_cc3()
     learner = create("posterior_sampling", {"concentration": 1e-3, "by_look": False})
-    session = Session(one_room("CC3", LAYOUT), replace(HUMAN, attempt_limit=300), 1, seed=1)
+    session = Session(one_room("CC3", LAYOUT), replace(HUMAN, attempt_limit=300), 1, seed=seed)
     session.begin(learner)
     for actions in product(range(15), range(15)):  # all two actions can do, and then a wasted one
         for action in (*actions, 7):
