@@ -25,8 +25,8 @@ each attempt, knows no verbs (levers are pushed), prunes nothing, samples its be
 attempt, and believes in abstract schemas directly, without atomic ones, so that what was learned of
 rooms with two solutions says nothing about rooms with three.
 
-Written from the papers alone. The four gains and weights were fitted, once, to the means that the
-paper publishes of its own model.
+Written from the papers alone. The gains and the weight were fitted, once, to the means that the
+paper of 2020 publishes of its own model (docs/rivals.md).
 """
 
 from __future__ import annotations
@@ -74,12 +74,12 @@ class TheoryBasedParameters:
     foresight: Annotated[
         bool, "whether an action is judged by what is expected of the levers after it, too"
     ] = True
-    local_gain: Annotated[NotNegative, "what a change adds to beliefs about its attributes"] = 1.0
-    global_gain: Annotated[NotNegative, "what a trial adds to the global beliefs"] = 3.0
-    schema_gain: Annotated[NotNegative, "what a solved room adds to the belief in its schema"] = 1.0
+    local_gain: Annotated[NotNegative, "what a change adds to beliefs about its attributes"] = 0.075
+    global_gain: Annotated[NotNegative, "what a trial adds to the global beliefs"] = 1.6
+    schema_gain: Annotated[NotNegative, "what a solved room adds to the belief in its schema"] = 2.4
     edit_weight: Annotated[
         NotNegative, "how much less likely an abstract schema is with each edit, in nats"
-    ] = 1.0
+    ] = 0.8
 
 
 @dataclass(eq=False)
