@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 def fit(
     learner: Annotated[str, typer.Argument(help="Registered name of a learner.")] = "bayes",
     space: Annotated[
-        Path | None, typer.Option(help="File with the search space; bayes has one of its own.")
+        Path | None,
+        typer.Option(
+            help="File with the search space; bayes and theory_based have one of their own."
+        ),
     ] = None,
     search: Annotated[
         list[str] | None,
