@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 def fit(
     learner: Annotated[str, typer.Argument(help="Registered name of a learner.")] = "bayes",
     space: Annotated[
-        Path | None, typer.Option(help="File with the search space; bayes has one of its own.")
+        Path | None,
+        typer.Option(
+            help="File with the search space; bayes and theory_based have one of their own."
+        ),
     ] = None,
     search: Annotated[
         list[str] | None,
@@ -44,6 +47,10 @@ def fit(
             "deviations over subjects)."
         ),
     ] = "means",
+    target: Annotated[
+        str,
+        typer.Option(help="Whose published means are fitted to: people, or model (of AAAI 2020)."),
+    ] = "people",
     candidates: Annotated[int, typer.Option(min=1, help="Parameter settings to try.")] = 60,
     subjects: Annotated[
         int, typer.Option(min=2, help="Subjects that each of them plays in each condition.")
@@ -65,10 +72,11 @@ def fit(
     """Search a learner's parameters for the best likeness to people; goes on where it was."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+    from causal_openlock.analysis.results.people.human_likeness import published_points
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.registry import learner_class
     from causal_openlock.experiment.workers import available_cores
-    from causal_openlock.fitting.objective import conditions_to_fit, objective_called
+    from causal_openlock.fitting.objective import conditions_to_fit, objective_called, towards
     from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
     from causal_openlock.fitting.search import bundled_search, changed, read_search
     from causal_openlock.fitting.study import Plan, require_optuna
@@ -86,7 +94,9 @@ def fit(
     chosen = changed(known, learner, search or (), fix or ())
     conditions_to_fit(hold_out)  # fails at once if there is no such way
     objective_called(objective)
-    plan = Plan(chosen, hold_out, candidates, subjects, finalists, final_subjects, seed, objective)
+    towards(published_points(), target)
+    played = candidates, subjects, finalists, final_subjects
+    plan = Plan(chosen, hold_out, *played, seed, objective, target)
     console = Terminal()
     bar = Progress(
         TextColumn("{task.description}"),
@@ -156,6 +166,7 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     from causal_openlock.analysis.results.people.yardsticks import null_curves
     from causal_openlock.comparison.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
+    from causal_openlock.fitting.objective import TARGETS
     from causal_openlock.fitting.outcome import entries
 
     plan = fitted.plan
@@ -173,14 +184,17 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     console.print(nearest)
 
     console.print(
-        f"\n[bold]Distance from people[/bold], RMSE of {over}, in attempts, {plan.final_subjects} "
-        "subjects on a seed that nothing was chosen by",
+        f"\n[bold]Distance from {TARGETS[plan.target]}[/bold], RMSE of {over}, in attempts, "
+        f"{plan.final_subjects} subjects on a seed that nothing was chosen by",
         markup=True,
     )
     apart = plain_table("", "fitted", "held out", "all 14 points")
-    distances = {found.label: found.score, "published model": found.model}
+    distances, to_people = {found.label: found.score}, plan.target == "people"
+    if to_people:
+        distances["published model"] = found.model
     if plan.objective == "means":
         distances["perfect model"] = found.perfect
+    if plan.objective == "means" and to_people:
         distances |= {name: plan.score(curve.points) for name, curve in null_curves().items()}
     for name, one in distances.items():
         numbers = [one.fitted, one.held_out, one.all]

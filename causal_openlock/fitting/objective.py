@@ -7,6 +7,9 @@ held out of the search, which plays only the conditions that it needs:
 * ``alternate``: fitted to every other point, seven of them.
 * ``none``: fitted to all.
 
+Of a theory that claims to be the published model one may ask instead whether it *is* that model:
+with the target ``model`` the fourteen means are those that were published of it.
+
 All candidates meet the same rooms and the same random numbers, so that their parameters alone make
 the difference.
 
@@ -45,6 +48,8 @@ OBJECTIVES: Mapping[str, Callable[[pd.DataFrame], float]] = {
     "means_and_spreads": distance_with_spreads,
 }
 """Distances from people that can be made small, in attempts."""
+TARGETS = {"people": "people", "model": "the published model"}
+"""Whose published means can be fitted to, in words."""
 CHUNK = 40
 """Subjects that are played at once."""
 
@@ -139,14 +144,35 @@ class Score:
     all: float
 
 
-def score(points: pd.DataFrame, how: str, objective: str = "means") -> Score:
-    """How far one learner is from people.
+def towards(points: pd.DataFrame, target: str) -> pd.DataFrame:
+    """The points, with what the target did in the place of what people did.
+
+    Args:
+        points: From :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`.
+        target: One of :data:`TARGETS`.
+
+    Raises:
+        OpenLockError: If there is no such target.
+    """
+    if target not in TARGETS:
+        raise OpenLockError(f"a fit has no target {target!r}; {nearest(target, TARGETS)}")
+    names = {f"{target}_{one}": f"people_{one}" for one in ("subjects", "mean", "se")}
+    theirs = published_points()[[*POINT, *names]].rename(columns=names)
+    return points.drop(columns=[*names.values()]).merge(theirs, on=POINT, how="left")
+
+
+def score(
+    points: pd.DataFrame, how: str, objective: str = "means", target: str = "people"
+) -> Score:
+    """How far one learner is from people, or from the published model.
 
     Args:
         points: From :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`.
         how: One of :data:`HOLD_OUT`.
         objective: One of :data:`OBJECTIVES`.
+        target: One of :data:`TARGETS`.
     """
+    points = towards(points, target)
     out, far = held_out(points, how), objective_called(objective)
     return Score(far(points[~out]), far(points[out]), far(points))
 

@@ -22,7 +22,7 @@ from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.yaml_file import dump_yaml
-from causal_openlock.fitting.objective import Score, held_out
+from causal_openlock.fitting.objective import TARGETS, Score, held_out, towards
 from causal_openlock.fitting.search import Kind
 from causal_openlock.fitting.study import Fit
 
@@ -46,7 +46,8 @@ def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
     label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
     points = points_of(trials)
     out = held_out(points, plan.hold_out)
-    perfect = [noise_ceiling(part).both for part in (points[~out], points[out], points)]
+    aim = towards(points, plan.target)
+    perfect = [noise_ceiling(part).both for part in (aim[~out], aim[out], aim)]
     return FittedLearner(
         label=label,
         kinds=plan.space.kinds(fitted.best.chosen, plan.final_subjects),
@@ -82,7 +83,7 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
     folder, plan = Path(folder), fitted.plan
     experiment = {
         "name": found.label,
-        "title": f"The learner {plan.space.learner}, fitted to people",
+        "title": f"The learner {plan.space.learner}, fitted to {TARGETS[plan.target]}",
         "seed": plan.seed + 3,
         "protocol": "human",
         "subjects": plan.final_subjects,

@@ -78,6 +78,7 @@ class Plan:
     final_subjects: int = 200
     seed: int = 2018  #: of the search and of all play; the next two seeds are used as well
     objective: str = "means"  #: see :mod:`~causal_openlock.fitting.objective`
+    target: str = "people"  #: see :mod:`~causal_openlock.fitting.objective`
 
     def as_dict(self) -> dict[str, Any]:
         """All that determines the results of candidates."""
@@ -87,8 +88,8 @@ class Plan:
         return whole
 
     def score(self, points: pd.DataFrame) -> Score:
-        """How far a learner is from people, by the plan's objective."""
-        return score(points, self.hold_out, self.objective)
+        """How far a learner is from the target, by the plan's objective."""
+        return score(points, self.hold_out, self.objective, self.target)
 
 
 @dataclass(frozen=True)
@@ -271,7 +272,7 @@ def _opened(plan: Plan, path: Path) -> Fit:
     if not same:
         raise StoreError(
             f"{path.parent} holds another fit (its search space, seed, subjects, held-out points, "
-            "objective or version differ); choose another folder with --out"
+            "objective, target or version differ); choose another folder with --out"
         )
     return state
 

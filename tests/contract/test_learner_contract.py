@@ -91,6 +91,33 @@ class TestBayesOfManyLevers(LearnerContract):
     subjects = 2
 
 
+class TestTheoryBased(LearnerContract):
+    learner = "theory_based"
+
+
+class TestTheoryBasedByChains(LearnerContract):
+    learner = "theory_based"
+    parameters = {"form": "cogsci_2019"}  # noqa: RUF012
+    schemas = ("CC3", "CE4")
+
+
+class TestWinStay(LearnerContract):
+    learner = "win_stay"
+
+
+class TestAssociative(LearnerContract):
+    learner = "associative"
+
+
+class TestTabularQ(LearnerContract):
+    learner = "tabular_q"
+    attempts = 20  # so that it acts greedily in states that it knows
+
+
+class TestPosteriorSampling(LearnerContract):
+    learner = "posterior_sampling"
+
+
 class TestBayesNetDDQN(LearnerContract):
     learner = "bayes_net_ddqn"
     parameters = TestDDQN.parameters

@@ -19,6 +19,7 @@ from causal_openlock.analysis.results.people.human_likeness import (
     distance,
     distance_with_spreads,
     points_of,
+    points_of_model,
     points_of_people,
     published_points,
 )
@@ -421,6 +422,23 @@ def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path
     assert found.model.all == pytest.approx(3.057, abs=1e-3)
 
 
+def test_a_fit_can_aim_at_the_published_model(tmp_path, monkeypatch, capsys):
+    assert score(points_of_model(), "transfer", target="model").all == 0
+    people, model = (
+        score(points_of_people(), "none", target="model"),
+        score(points_of_model(), "none"),
+    )
+    assert people.all == model.all == pytest.approx(3.057, abs=1e-3)
+    words = ["fit", ME, "--search", "lapse=0.3:0.9", "--candidates", "1", "--subjects", "2",
+             "--finalists", "1", "--final-subjects", "2", "--workers", "1", "--target", "model",
+             "--out", str(tmp_path / "f")]  # fmt: skip
+    assert at_once(*words, monkeypatch=monkeypatch) == 0
+    said = capsys.readouterr().out
+    assert "Distance from the published model" in said
+    assert "curve of 4 numbers" not in said
+    assert "fitted to the published model" in (tmp_path / "f" / "experiment.yaml").read_text()
+
+
 def at_once(*words: str, monkeypatch: pytest.MonkeyPatch) -> int:
     monkeypatch.setattr(sys, "argv", ["causal-openlock", *words])
     with pytest.raises(SystemExit) as stop:
@@ -470,6 +488,7 @@ def test_it_says_that_ranges_were_narrowed_with_the_tests_in_view(
         (["fit", "bayes", "--search", "lapse=2"], "is no range"),
         (["fit", "bayes", "--hold-out", "half"], "held out"),
         (["fit", "bayes", "--objective", "spreads"], "means_and_spreads"),
+        (["fit", "bayes", "--target", "peeple"], "did you mean people"),
         (["fit", "bayes", "--search", "directnes=0:1"], "did you mean directness"),
         (["fit", "nobody"], "there is no learner 'nobody'"),
         (["fit", "baies"], "there is no learner 'baies'; did you mean bayes?"),

@@ -1,0 +1,1 @@
+"""The spaces that the theory-based model reasons over: chains and schemas."""

@@ -1,0 +1,106 @@
+"""Win-stay, lose-shift on pairs of levers: never repeat what failed, stay near what worked.
+
+The oldest heuristic of trial and error (Robbins 1952; Nowak & Sigmund 1993), in the form that this
+task takes it: an attempt pushes two levers, one after the other, and then the door. (Where attempts
+have more actions, one lever less than actions.) In one room
+
+* a sequence that was carried out is not carried out again, whether it failed (it would fail again)
+  or opened the door (it would not count again);
+* after a success the next sequences keep as many levers in their places as possible, since a
+  solution with one lever changed is the likeliest other solution;
+* before the first success, sequences that worked in earlier rooms come first.
+
+It knows neither causes nor roles, and learns nothing from which levers moved. Left with nothing
+untried, as in a room that does not always obey, it begins anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.world.fsm import BoolArray, IntArray
+from causal_openlock.world.randomness import Streams, pick
+from learners.networks.checkpointed import Checkpointed
+
+
+@dataclass(frozen=True)
+class WinStayParameters:
+    """What it takes into account."""
+
+    grey_only: Annotated[bool, "whether it pushes none but grey levers, if there are enough"] = (
+        False
+    )
+    across_rooms: Annotated[bool, "whether it tries first what worked in earlier rooms"] = True
+
+
+class WinStay(Checkpointed, Learner):
+    """Never repeats a failed pair of levers, and stays near those that worked."""
+
+    Parameters = WinStayParameters
+    parameters: WinStayParameters
+    checkpointed: ClassVar = {
+        "draws": "_draws",
+        "tried": "_tried",
+        "won": "_won",
+        "won_before": "_won_before",
+        "plan": "_plan",
+        "place": "_place",
+    }
+
+    def begin(self, brief: Brief) -> None:
+        """List all sequences of different levers."""
+        self._positions = brief.positions
+        length = min(brief.action_limit - 1, brief.positions)
+        self._sequences = np.array([*permutations(range(brief.positions), length)])
+        self._draws = Streams(brief.generators)
+        nothing = np.zeros((brief.subjects, len(self._sequences)), dtype=bool)
+        self._tried, self._won, self._won_before = nothing, nothing.copy(), nothing.copy()
+        self._plan = np.zeros(brief.subjects, dtype=np.int64)
+        self._place = np.zeros(brief.subjects, dtype=np.int64)  # actions of the attempt so far
+
+    def act(self, view: View) -> IntArray:
+        """``[B]`` the next lever of the sequence, or the door if it is unlocked or none is left."""
+        draws, positions = self._draws.uniform(), self._positions
+        for subject in np.flatnonzero(view.playing & (self._place == 0)).tolist():
+            grey = view.observation[subject, positions : 2 * positions] == 1
+            self._plan[subject] = pick(self._odds(subject, grey).astype(float), draws[subject])
+        sequence = self._sequences[self._plan]
+        place = np.minimum(self._place, sequence.shape[1] - 1)
+        lever = sequence[np.arange(len(sequence)), place]
+        door = (view.console.actions_left == 1) | (view.observation[:, -2] == 0)
+        return np.where(door | (self._place > place), 2 * positions, lever)
+
+    def _odds(self, subject: int, grey: BoolArray) -> BoolArray:
+        """``[C]`` the sequences to draw from."""
+        open_to_try = ~self._tried[subject]
+        if self.parameters.grey_only:
+            of_grey = grey[self._sequences].all(axis=1)
+            open_to_try &= of_grey if (of_grey & open_to_try).any() else True
+        if not open_to_try.any():
+            self._tried[subject] = self._won[subject]
+            open_to_try = ~self._tried[subject]
+        nearness = self._won_before[subject].astype(int)
+        if self._won[subject].any():
+            worked = self._sequences[self._won[subject]]
+            same = (self._sequences[:, None] == worked).sum(axis=2)
+            nearness = same.max(axis=1)
+        best: BoolArray = open_to_try & (nearness == nearness[open_to_try].max(initial=0))
+        return best if best.any() else np.ones_like(best)
+
+    def learn(self, step: Step) -> None:
+        """Note what was tried and what worked."""
+        playing = step.view.playing
+        self._place = np.where(step.attempt_over, 0, self._place + 1)
+        ended = np.flatnonzero(playing & step.attempt_over)
+        self._tried[ended, self._plan[ended]] = True
+        won = ended[step.new_solution[ended]]
+        self._won[won, self._plan[won]] = True
+        over = np.flatnonzero(playing & step.trial_over)
+        if self.parameters.across_rooms:
+            self._won_before[over] |= self._won[over]
+        self._tried[over] = self._won[over] = False
