@@ -76,13 +76,23 @@ class Associative(Checkpointed, Learner):
 
     def act(self, view: View) -> IntArray:
         """``[B]`` actions drawn by their strength."""
+        odds = self._odds(view).cumsum(axis=1)
+        chosen: IntArray = (odds > self._draws.uniform()[:, None] * odds[:, -1:]).argmax(axis=1)
+        return chosen
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` the softmax of the strengths."""
+        odds = self._odds(view)
+        return odds / odds.sum(axis=1, keepdims=True)
+
+    def _odds(self, view: View) -> FloatArray:
+        """``[B, A]`` in what proportion actions are drawn."""
         out = view.observation[:, : self._positions] == 1
         impossible = np.hstack([out, ~out, np.zeros((len(out), 1), dtype=bool)])
         strength = self.strength(view.observation) / self.parameters.temperature
         strength[impossible] = -np.inf
-        odds = np.exp(strength - strength.max(axis=1, keepdims=True)).cumsum(axis=1)
-        chosen: IntArray = (odds > self._draws.uniform()[:, None] * odds[:, -1:]).argmax(axis=1)
-        return chosen
+        odds: FloatArray = np.exp(strength - strength.max(axis=1, keepdims=True))
+        return odds
 
     def learn(self, step: Step) -> None:
         """Share the prediction error among the cues that were present."""

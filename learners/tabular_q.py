@@ -19,7 +19,7 @@ import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Share
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
 from learners.networks.checkpointed import Checkpointed
 
@@ -77,10 +77,14 @@ class TabularQ(Checkpointed, Learner):
     def act(self, view: View) -> IntArray:
         """``[B]`` epsilon-greedy actions."""
         draws, values = self._draws.uniform(), self.values(view.observation)
-        best = values == values.max(axis=1, keepdims=True)
-        greedy = np.where(best, draws[:, 2:], -1.0).argmax(axis=1)
+        greedy = np.where(_best(values), draws[:, 2:], -1.0).argmax(axis=1)
         drawn = (draws[:, 1] * self._actions).astype(np.int64)
         return np.where(draws[:, 0] < self.epsilon, drawn, greedy)
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of a random action and of the best ones, by epsilon."""
+        best, share = _best(self.values(view.observation)), self.epsilon[:, None]
+        return share / self._actions + (1.0 - share) * best / best.sum(axis=1, keepdims=True)
 
     def learn(self, step: Step) -> None:
         """Correct the value of each action that was taken, and lower epsilon."""
@@ -94,3 +98,9 @@ class TabularQ(Checkpointed, Learner):
         self.epsilon[who] = decayed
         if settings.epsilon_after_trial is not None:
             self.epsilon[who[step.trial_over[who]]] = settings.epsilon_after_trial
+
+
+def _best(values: FloatArray) -> BoolArray:
+    """``[B, A]`` which actions have the greatest value."""
+    best: BoolArray = values == values.max(axis=1, keepdims=True)
+    return best
