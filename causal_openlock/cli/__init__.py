@@ -24,6 +24,7 @@ from causal_openlock.cli import (
     play,
     report,
     schema,
+    status,
 )
 from causal_openlock.cli.terminal import complain, say, write_anything
 from causal_openlock.errors import OpenLockError
@@ -42,6 +43,7 @@ for _command in (
     learners.learners,
     compare.compare,
     report.report,
+    status.status,
     export.export,
     export.bundle,
     fit.fit,

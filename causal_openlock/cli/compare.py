@@ -40,7 +40,7 @@ def compare(
     workers: Workers = None,
     cluster: Annotated[
         str | None,
-        typer.Option(help="Dask scheduler whose workers play: tcp://host:8786; local:8 starts one."),
+        typer.Option(help="Let workers of Dask play: tcp://host:8786, or local:8."),
     ] = None,
     shard: Annotated[
         str | None,

@@ -45,28 +45,27 @@ def carry(experiment: Experiment, folder: Path) -> CarriedCode:
         LearnerError: If a learner's file has changed since the experiment was declared.
         OpenLockError: If a file is no Python or cannot be written.
     """
-    found: dict[str, bytes] = {}
+    named: dict[str, str] = {}
     for spec in experiment.learners:
-        names = [spec.learner] if ":" in spec.learner and not is_of_session(spec.learner) else []
+        if ":" in spec.learner and not is_of_session(spec.learner):
+            named[spec.learner] = spec.origin.package
         if isinstance(spec.reward, OwnReward):
-            names.append(spec.reward.name)
-        for name in names:
-            module = name.partition(":")[0]
-            source = module_source(module)
-            own = module.startswith("causal_openlock.")  # which every worker has
-            if source is None or own or is_installed(source):
-                continue
-            files = {
-                inside: path.read_bytes() for inside, path in local_modules(module).files.items()
-            }
-            held = {f"{Path(inside).name} {registry.digest(one)}" for inside, one in files.items()}
-            declared = spec.origin.package if name == spec.learner else spec.reward.source  # type: ignore[union-attr]
-            if declared not in held and declared.partition(" ")[0] in map(_name, held):
-                raise LearnerError(
-                    f"the file of {name} has changed since the experiment was declared; declare it "
-                    "again"
-                )
-            found.update(files)
+            named[spec.reward.name] = spec.reward.source
+    found: dict[str, bytes] = {}
+    for name, declared in named.items():
+        module = name.partition(":")[0]
+        source = module_source(module)
+        if source is None or is_installed(source) or module.startswith("causal_openlock."):
+            continue
+        files = {inside: path.read_bytes() for inside, path in local_modules(module).files.items()}
+        held = {f"{Path(one).name} {registry.digest(text)}" for one, text in files.items()}
+        file = declared.rpartition(" ")[0]
+        if declared not in held and any(one.startswith(f"{file} ") for one in held):
+            raise LearnerError(
+                f"the file of {name} has changed since the experiment was declared; declare it "
+                "again"
+            )
+        found.update(files)
     hashes = {inside: _sha256(content) for inside, content in sorted(found.items())}
     place = folder.resolve() / "code" / registry.digest(repr(hashes))
     for inside, content in found.items():
@@ -95,10 +94,6 @@ def use(carried: CarriedCode) -> None:
     registry.forget()
     reward_code.forget()
     sys.path.insert(0, carried.folder)
-
-
-def _name(held: str) -> str:
-    return held.partition(" ")[0]
 
 
 def _sha256(content: bytes) -> str:

@@ -38,6 +38,8 @@ SETTINGS = {
     "distributed.scheduler.worker-ttl": None,
 }
 """Of a scheduler that is started here; the scripts in ``examples/clusters`` set the same."""
+PATIENCE = 10.0
+"""Seconds to wait for a scheduler."""
 
 Result = TypeVar("Result")
 
@@ -70,7 +72,9 @@ class Cluster(Given):
         self, job: Callable[..., Result], *arguments: Any, alone: bool = False
     ) -> Future[Result]:
         """Start a job; ``alone`` is ignored."""
-        future = super().submit(play_there, self._carried, versions(), job, *arguments)
+        future: Future[Result] = self._executor.submit(
+            play_there, self._carried, dict(versions()), job, *arguments
+        )
         self._running.add(future)
         return future
 
@@ -106,11 +110,11 @@ class Cluster(Given):
 def play_there(
     carried: CarriedCode,
     expected: dict[str, str],
-    job: Callable[..., list[str]],
+    job: Callable[..., Any],
     cell: Cell,
     folder: str,
     *arguments: Any,
-) -> list[str]:
+) -> Any:
     """Play a cell on a worker of a cluster.
 
     Args:
@@ -168,7 +172,7 @@ def joined(address: str, carried: CarriedCode) -> Iterator[Cluster]:
         here = re.fullmatch(r"local:([1-9]\d{0,3})", address, re.ASCII)
         where = stack.enter_context(_started(int(here[1]))) if here else address
         try:
-            client = stack.enter_context(Client(where, timeout="10s", set_as_default=False))
+            client = stack.enter_context(Client(where, timeout=PATIENCE, set_as_default=False))
         except (OSError, ValueError, TypeError):
             raise OpenLockError(
                 f"there is no Dask scheduler at {address!r}; give --cluster its address, such as "

@@ -336,9 +336,7 @@ class Store:
         name, _, digest = package.partition(".py ")
         return self.folder / "code" / f"{name.replace('.', '_')}_{digest}.py"
 
-    def record_failure(
-        self, cell: Cell, what: str, trace: str, failures: int | None = None
-    ) -> str:
+    def record_failure(self, cell: Cell, what: str, trace: str, failures: int | None = None) -> str:
         """Save why a cell failed: a clause that follows its name, and the traceback.
 
         Returns the sentence.
