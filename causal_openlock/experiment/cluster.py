@@ -62,7 +62,10 @@ class Cluster(Given):
         """How many workers there are."""
         if self._client.status != "running":
             raise self._lost()
-        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+        try:
+            return len(self._client.nthreads())
+        except OSError:
+            raise self._lost() from None
 
     def free(self) -> bool:
         """Whether a worker is idle."""

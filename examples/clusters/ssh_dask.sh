@@ -11,10 +11,10 @@ workers=$2
 experiment=$3
 out=$4
 
-export DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES=0
-export DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL=null
+# Variables do not travel over SSH, so they stand before the Python that is started there.
+settings="DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES=0 DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL=null"
 dask ssh --hostfile "$hosts" --nworkers "$workers" --nthreads 1 --memory-limit 0 \
-    --scheduler-port 8786 &
+    --scheduler-port 8786 --remote-python "env $settings ${PYTHON:-python3}" &
 cluster=$!
 trap 'kill $cluster; wait' EXIT
 sleep "${WAIT:-10}"
