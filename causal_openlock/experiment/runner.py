@@ -232,7 +232,7 @@ class _Run:
     overdue: set[Future[list[str]]] = field(default_factory=set)
     reasons: dict[str, str] = field(default_factory=dict)
     warned: set[str] = field(default_factory=set)
-    lost_at: dict[str, int] = field(default_factory=dict)
+    lost: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def play(self, crew: Crew) -> None:
         """Play all of them; ``reasons`` then has why some failed, by the file's name."""
@@ -277,12 +277,14 @@ class _Run:
             before = self.store.failures(cell)[0]  # it may have made progress
             why = self.store.record_failure(cell, what, "It has no traceback.\n", before)
         elif how:
-            failures, why = self._lost(cell, how)
-            if failures < MOST_FAILURES:
-                self.warn(f"{why}; it is tried again")
+            what = f"ended its process ({how})"
+            if self._has_lost(cell) < MOST_FAILURES:
+                self.warn(f"the learner {cell.in_words}, {what}; it is tried again")
                 self.course.put_back(cell)
                 self.pending.append(cell)
                 return
+            trace = "A process that ends so leaves no traceback.\n"
+            why = self.store.record_failure(cell, what, trace, MOST_FAILURES)
         elif isinstance(error, LearnerError):
             why = str(error)
         elif isinstance(error, OpenLockError):  # such as a full disk, which stops all of them
@@ -294,17 +296,16 @@ class _Run:
         self.course.ended(cell, time.monotonic(), failed=True)
         self.failed(cell, why)
 
-    def _lost(self, cell: Cell, how: str) -> tuple[int, str]:
-        """Save that a cell lost its worker: how often it did, and a sentence.
+    def _has_lost(self, cell: Cell) -> int:
+        """Take note that a cell has lost its worker; returns how often it did without progress.
 
         With a checkpoint between two losses there was progress, and they are counted anew.
         """
         taken = self.store.checkpointed(cell)
-        progress = taken != self.lost_at.get(cell.file_name, taken)
-        self.lost_at[cell.file_name] = taken
-        failures = 1 if progress else self.store.failures(cell)[0] + 1
-        what, trace = f"ended its process ({how})", "A process that ends so leaves no traceback.\n"
-        return failures, self.store.record_failure(cell, what, trace, failures)
+        losses, before = self.lost.get(cell.file_name, (0, taken))
+        losses = losses + 1 if taken == before else 1
+        self.lost[cell.file_name] = losses, taken
+        return losses
 
     def _warn(self, sentence: str) -> None:
         """Warn of something once."""

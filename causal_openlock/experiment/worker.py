@@ -144,6 +144,17 @@ def _made(cell: Cell) -> tuple[Session, Learner]:
     return session, create(cell.spec.learner, cell.spec.parameters)
 
 
+def _require(awaited: str) -> None:
+    """Raise :class:`NotAwaitedError` if there is no such file; another fault may pass."""
+    try:
+        Path(awaited).stat()
+    except FileNotFoundError:
+        message = "the comparison that this cell was played for was stopped"
+        raise NotAwaitedError(message) from None
+    except OSError:
+        pass
+
+
 def _reporter(session: Session, path: Path, awaited: str | None) -> Callable[[], None]:
     """A function that writes the progress of a session every second; see :meth:`Store.share`.
 
@@ -157,7 +168,7 @@ def _reporter(session: Session, path: Path, awaited: str | None) -> Callable[[],
             due = now + REPORT_EVERY
             with suppress(OSError):  # the next one may succeed
                 path.write_text(f"{session.progress:.4f} {session.seconds:.1f}", encoding="utf-8")
-            if awaited is not None and not Path(awaited).exists():
-                raise NotAwaitedError("the comparison that this cell was played for was stopped")
+            if awaited is not None:
+                _require(awaited)
 
     return report

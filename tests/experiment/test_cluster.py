@@ -197,7 +197,7 @@ def test_a_cell_that_loses_three_workers_is_left_out_until_it_is_asked_for(
     told: list[str] = []
     (reason,) = fails(experiment, folder / "out", cluster=address, warn=told.append).reasons
     assert "the learner Dies in CC3, subjects 0-1, ended its process (the worker tcp://" in reason
-    assert [one.endswith("it is tried again") for one in told] == [True, True]
+    assert sum(one.endswith("; it is tried again") for one in told) == 2
     store, cell = Store(folder / "out"), experiment.cells()[0]
     assert store.failures(cell)[0] == 3
     assert len(store.files()[0]) == 1
@@ -352,7 +352,8 @@ def test_status_says_what_is_done_running_silent_and_failed(folder: Path) -> Non
     (one,) = found.progress.playing
     assert (one.cell.in_words, one.share) == (cells[0].in_words, 0.25)
     assert 9 < one.seconds < 12
-    assert 25 < (found.progress.left or 0) < 45  # three quarters at 40 s a cell, and the silent one
+    # Ten seconds for two cells and a quarter; as much is left as one and three quarters take.
+    assert 7 < (found.progress.left or 0) < 11
     done = at_once("status", "out")
     assert done.status == 0
     said = done.stdout.splitlines()

@@ -93,13 +93,16 @@ def test_the_manifest_fits_together() -> None:
     assert service["spec"]["selector"] == running[0]["spec"]["template"]["metadata"]["labels"]
 
 
-def test_the_job_array_runs(tmp_path: Path) -> None:
-    """As Slurm would run it: ``srun`` starts the command that follows, with its job's number."""
+def run(tmp_path: Path, script: str, **variables: str) -> str:
+    """Run a script as Slurm would; ``srun`` starts the command that follows."""
     programs = tmp_path / "bin"
     programs.mkdir()
+    python = f"exec {shlex.quote(sys.executable)}"
     for name, text in {
         "srun": 'exec "$@"',
-        "causal-openlock": f'exec {shlex.quote(sys.executable)} -m causal_openlock "$@"',
+        "python": f'{python} "$@"',
+        "dask": f'{python} -m dask "$@"',
+        "causal-openlock": f'{python} -m causal_openlock "$@"',
     }.items():
         (programs / name).write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
         (programs / name).chmod(0o755)
@@ -107,22 +110,26 @@ def test_the_job_array_runs(tmp_path: Path) -> None:
         "name: tiny\nsubjects: 2\ncell_size: 1\nconditions: [CC3]\nlearners: [random]\n"
         "protocols: {short: {attempt_limit: 2, baseline_trials: 1}}\nprotocol: short\n"
     )
+    path = f"{programs}:{os.environ['PATH']}"
     done = subprocess.run(
-        [PLACE / "slurm_shards.sh", "tiny.yaml", "out"],
+        [PLACE / script, "tiny.yaml", "out"],
         cwd=tmp_path,
-        env={
-            **os.environ,
-            "PATH": f"{programs}:{os.environ['PATH']}",
-            "PYTHONPATH": str(ROOT),
-            "SLURM_ARRAY_TASK_ID": "2",
-            "SLURM_CPUS_PER_TASK": "1",
-        },
+        env={**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), **variables},
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert "shard 2/16 is over" in done.stdout
-    assert [path.name[:14] for path in (tmp_path / "out/cells").glob("*.parquet")] == [
-        "random_CC3_1-1"
-    ]
+    return done.stdout
+
+
+def test_a_job_of_an_array_plays_its_shard(tmp_path: Path) -> None:
+    variables = {"SLURM_ARRAY_TASK_ID": "2", "SLURM_CPUS_PER_TASK": "1"}
+    assert "shard 2/16 is over" in run(tmp_path, "slurm_shards.sh", **variables)
+    (path,) = (tmp_path / "out" / "cells").glob("*.parquet")
+    assert path.name.startswith("random_CC3_1-1_")
+
+
+def test_a_job_with_dask_compares(tmp_path: Path) -> None:
+    assert "report: out/report.html" in run(tmp_path, "slurm_dask.sh", SLURM_JOB_ID="7")
+    assert (tmp_path / "out" / "summary.csv").exists()
