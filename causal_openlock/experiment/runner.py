@@ -143,9 +143,8 @@ def run(
                     f"{why}; it has failed {failures} times and is left out, --retry-failed tries "
                     f"it again; see {store.error(cell)}"
                 )
-            else:
-                if fault != "missing":
-                    warn(f"{fault}; its cell is run again")
+            elif fault != "missing":
+                warn(f"{fault}; its cell is run again")
         cores = available_cores() if workers is None else workers
         many = min(cores, len(missing) - len(left_out))
         course = ProgressEstimator(cells, max(1, many))
@@ -180,13 +179,15 @@ def run(
                 those = joined(cluster, carry(experiment, store.folder))
             else:
                 those = crew(executor, many)
-            if executor is not None or cluster:  # nobody could end their workers
-                write_text(awaited, "")
-                playing.watching = replace(watching, awaited=str(awaited))
-            with those as workers_:
-                playing.play(workers_)
+            with those as found:
+                if executor is not None or cluster:  # nobody could end their workers
+                    write_text(awaited, "")
+                    playing.watching = replace(watching, awaited=str(awaited))
+                try:
+                    playing.play(found)
+                finally:
+                    awaited.unlink(missing_ok=True)
     finally:
-        awaited.unlink(missing_ok=True)
         store.close()
     if playing.reasons:
         reasons = [playing.reasons[name] for name in missing if name in playing.reasons]
