@@ -17,7 +17,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from uuid import uuid4
@@ -181,8 +181,9 @@ def run(
                 those = crew(executor, many)
             with those as found:
                 if executor is not None or cluster:  # nobody could end their workers
-                    write_text(awaited, "")
-                    playing.watching = replace(watching, awaited=str(awaited))
+                    with suppress(OSError):  # they then end when their cell does
+                        awaited.touch()
+                        playing.watching = replace(watching, awaited=str(awaited))
                 try:
                     playing.play(found)
                 finally:
