@@ -32,6 +32,7 @@ LONGEST_FIRST = (
     "play/test_play_server.py",
     "learners/test_recurrent.py",
     "experiment/test_checkpoint.py",
+    "experiment/test_cluster.py",
     "belief/test_beliefs.py",
     "physics/test_physics_agreement.py",
     "analysis/report",

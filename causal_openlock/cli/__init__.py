@@ -25,6 +25,7 @@ from causal_openlock.cli import (
     report,
     schema,
     score,
+    status,
 )
 from causal_openlock.cli.terminal import complain, say, write_anything
 from causal_openlock.errors import OpenLockError
@@ -43,6 +44,7 @@ for _command in (
     learners.learners,
     compare.compare,
     report.report,
+    status.status,
     export.export,
     export.bundle,
     fit.fit,

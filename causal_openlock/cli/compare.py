@@ -38,6 +38,17 @@ def compare(
     ] = None,
     seed: Seed = None,
     workers: Workers = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Let workers of Dask play: tcp://host:8786, or local:8."),
+    ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(help="Play this share of the cells alone, such as 3/16; writes no report."),
+    ] = None,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Try cells that have failed three times, too.")
+    ] = False,
     checkpoint_every: Annotated[
         float,
         typer.Option(min=0, help="Seconds between checkpoints inside a cell; inf takes none."),
@@ -62,9 +73,13 @@ def compare(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.experiment.shard import Shard
     from causal_openlock.experiment.store import Store
     from causal_openlock.experiment.worker import Watching
 
+    part = Shard.parse(shard) if shard else None
+    if cluster and workers:
+        raise OpenLockError("a --cluster has workers of its own; leave out --workers")
     changes = Changes(condition or None, learner or None, protocol, subjects, seed)
     console = Terminal()
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
@@ -82,14 +97,21 @@ def compare(
                 warn=console.warn,
                 progress=show,
                 workers=workers,
+                cluster=cluster,
+                shard=part,
+                retry_failed=retry_failed,
                 done=lambda cell, was_there: before.append(was_there),
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,
             )
         if any(before) and not failed:
-            there, all_cells = sum(before), len(chosen.cells())
-            console.print(f"{there} of {all_cells} cells were there already")
-        report_store(folder, console)
+            console.print(f"{sum(before)} of {len(before)} cells were there already")
+        if part is None:
+            report_store(folder, console)
+        else:
+            console.print_line(
+                f"shard {part} is over; when all are: causal-openlock report {folder}"
+            )
     if failed:
         error = OpenLockError(failed.summary)  # which cells they are was printed above
         error.status = failed.status

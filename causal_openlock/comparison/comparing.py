@@ -55,6 +55,8 @@ def compare(
     cell_size: int | None = None,
     out: Path | str | None = None,
     workers: int | None = None,
+    cluster: str | None = None,
+    retry_failed: bool = False,
     checkpoint_every: float = 60.0,
     time_limit: float | None = None,
     tensorboard: Path | str | None = None,
@@ -80,6 +82,9 @@ def compare(
             default they are kept until Python ends, or :meth:`Results.save` keeps them.
         workers: Number of processes; by default one for each core. With 0 this process plays, one
             cell after another: small comparisons need not wait for another one to start.
+        cluster: Address of a Dask scheduler whose workers play, ``"tcp://host:8786"``; or
+            ``"local:8"``, which starts one with eight workers here.
+        retry_failed: Whether cells that have failed three times are tried again.
         checkpoint_every: Seconds between checkpoints inside a cell.
         time_limit: Seconds after which a cell is ended and counted as failed; by default never.
         tensorboard: Folder for TensorBoard's logs.
@@ -107,6 +112,8 @@ def compare(
                 folder,
                 warn=_warn,
                 workers=workers,
+                cluster=cluster,
+                retry_failed=retry_failed,
                 done=lambda cell, _: done.append(cell),
                 progress=show,
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),

@@ -186,6 +186,11 @@ def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:
 _learner_class = cache(_load)
 
 
+def forget() -> None:
+    """Load every learner anew when it is next asked for: its file may be another one now."""
+    _learner_class.cache_clear()
+
+
 def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
     """A learner, ready for :meth:`Learner.begin`.
 

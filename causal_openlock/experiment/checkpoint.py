@@ -116,13 +116,13 @@ class Checkpoint:
 
     # -- keeping --------------------------------------------------------------------------------
 
-    def keep(self, session: Session, learner: Learner) -> None:
-        """Take a checkpoint if one is due; called after every step.
+    def keep(self, session: Session, learner: Learner, *, now: bool = False) -> None:
+        """Take a checkpoint if one is due, or now; called after every step.
 
         Errors become warnings, and the cell continues.
         """
         begun = time.perf_counter()
-        if begun < self._due or session.over:
+        if (begun < self._due and not (now and self.every < float("inf"))) or session.over:
             return
         try:
             self.save(session, learner)
@@ -135,9 +135,9 @@ class Checkpoint:
             )
         except (OpenLockError, OSError) as error:
             self._warn(f"a checkpoint cannot be taken ({in_short(error)})")
-        now = time.perf_counter()
-        least = (now - begun) / MOST_TIME if self.every else 0.0
-        self._due = now + max(self.every, least)
+        ended = time.perf_counter()
+        least = (ended - begun) / MOST_TIME if self.every else 0.0
+        self._due = ended + max(self.every, least)
 
     def save(self, session: Session, learner: Learner) -> None:
         """Take a checkpoint now.

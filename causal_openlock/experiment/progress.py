@@ -84,13 +84,13 @@ class ProgressEstimator:
 
     Args:
         cells: All cells.
-        workers: How many are played at a time.
+        workers: How many are played at a time; this may change.
     """
 
     def __init__(self, cells: Iterable[Cell], workers: int) -> None:
         self._left = {cell.file_name: work(cell) for cell in cells}
         self._cells, self._work = len(self._left), sum(self._left.values())
-        self._workers = workers
+        self.workers = workers
         self._failed = 0
         self._begun: dict[str, _Begun] = {}
         self._spent: dict[str, FloatArray] = {}  # of each learner: seconds, attempts
@@ -107,6 +107,10 @@ class ProgressEstimator:
         if not begun.report:  # what was done before this run took no time in it
             begun.since, begun.first = now, share
         begun.report, begun.heard, begun.share = report, now, share
+
+    def put_back(self, cell: Cell) -> None:
+        """Register that a cell has lost its worker and waits for another one."""
+        self._begun.pop(cell.file_name, None)
 
     def ended(self, cell: Cell, now: float, failed: bool = False) -> None:
         """Register that a cell is done, perhaps in an earlier run, or has failed."""
@@ -144,7 +148,7 @@ class ProgressEstimator:
         ]
         left = None
         if rates or not costs:
-            left = max(sum(costs) / self._workers, max(costs, default=0.0))
+            left = max(sum(costs) / self.workers, max(costs, default=0.0))
         begun = sum(one.share * work(one.cell) for one in self._begun.values())
         to_do = sum(self._left.values()) - begun
         return RunProgress(

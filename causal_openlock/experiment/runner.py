@@ -1,9 +1,14 @@
 """Running an experiment: workers play its cells, and each record is saved when its cell is done.
 
 The workers (:mod:`causal_openlock.experiment.workers`) are by default processes of this machine,
-one for each core, or any :class:`concurrent.futures.Executor`. A cell's record depends on the cell
-alone, not on the number of workers, the order in which they finish, or how often the run was killed
-and started again. If a cell fails, the others are played all the same.
+one for each core, those of a cluster (:mod:`causal_openlock.experiment.cluster`), or any
+:class:`concurrent.futures.Executor`. A cell's record depends on the cell alone, not on the number
+of workers, the order in which they finish, or how often the run was killed and started again.
+
+If a cell fails, the others are played all the same. A learner that fails does so again, so its cell
+has failed until the same command is given again. A worker may be lost for reasons of its own, so
+its cell is played again, from its checkpoint. After :data:`MOST_FAILURES` failures without progress
+a cell is left out.
 """
 
 from __future__ import annotations
@@ -11,22 +16,29 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from uuid import uuid4
 
 from causal_openlock.contract.registry import digest, is_ours
 from causal_openlock.contract.session_code import is_of_session, packed, session_source
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
+from causal_openlock.experiment.carried_code import carry
+from causal_openlock.experiment.cluster import joined
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.progress import ProgressEstimator, RunProgress
-from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.shard import Shard
+from causal_openlock.experiment.store import AWAITED, Store
 from causal_openlock.experiment.worker import Watching, play_cell, record_failure
 from causal_openlock.experiment.workers import Crew, available_cores, crew
 from causal_openlock.files.atomic import write_text
 
 LOOK_EVERY = 1.0
 """Seconds between two looks at the progress of the cells."""
+MOST_FAILURES = 3
+"""Failures after which a cell is left out."""
 
 
 def run(
@@ -35,6 +47,9 @@ def run(
     *,
     executor: Executor | None = None,
     workers: int | None = None,
+    cluster: str | None = None,
+    shard: Shard | None = None,
+    retry_failed: bool = False,
     done: Callable[[Cell, bool], None] | None = None,
     failed: Callable[[Cell, str], None] | None = None,
     warn: Callable[[str], None] | None = None,
@@ -51,6 +66,11 @@ def run(
         executor: Plays the cells; by default processes of this machine.
         workers: The number of these processes; by default one for each core. With 0 this process
             plays, one cell after another: small comparisons need not wait for another to start.
+        cluster: The address of a Dask scheduler, ``"tcp://host:8786"``, whose workers play the
+            cells, or ``"local:8"``, which starts such a cluster of eight workers here.
+        shard: A share of the cells, which alone is played; other shards may be played in the same
+            folder at the same time.
+        retry_failed: Whether cells that have failed three times are tried again.
         done: Called with each finished cell, and whether it was finished before.
         failed: Called with each cell that failed, and a sentence with the reason.
         warn: Called with a sentence for each damaged file, whose cell is run again, and for each
@@ -59,7 +79,8 @@ def run(
         watching: How often checkpoints are taken inside a cell, and what is logged.
         time_limit: Seconds after which a cell is ended, counted from its start or continuation; by
             default there is no limit. The cell then counts as failed, and keeps its checkpoint.
-            It is ignored with an ``executor`` or without workers: nobody could end a cell.
+            It is ignored with a ``cluster`` or an ``executor``, and without workers: nobody could
+            end a cell.
         elsewhere: File names of cells that are not played, as their results are kept elsewhere.
 
     Raises:
@@ -92,37 +113,51 @@ def run(
         require_tensorboard()
         # A worker may be in another directory.
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
-    if time_limit is not None and (executor is not None or workers == 0):
+    if time_limit is not None and (executor is not None or cluster or workers == 0):
         warn("the time limit is ignored: only processes of its own can be ended in a cell")
     names = [spec.learner for spec in experiment.learners]
     definitions = b"" if workers == 0 else packed(names)
     sources = dict(_sources(experiment))
+    cells = shard.of(experiment.cells()) if shard else experiment.cells()
     store = Store(folder)
-    store.open(experiment)
+    store.open(experiment, shard=shard)
+    awaited = store.folder.resolve() / f"{AWAITED}{uuid4().hex}"
     try:
         for package, source in sources.items():
             write_text(store.source(package), source)
-        missing = {}
-        for cell in experiment.cells():
+        missing, left_out = {}, {}
+        for cell in cells:
             if cell.file_name in elsewhere:
                 continue
             fault = store.check(cell)
             if fault is None:
                 store.clear(cell)
                 store.clear_failure(cell)
-            else:
-                missing[cell.file_name] = cell
-                if fault != "missing":
-                    warn(f"{fault}; its cell is run again")
+                continue
+            if retry_failed:
+                store.clear_failure(cell)
+            missing[cell.file_name] = cell
+            failures, why = store.failures(cell)
+            if failures >= MOST_FAILURES:
+                left_out[cell.file_name] = (
+                    f"{why}; it has failed {failures} times and is left out, --retry-failed tries "
+                    f"it again; see {store.error(cell)}"
+                )
+            elif fault != "missing":
+                warn(f"{fault}; its cell is run again")
         cores = available_cores() if workers is None else workers
-        many = min(cores, len(missing))
-        course = ProgressEstimator(experiment.cells(), max(1, many))
-        for cell in experiment.cells():
-            if cell.file_name not in missing:
+        many = min(cores, len(missing) - len(left_out))
+        course = ProgressEstimator(cells, max(1, many))
+        for cell in cells:
+            if cell.file_name in left_out:
+                course.ended(cell, 0.0, failed=True)
+                (failed or _ignore)(cell, left_out[cell.file_name])
+            elif cell.file_name not in missing:
                 course.ended(cell, 0.0)
                 (done or _ignore)(cell, True)
         # What is stopped has some subjects of all, rather than all of some.
-        pending = sorted(missing.values(), key=lambda cell: cell.first_subject)
+        there = (cell for name, cell in missing.items() if name not in left_out)
+        pending = sorted(there, key=lambda cell: cell.first_subject)
         playing = _Run(
             pending=deque(pending),
             store=store,
@@ -134,17 +169,30 @@ def run(
             failed=failed or _ignore,
             warn=warn,
             progress=progress or _ignore,
+            reasons=left_out,
         )
-        if not missing:
+        if not pending:
             playing.progress(course.standing(time.monotonic(), ()))
         else:
-            with crew(executor, many) as those:
-                playing.play(those)
+            those: AbstractContextManager[Crew]
+            if cluster:
+                those = joined(cluster, carry(experiment, store.folder))
+            else:
+                those = crew(executor, many)
+            with those as found:
+                if executor is not None or cluster:  # nobody could end their workers
+                    with suppress(OSError):  # they then end when their cell does
+                        awaited.touch()
+                        playing.watching = replace(watching, awaited=str(awaited))
+                try:
+                    playing.play(found)
+                finally:
+                    awaited.unlink(missing_ok=True)
     finally:
         store.close()
     if playing.reasons:
         reasons = [playing.reasons[name] for name in missing if name in playing.reasons]
-        raise CellsFailed(reasons, len(experiment.cells()))
+        raise CellsFailed(reasons, len(cells))
     return store
 
 
@@ -186,6 +234,7 @@ class _Run:
     overdue: set[Future[list[str]]] = field(default_factory=set)
     reasons: dict[str, str] = field(default_factory=dict)
     warned: set[str] = field(default_factory=set)
+    lost: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def play(self, crew: Crew) -> None:
         """Play all of them; ``reasons`` then has why some failed, by the file's name."""
@@ -202,6 +251,9 @@ class _Run:
                     self.running[future] = cell
                     if crew.begun(future):
                         self.course.began(cell, time.monotonic())
+                if not self.running:  # there is no worker yet, or no longer
+                    self._warn("there is no worker at the moment; the cells wait for one")
+                    time.sleep(LOOK_EVERY)
                 for future in wait(self.running, LOOK_EVERY, FIRST_COMPLETED).done:
                     self._ended(future, crew)
                 if time.monotonic() >= looked + LOOK_EVERY:
@@ -214,24 +266,27 @@ class _Run:
     def _ended(self, future: Future[list[str]], crew: Crew) -> None:
         cell, how = self.running.pop(future), crew.done(future)
         error = future.exception()
-        kept = isinstance(error, BrokenExecutor) and self.store.check(cell) is None
+        kept = bool(how) and self.store.check(cell) is None
         if error is None or kept:  # a process may end after its record was written
             self.store.clear_failure(cell)
             for warning in () if kept else future.result():
-                if warning not in self.warned:
-                    self.warn(warning)
-                self.warned.add(warning)
+                self._warn(warning)
             self.course.ended(cell, time.monotonic())
             self.done(cell, False)
             return
         if future in self.overdue:
             what = f"was ended after {self.time_limit:g} s"
-            why = self.store.record_failure(cell, what, "It has no traceback.\n")
+            before = self.store.failures(cell)[0]  # it may have made progress
+            why = self.store.record_failure(cell, what, "It has no traceback.\n", before)
         elif how:
             what = f"ended its process ({how})"
-            why = self.store.record_failure(
-                cell, what, "A process that ends so leaves no traceback.\n"
-            )
+            if self._has_lost(cell) < MOST_FAILURES:
+                self.warn(f"the learner {cell.in_words}, {what}; it is tried again")
+                self.course.put_back(cell)
+                self.pending.append(cell)
+                return
+            trace = "A process that ends so leaves no traceback.\n"
+            why = self.store.record_failure(cell, what, trace, MOST_FAILURES)
         elif isinstance(error, LearnerError):
             why = str(error)
         elif isinstance(error, OpenLockError):  # such as a full disk, which stops all of them
@@ -243,6 +298,23 @@ class _Run:
         self.course.ended(cell, time.monotonic(), failed=True)
         self.failed(cell, why)
 
+    def _has_lost(self, cell: Cell) -> int:
+        """Take note that a cell has lost its worker; returns how often it did without progress.
+
+        With a checkpoint between two losses there was progress, and they are counted anew.
+        """
+        taken = self.store.checkpointed(cell)
+        losses, before = self.lost.get(cell.file_name, (0, taken))
+        losses = losses + 1 if taken == before else 1
+        self.lost[cell.file_name] = losses, taken
+        return losses
+
+    def _warn(self, sentence: str) -> None:
+        """Warn of something once."""
+        if sentence not in self.warned:
+            self.warn(sentence)
+        self.warned.add(sentence)
+
     def _look(self, crew: Crew) -> float:
         """Report the progress of the cells, and end those that take too long; returns the time."""
         now = time.monotonic()
@@ -252,9 +324,10 @@ class _Run:
             if cell.file_name not in seconds and (heard or crew.begun(future)):
                 self.course.began(cell, now)
             if heard:
-                self.course.heard(cell, *heard, now)
+                self.course.heard(cell, *heard[:2], now)
             late = seconds.get(cell.file_name, 0.0) >= self.time_limit
             if late and future not in self.overdue and crew.end(future):
                 self.overdue.add(future)
+        self.course.workers = crew.number() or self.course.workers
         self.progress(self.course.standing(now, self.pending))
         return now

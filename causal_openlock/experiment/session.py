@@ -305,7 +305,7 @@ class Session:
             new_solution=taken.new_solution[ended],
             solutions_found=batch.found_count[ended],
             reward=self._earned[ended],
-            wall_time=time.perf_counter() - self._clock,
+            wall_time=self.seconds,
         )
         self._was_unlocked[ended] = False
         self._earned[ended] = 0.0
@@ -333,6 +333,11 @@ class Session:
         """The share of all trials that are over."""
         return float(self._visit.mean()) / self.brief.trials
 
+    @property
+    def seconds(self) -> float:
+        """How long it has been played, also before it was interrupted."""
+        return time.perf_counter() - self._clock
+
     def _arrays(self) -> dict[str, NDArray[Any]]:
         own = {name: getattr(self, f"_{name}") for name in KEPT}
         return own | self._batch.arrays()
@@ -343,7 +348,7 @@ class Session:
             **{name: array.copy() for name, array in self._arrays().items()},
             "luck": self._luck.state_dict() if self._luck else None,
             "attempts": self._log.rows,
-            "seconds": time.perf_counter() - self._clock,
+            "seconds": self.seconds,
             "log": self._log.since(since),
         }
 

@@ -17,15 +17,19 @@ a damaged file is reported, and its cell is played again.
 A folder keeps every cell that was ever played in it, by identity, and shows those of the last
 experiment. So a learner can be corrected, removed, put back or added, and only missing cells are
 played. One process at a time works in a folder: it holds a lock on it, which the operating system
-releases when the process ends.
+releases when the process ends. Shards of one experiment share that lock, and each has one of its
+own; what only one may do, such as to tidy up, is done by the first of them. A file system without
+locks does no harm to results, since a cell's file is the same whoever writes it.
 """
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import platform
 import re
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -50,17 +54,23 @@ from causal_openlock.version import RESULTS_VERSION
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from causal_openlock.experiment.shard import Shard
     from causal_openlock.experiment.stored import StoredExperiment
 
 IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
 LOCK = ".lock"
+AWAITED = ".awaited-"
+"""The beginning of the names of files that are there while a run waits for its workers."""
+LOCK_PATIENCE = 30.0
+"""Seconds that a shard waits while another one prepares the folder."""
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
 """Files beside a cell's file while it is played; see
 :mod:`causal_openlock.experiment.checkpoint`."""
 LOG = "log.jsonl"
 """The actions of people, in a folder of ``play``; see :mod:`causal_openlock.play.log`."""
 _SOURCE = re.compile(r"[\w.]{1,200}\.py [0-9a-f]{16}")
+_FAILURES = re.compile(r"\nfailures: (\d{1,6})\n\Z")
 _ERRORS = re.compile(r".+_[0-9a-f]{12}\.txt")
 _CELL = re.compile(r"(?!\.)[^/\\:\x00-\x1f\x7f-\x9f]{1,240}\.parquet")
 """A file name that is not a path on any system."""
@@ -82,11 +92,13 @@ class Store:
         self.folder = Path(folder)
         self.cells = self.folder / "cells"
         self._declared = self.folder / "experiment.json"
-        self._lock: IO[bytes] | None = None
+        self._locks: list[IO[bytes]] = []
 
     # -- the folder -----------------------------------------------------------------------------
 
-    def open(self, experiment: Experiment, *, changed: bool = True) -> None:
+    def open(
+        self, experiment: Experiment, *, changed: bool = True, shard: Shard | None = None
+    ) -> None:
         """Prepare the folder for an experiment that is new or partly done.
 
         Args:
@@ -94,12 +106,14 @@ class Store:
             changed: Whether it may be a changed form of the one in the folder: they share a cell,
                 or name, seed, version, and a learner with the same parameters in the same
                 condition.
+            shard: What is to be played, if it is not the whole experiment; other shards may be
+                played in the folder at the same time.
 
         Raises:
             StoreError: If the folder holds something else, is in use, or cannot be written to.
         """
         try:
-            self._prepare(experiment, changed)
+            self._prepare(experiment, changed, shard)
         except BaseException as error:
             self.close()
             if isinstance(error, OSError):
@@ -108,26 +122,41 @@ class Store:
                 raise StoreError(str(error)) from None
             raise
 
-    def _prepare(self, experiment: Experiment, changed: bool) -> None:
+    def _prepare(self, experiment: Experiment, changed: bool, shard: Shard | None) -> None:
         if self.folder.exists() and not self.folder.is_dir():
             raise StoreError(f"{self.folder} is a file; choose a folder for the results")
         check_inside(self.folder)
         there = self.folder.iterdir() if self.folder.exists() else ()
         # An interrupted start leaves a lock and temporary files.
-        foreign = any(path.name != LOCK and not path.match(PARTIAL) for path in there)
+        foreign = any(not path.match(f"{LOCK}*") and not path.match(PARTIAL) for path in there)
         if foreign and not self._declared.exists():
             raise StoreError(
                 f"{self.folder} is not empty and holds no results; choose another folder"
             )
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._take_lock()
+        self.close()
+        alone = self._take_lock(shard)
+        if not alone and self._declared.exists():  # another shard has prepared it
+            if self.experiment().identity != experiment.identity:
+                raise StoreError(
+                    f"{self.folder} is in use by shards of another form of this comparison; wait "
+                    "for them, or choose another folder"
+                )
+            return
         files = {cell.file_name for cell in experiment.cells()}
         if self._is_of(experiment, files, changed):
             self.declare(experiment, experiment.cells())
         self.cells.mkdir(exist_ok=True)
+        if alone:
+            self._tidy({Path(name).stem for name in files})
+            self._share_lock(shard)
+
+    def _tidy(self, known: set[str]) -> None:
+        """Remove what killed runs and earlier forms of the experiment have left."""
         sweep(self.folder)
         sweep(self.cells)
-        known = {Path(name).stem for name in files}
+        for path in self.folder.glob(f"{AWAITED}*"):  # its run was killed
+            path.unlink(missing_ok=True)
         for path in self.cells.iterdir():
             foreign = path.suffix in (CHECKPOINT, ATTEMPTS) and path.stem not in known
             if foreign or path.suffix == PROGRESS:
@@ -192,27 +221,58 @@ class Store:
         write_bytes(self._declared, content)
 
     def close(self) -> None:
-        """Release the lock on the folder."""
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
+        """Release the locks on the folder."""
+        for lock in self._locks:
+            lock.close()
+        self._locks = []
 
-    def _take_lock(self) -> None:
+    def _take_lock(self, shard: Shard | None) -> bool:
+        """Lock the folder; returns whether nobody else works in it, so that it can be prepared."""
+        if shard is not None:
+            mine = f"{LOCK}-{shard.number}-of-{shard.shards}"
+            if self._locked(mine) is False:
+                raise StoreError(
+                    f"the shard {shard} is being played in {self.folder} already; wait for it"
+                )
+        patience = time.monotonic() + (LOCK_PATIENCE if shard else 0.0)
+        while True:
+            alone = self._locked(LOCK)
+            if alone is not False:
+                return shard is None if alone is None else True
+            if shard is not None and self._locked(LOCK, shared=True):
+                return False
+            if time.monotonic() >= patience:
+                raise StoreError(
+                    f"{self.folder} is in use by another comparison; wait for it, or choose "
+                    "another folder"
+                )
+            time.sleep(0.1)
+
+    def _share_lock(self, shard: Shard | None) -> None:
+        """Let other shards work in the folder, too."""
+        if shard is not None and len(self._locks) == 2:
+            self._locks.pop().close()
+            while self._locked(LOCK, shared=True) is False:  # another one tidies up
+                time.sleep(0.1)
+
+    def _locked(self, name: str, *, shared: bool = False) -> bool | None:
+        """Take a lock; whether it could be taken, or ``None`` where there are no locks."""
         try:
             import fcntl
         except ImportError:  # a system without such locks
-            return
-        self.close()
-        lock = (self.folder / LOCK).open("wb")
+            return None
+        lock = (self.folder / name).open("a+b")  # a shared lock needs a file that can be read
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            fcntl.flock(lock, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        except OSError as error:
             lock.close()
-            raise StoreError(
-                f"{self.folder} is in use by another comparison; wait for it, or choose another "
-                "folder"
-            ) from None
-        self._lock = lock
+            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+                return False
+            if error.errno in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
+                return None  # a file system without locks
+            raise
+        self._locks.append(lock)
+        return True
 
     def experiment(self) -> StoredExperiment:
         """The folder's experiment, from ``experiment.json``.
@@ -245,12 +305,22 @@ class Store:
         for suffix in (CHECKPOINT, ATTEMPTS, PROGRESS):
             self.path(cell).with_suffix(suffix).unlink(missing_ok=True)
 
-    def share(self, cell: Cell) -> tuple[int, float] | None:
-        """The progress of a cell that is being played: the report's number, and the share done."""
+    def share(self, cell: Cell) -> tuple[int, float, float] | None:
+        """The progress of a cell that is being played.
+
+        Returns the report's time in nanoseconds, the share done, and seconds played.
+        """
         path = self.path(cell).with_suffix(PROGRESS)
         with suppress(OSError, ValueError):  # just written, or just removed
-            return path.stat().st_mtime_ns, float(path.read_text(encoding="utf-8"))
+            share, seconds = map(float, path.read_text(encoding="utf-8").split())
+            return path.stat().st_mtime_ns, share, seconds
         return None
+
+    def checkpointed(self, cell: Cell) -> int:
+        """When a cell's checkpoint was taken, as a number; 0 if there is none."""
+        with suppress(OSError):
+            return self.path(cell).with_suffix(CHECKPOINT).stat().st_mtime_ns
+        return 0
 
     def source(self, package: str) -> Path:
         """Where the source of a learner that has no file is kept, for people: nothing runs it.
@@ -266,17 +336,34 @@ class Store:
         name, _, digest = package.partition(".py ")
         return self.folder / "code" / f"{name.replace('.', '_')}_{digest}.py"
 
-    def record_failure(self, cell: Cell, what: str, trace: str) -> str:
+    def record_failure(self, cell: Cell, what: str, trace: str, failures: int | None = None) -> str:
         """Save why a cell failed: a clause that follows its name, and the traceback.
 
         Returns the sentence.
+
+        Args:
+            cell: The cell.
+            what: The clause.
+            trace: The traceback.
+            failures: How often it has failed now; by default once more than before.
 
         Raises:
             OpenLockError: If it cannot be written.
         """
         why = f"the learner {cell.in_words}, {what}"
-        write_bytes(self.error(cell), f"{why}\n\n{trace}".encode("utf-8", "backslashreplace"))
+        many = self.failures(cell)[0] + 1 if failures is None else failures
+        text = f"{why}\n\n{trace}\nfailures: {many}\n"
+        write_bytes(self.error(cell), text.encode("utf-8", "backslashreplace"))
         return why
+
+    def failures(self, cell: Cell) -> tuple[int, str]:
+        """How often a cell has failed without being played since, and the last reason."""
+        try:
+            text = self.error(cell).read_text("utf-8", "replace")
+        except OSError:
+            return 0, ""
+        many = _FAILURES.search(text)
+        return int(many[1]) if many else 1, text.partition("\n")[0]
 
     def error(self, cell: Cell) -> Path:
         """The path of the reason why a cell failed."""
@@ -455,7 +542,7 @@ def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
                         f"{path} is a link that leads out of {folder}; put what it points to in "
                         "its place, if you know where it comes from"
                     )
-            elif not (path.is_file() or path.is_dir()):
+            elif not (path.is_file() or path.is_dir()) and path.exists():  # others may work in it
                 raise StoreError(f"{path} is neither a file nor a folder; remove it")
 
 

@@ -1,7 +1,8 @@
 """A worker plays one cell, from its checkpoint if there is one, and saves the record.
 
 Meanwhile it takes checkpoints, reports its progress, and draws curves if they are wanted. None of
-that changes the results.
+that changes the results. A worker that nobody waits for any longer, since the run that it played
+for has been stopped, takes a checkpoint and ends.
 """
 
 from __future__ import annotations
@@ -35,10 +36,16 @@ class Watching:
         checkpoint_every: Seconds between checkpoints inside a cell; 0 takes one after every step,
             infinity none.
         tensorboard: Folder for TensorBoard's logs; by default there are none.
+        awaited: A file that is there for as long as the run waits for its cells.
     """
 
     checkpoint_every: float = 60.0
     tensorboard: str | None = None
+    awaited: str | None = None
+
+
+class NotAwaitedError(OpenLockError):
+    """The run that a cell was played for has been stopped."""
 
 
 def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = b"") -> list[str]:
@@ -56,6 +63,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
 
     Raises:
         LearnerError: If the learner fails; the reason and traceback are saved in ``errors``.
+        NotAwaitedError: If the run has been stopped; there is a checkpoint then.
         OpenLockError: If a file cannot be written.
     """
     unpack(definitions)
@@ -66,7 +74,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         checkpoint.warnings += check_new_learner(cell)
         session, learner = _begun(cell, checkpoint)
         with ExitStack() as stack:
-            after = [_reporter(session, store.path(cell).with_suffix(PROGRESS))]
+            after = [_reporter(session, store.path(cell).with_suffix(PROGRESS), watching.awaited)]
             if watching.tensorboard is not None:
                 from causal_openlock.experiment.tensorboard import curves
 
@@ -75,9 +83,15 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
 
             for _ in session.steps(learner):
                 checkpoint.keep(session, learner)
-                for look in after:
-                    look()
+                try:
+                    for look in after:
+                        look()
+                except NotAwaitedError:
+                    checkpoint.keep(session, learner, now=True)
+                    raise
         record = session.record()
+    except NotAwaitedError:
+        raise
     except (Exception, SystemExit) as error:
         # The learner has to be corrected, so its checkpoint is of no use.
         store.clear(cell)
@@ -130,8 +144,22 @@ def _made(cell: Cell) -> tuple[Session, Learner]:
     return session, create(cell.spec.learner, cell.spec.parameters)
 
 
-def _reporter(session: Session, path: Path) -> Callable[[], None]:
-    """A function that writes the progress of a session every second; see :meth:`Store.share`."""
+def _require(awaited: str) -> None:
+    """Raise :class:`NotAwaitedError` if there is no such file; another fault may pass."""
+    try:
+        Path(awaited).stat()
+    except FileNotFoundError:
+        message = "the comparison that this cell was played for was stopped"
+        raise NotAwaitedError(message) from None
+    except OSError:
+        pass
+
+
+def _reporter(session: Session, path: Path, awaited: str | None) -> Callable[[], None]:
+    """A function that writes the progress of a session every second; see :meth:`Store.share`.
+
+    It raises :class:`NotAwaitedError` if the file ``awaited`` is gone.
+    """
     due = time.perf_counter() + REPORT_EVERY
 
     def report() -> None:
@@ -139,6 +167,8 @@ def _reporter(session: Session, path: Path) -> Callable[[], None]:
         if (now := time.perf_counter()) >= due:
             due = now + REPORT_EVERY
             with suppress(OSError):  # the next one may succeed
-                path.write_text(f"{session.progress:.4f}", encoding="utf-8")
+                path.write_text(f"{session.progress:.4f} {session.seconds:.1f}", encoding="utf-8")
+            if awaited is not None:
+                _require(awaited)
 
     return report

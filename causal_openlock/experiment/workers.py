@@ -1,5 +1,7 @@
 """The workers that play cells: processes of this machine, or a given executor.
 
+(Those of a cluster are in :mod:`causal_openlock.experiment.cluster`.)
+
 When a process dies, its whole pool is broken, and the pool does not report which job was the cause.
 So each process here is a pool of its own and plays one cell at a time: the cell in which it died is
 known, another process replaces it, and a process that hangs can be ended without the others.
@@ -55,6 +57,10 @@ class Processes:
         self._busy[future] = process
         return future
 
+    def number(self) -> int:
+        """How many there are."""
+        return len(self._idle) + len(self._busy)
+
     def begun(self, future: Future[Any]) -> bool:
         """Whether the process has started."""
         return self._busy[future].has_begun
@@ -69,6 +75,8 @@ class Processes:
 
     def done(self, future: Future[Any]) -> str:
         """Free the process of a finished job; returns how it ended, if it did.
+
+        Its job may then be given to another one.
 
         Raises:
             OpenLockError: If the process could not be started.
@@ -142,6 +150,10 @@ class Given:
 
     def __init__(self, executor: Executor) -> None:
         self._executor = executor
+
+    def number(self) -> int:
+        """How many workers there are: not known, so 0."""
+        return 0
 
     def free(self) -> bool:
         """Whether it takes another job: always."""

@@ -7,6 +7,5 @@
 ``bundle``    Everything that it takes to run an experiment again, in one file.
 ============= ====================================================================================
 
-``experiment_file`` writes an experiment as YAML again, and ``local_modules`` finds what a learner's
-file imports from beside it.
+``experiment_file`` writes an experiment as YAML again.
 """

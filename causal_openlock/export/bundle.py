@@ -45,8 +45,8 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.store import check_inside
 from causal_openlock.experiment.stored import StoredExperiment, Versions
 from causal_openlock.export.experiment_file import experiment_file
-from causal_openlock.export.local_modules import local_modules
 from causal_openlock.files.atomic import replacing, write_bytes
+from causal_openlock.files.local_modules import local_modules
 from causal_openlock.files.module_source import module_source
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.play.person import LEARNER as PERSON

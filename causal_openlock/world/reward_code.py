@@ -121,6 +121,11 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
     return function, f"{Path(source).name} {digest}"
 
 
+def forget() -> None:
+    """Load every function anew when it is next evaluated: its file may be another one now."""
+    _loaded.cache_clear()
+
+
 def _read_only(events: Events) -> Events:
     """The same events in read-only arrays."""
     shown = {field.name: getattr(events, field.name).view() for field in fields(Events)}

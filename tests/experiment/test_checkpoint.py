@@ -788,7 +788,7 @@ def test_progress_inside_cells_is_told(
     (tmp_path / "cells").mkdir()
     cell = cell_of(experiment, "random")
     play_cell(cell, str(tmp_path), Watching())
-    shares = [share for _, share in seen]
+    shares = [share for _, share, _ in seen]
     assert shares == sorted(shares)
     assert len(set(shares)) > 3
     assert shares[-1] == 1

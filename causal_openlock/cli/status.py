@@ -1,0 +1,59 @@
+"""``causal-openlock status``: how a comparison stands that runs here or elsewhere."""
+
+from __future__ import annotations
+
+import time
+
+from causal_openlock.cli.options import ResultsFolder
+
+MOST_LISTED = 20
+"""Cells that are listed of each kind."""
+
+
+def status(folder: ResultsFolder) -> None:
+    """Show what of a comparison is done, running and failed, and when it will be over.
+
+    It may run anywhere: on this machine, on a cluster, or as shards in a job array.
+    """
+    from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.progress import duration
+    from causal_openlock.experiment.status import status_of
+    from causal_openlock.experiment.store import Store
+
+    console = Terminal()
+    found = status_of(Store(folder))
+    progress = found.progress
+    waiting = progress.cells - progress.done - progress.failed - len(progress.playing)
+    console.print_line(
+        f"{found.name}: {progress.done} of {progress.cells} cells done, "
+        f"{len(progress.playing)} running, {progress.failed} failed, {waiting} waiting; "
+        f"{100 * progress.share:.0f}% of the work"
+    )
+    running = [
+        f"{one.cell.in_words}: {100 * one.share:.0f}%, for {duration(one.seconds)}"
+        for one in progress.playing
+    ]
+    quiet = [f"{cell}: no report for {duration(since)}" for cell, since in found.quiet.items()]
+    for head, lines in (
+        ("running", running),
+        ("begun, and stopped or in a long step", quiet),
+        ("failed", list(found.failures)),
+    ):
+        if lines:
+            console.print_line(f"{head}:")
+        for line in lines[:MOST_LISTED]:
+            console.print_line(f"  {line}")
+        if len(lines) > MOST_LISTED:
+            console.print_line(f"  and {len(lines) - MOST_LISTED} more")
+    if progress.over:
+        failed = "; compare with --retry-failed tries the others again" * bool(progress.failed)
+        console.print_line(f"over{failed}")
+    elif progress.left is None:
+        console.print_line("when it will be over is not known yet")
+    elif progress.playing:
+        then = time.strftime("%Y-%m-%d %H:%M", time.localtime(time.time() + progress.left))
+        console.print_line(f"over in about {duration(progress.left)}, at {then}")
+    else:
+        console.print_line(
+            f"nothing is running; about {duration(progress.left)} of one worker are left"
+        )

@@ -1,0 +1,49 @@
+"""A shard: a fixed share of an experiment's cells, for a job of a batch system.
+
+A job array needs no scheduler: job 3 of 16 plays the shard ``3/16``, and all jobs write into one
+folder. Which cells a shard has depends on the experiment alone, so it does not matter when a job
+starts, and a job that was killed is simply started again.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from causal_openlock.errors import OpenLockError
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One of a number of shards, counted from 1.
+
+    >>> Shard.parse("2/3").of("abcdefg")
+    ('b', 'e')
+    """
+
+    number: int
+    shards: int
+
+    @classmethod
+    def parse(cls, text: str) -> Shard:
+        """A shard as users write it.
+
+        Raises:
+            OpenLockError: If it is none.
+        """
+        parts = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text.strip(), re.ASCII)
+        if not parts or not 1 <= int(parts[1]) <= int(parts[2]):
+            raise OpenLockError(f"{text!r} is no shard; write 3/16 for the third of sixteen")
+        return cls(int(parts[1]), int(parts[2]))
+
+    def of(self, cells: Sequence[T]) -> tuple[T, ...]:
+        """Its share; a learner's cells stand together, so every shard has some of each learner."""
+        return tuple(cells[self.number - 1 :: self.shards])
+
+    def __str__(self) -> str:
+        """The shard as users write it."""
+        return f"{self.number}/{self.shards}"

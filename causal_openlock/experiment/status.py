@@ -1,0 +1,88 @@
+"""How a comparison stands, read from its results folder by anybody who can read it.
+
+Workers report the share of their cells that is done in files beside them, wherever they run, and a
+finished record has the seconds that it took. So whoever looks need not know who plays: processes,
+a cluster, or the shards of a job array.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.progress import ProgressEstimator, RunProgress
+from causal_openlock.experiment.store import Store
+
+QUIET = 120.0
+"""Seconds without a report after which a cell counts as stopped: steps rarely take as long."""
+MOST_READ = 3
+"""Finished cells of each learner whose time is read: the last ones."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """How a comparison stands.
+
+    Attributes:
+        name: Its name.
+        progress: What is done, failed and being played, and the seconds left at the speed of the
+            workers that play at the moment; of one worker, if none does.
+        quiet: Cells that were begun and report nothing, and seconds since their last report.
+        failures: Why cells failed, a sentence each.
+    """
+
+    name: str
+    progress: RunProgress
+    quiet: Mapping[str, float]
+    failures: tuple[str, ...]
+
+
+def status_of(store: Store) -> Status:
+    """How the comparison in a results folder stands.
+
+    Raises:
+        StoreError: If the folder holds no results.
+    """
+    experiment, now = store.experiment(), time.time()
+    cells = experiment.cells()
+    estimator = ProgressEstimator(cells, 1)
+    pending, quiet, failures = [], {}, []
+    read: dict[str, int] = {}
+    for cell, path, written in _latest_first(store, cells, experiment.files):
+        name = cell.spec.name
+        if written:
+            if read.setdefault(name, 0) < MOST_READ:
+                read[name] += 1
+                wall_time = store.read(path, columns=["wall_time"])["wall_time"].to_numpy()
+                estimator.began(cell, now - float(wall_time.max(initial=0.0)))
+            estimator.ended(cell, now)
+            continue
+        report = store.share(cell)
+        if report is not None and now - report[0] / 1e9 < QUIET:
+            _, share, seconds = report
+            estimator.began(cell, now - seconds)
+            estimator.heard(cell, 1, 0.0, now - seconds)
+            estimator.heard(cell, 2, share, report[0] / 1e9)
+        elif why := store.failures(cell)[1]:
+            failures.append(why)
+            estimator.ended(cell, now, failed=True)
+        else:
+            pending.append(cell)
+            if report is not None:
+                quiet[cell.in_words] = now - report[0] / 1e9
+    estimator.workers = max(1, len(estimator.playing(now)))
+    return Status(experiment.name, estimator.standing(now, pending), quiet, tuple(failures))
+
+
+def _latest_first(
+    store: Store, cells: tuple[Cell, ...], files: tuple[str, ...]
+) -> list[tuple[Cell, Path, float]]:
+    """Each cell with its file and when that was written; 0 if it was not."""
+    found = []
+    for cell, file in zip(cells, files, strict=False):
+        path = store.cells / file
+        found.append((cell, path, path.stat().st_mtime if path.exists() else 0.0))
+    return sorted(found, key=lambda one: -one[2])

@@ -1,0 +1,364 @@
+"""Cells played by a cluster's workers or in shards: the same bytes, and nothing lost on the way."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.analysis.results.summary import summary_table, write_table
+from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError, StoreError
+from causal_openlock.experiment import cluster as cluster_module
+from causal_openlock.experiment import runner, worker
+from causal_openlock.experiment import store as store_module
+from causal_openlock.experiment.carried_code import carry, use
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.progress import RunProgress
+from causal_openlock.experiment.shard import Shard
+from causal_openlock.experiment.status import status_of
+from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.worker import NotAwaitedError, Watching, play_cell
+from support.command import at_once, modules_of
+from support.processes import prepared, start_prepared
+
+# Its workers begin with everything imported, as those of other tests do.
+os.environ["DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD"] = "forkserver"
+pytest.importorskip("distributed")
+
+HELPER = "FIRST = 7\n"
+MINE = """\
+import os, signal, time
+from dataclasses import dataclass
+from pathlib import Path
+from causal_openlock import OneSubjectLearner
+from my_helper import FIRST
+
+@dataclass(frozen=True)
+class Settings:
+    marks: str = ""
+
+class Fine(OneSubjectLearner):
+    Parameters = Settings
+
+    def begin(self):
+        self.acts = 0
+
+    def act(self, observation):
+        self.acts += 1
+        if self.brief.attempt_limit == 3:  # and not in the check before the cell
+            with (Path(self.parameters.marks) / "acts").open("a") as file:
+                file.write("1")
+        return FIRST if self.acts == 1 else int(self.generator.integers(15))
+
+class LosesItsWorkerOnce(Fine):
+    def act(self, observation):
+        mark = Path(self.parameters.marks) / "killed"
+        late = self.acts == 4 and self.brief.attempt_limit == 3
+        if late and not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().act(observation)
+
+class Dies(Fine):
+    def act(self, observation):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+class Slow(Fine):
+    def act(self, observation):
+        time.sleep(0.1)
+        return super().act(observation)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
+    (tmp_path / "my_helper.py").write_text(HELPER, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(runner, "LOOK_EVERY", 0.1)
+    start_prepared(monkeypatch)
+    with modules_of(tmp_path):
+        yield tmp_path
+
+
+def declared(folder: Path, *learners: str, subjects: int = 4) -> Experiment:
+    path = folder / "experiment.yaml"
+    own = "{{learner: 'mine:{}', parameters: {{marks: {}}}}}"
+    entries = [own.format(name, folder) if name[0].isupper() else name for name in learners]
+    path.write_text(
+        f"name: e\nsubjects: {subjects}\ncell_size: 2\nconditions: [CC3]\n"
+        f"protocols: {{short: {{attempt_limit: 3, baseline_trials: 1}}}}\nprotocol: short\n"
+        f"learners: [{', '.join(entries)}]\n",
+        encoding="utf-8",
+    )
+    return read_experiment(path)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """A cluster of two workers, as ``local:2`` starts it."""
+    prepared()
+    with cluster_module._started(2) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def address(cluster: Any) -> str:
+    found: str = cluster.scheduler_address
+    return found
+
+
+def summary(folder: Path) -> str:
+    """The hash of what a results folder says."""
+    store = Store(folder)
+    assert not read_results(store)[1].missing
+    write_table(summary_table(store.record()[0]), folder / "summary.csv")
+    return hashlib.sha256((folder / "summary.csv").read_bytes()).hexdigest()
+
+
+def play_shard(experiment: Experiment, out: Path, shard: str) -> None:
+    """Play a shard slowly, in a process that is to be killed."""
+    runner.run(
+        experiment,
+        out,
+        workers=0,
+        shard=Shard.parse(shard),
+        watching=Watching(0),
+        progress=lambda _: time.sleep(0.01),
+    )
+
+
+def test_everywhere_the_same_bytes(folder: Path, address: str) -> None:
+    """Also where workers and shards are killed; what a checkpoint holds is not played again."""
+    experiment = declared(folder, "LosesItsWorkerOnce", "random")
+    mark, acts = folder / "killed", folder / "acts"
+
+    def play(name: str, *, killed: bool = True, **options: Any) -> str:
+        if killed:
+            mark.unlink(missing_ok=True)
+        acts.write_text("")
+        told: list[str] = []
+        runner.run(experiment, folder / name, watching=Watching(0), warn=told.append, **options)
+        assert mark.exists()
+        assert sum("; it is tried again" in one for one in told) == killed, told
+        return summary(folder / name)
+
+    mark.touch()
+    expected = play("one", killed=False, workers=1)
+    everything = len(acts.read_text())
+    for name, options in {"two": {"workers": 2}, "dask": {"cluster": address}}.items():
+        assert play(name, **options) == expected, name
+        assert len(acts.read_text()) == everything, name
+        assert not list((folder / name).glob("errors/*"))
+    assert play("dask", killed=False, cluster=address) == expected
+    assert not acts.read_text(), "nothing was left to play"
+
+    mark.unlink()
+    shards = {
+        number: prepared().Process(  # the one that has the learner's first cell is killed
+            target=play_shard, args=(experiment, folder / "shards", f"{number}/3")
+        )
+        for number in (1, 2, 3)
+    }
+    for shard in shards.values():
+        shard.start()
+    for shard in shards.values():
+        shard.join(60)
+    died = [number for number, shard in shards.items() if shard.exitcode == -signal.SIGKILL]
+    assert len(died) == 1
+    assert sum(shard.exitcode == 0 for shard in shards.values()) == 2
+    missing = Store(folder / "shards").files()[1]
+    assert any(path.with_suffix(".checkpoint").exists() for path in missing)
+    runner.run(experiment, folder / "shards", workers=0, shard=Shard(died[0], 3))
+    assert summary(folder / "shards") == expected
+
+
+def fails(experiment: Experiment, out: Path, **options: Any) -> CellsFailed:
+    with pytest.raises(CellsFailed) as caught:
+        runner.run(experiment, out, **options)
+    return caught.value
+
+
+def test_a_cell_that_loses_three_workers_is_left_out_until_it_is_asked_for(
+    folder: Path, address: str
+) -> None:
+    experiment = declared(folder, "Dies", "random", subjects=2)
+    told: list[str] = []
+    (reason,) = fails(experiment, folder / "out", cluster=address, warn=told.append).reasons
+    assert "the learner Dies in CC3, subjects 0-1, ended its process (the worker tcp://" in reason
+    assert sum(one.endswith("; it is tried again") for one in told) == 2
+    store, cell = Store(folder / "out"), experiment.cells()[0]
+    assert store.failures(cell)[0] == 3
+    assert len(store.files()[0]) == 1
+    progress: list[RunProgress] = []
+    (left_out,) = fails(experiment, folder / "out", workers=1, progress=progress.append).reasons
+    assert "it has failed 3 times and is left out, --retry-failed tries it again" in left_out
+    assert (progress[-1].done, progress[-1].failed, progress[-1].over) == (1, 1, True)
+    assert status_of(store).failures == (reason.partition("; see")[0],)
+    fails(experiment, folder / "out", workers=1, retry_failed=True)
+    assert store.failures(cell)[0] == 3
+
+
+def test_a_learner_that_raises_an_error_fails_three_times_and_is_left_out(folder: Path) -> None:
+    (folder / "my_helper.py").write_text("FIRST = 99\n", encoding="utf-8")
+    experiment = declared(folder, "Fine", subjects=2)
+    for _ in range(3):
+        (reason,) = fails(experiment, folder / "out", workers=0).reasons
+        assert "action 99 is outside" in reason
+        assert "left out" not in reason
+    assert "left out" in fails(experiment, folder / "out", workers=0).reasons[0]
+    (again,) = fails(experiment, folder / "out", workers=0, retry_failed=True).reasons
+    assert "left out" not in again
+    assert Store(folder / "out").failures(experiment.cells()[0])[0] == 1
+
+
+def first_actions(out: Path) -> list[int]:
+    """What each subject did first."""
+    record = Store(out).record(["subject", "actions"])[0].to_pandas()
+    return [int(actions[0]) for actions in record.groupby("subject")["actions"].first()]
+
+
+def test_workers_play_the_code_of_the_comparison(folder: Path, address: str) -> None:
+    """And not what they have imported for another one."""
+    for first in (7, 3):
+        (folder / "my_helper.py").write_text(f"FIRST = {first}\n", encoding="utf-8")
+        with modules_of(folder):
+            experiment = declared(folder, "Fine", subjects=8)
+            runner.run(experiment, folder / f"out{first}", cluster=address)
+        assert first_actions(folder / f"out{first}") == [first] * 8
+    carried = carry(experiment, folder / "out")
+    assert {*carried.files} == {"mine.py", "my_helper.py"}
+    (Path(carried.folder) / "my_helper.py").write_text("FIRST = 8\n", encoding="utf-8")
+    with pytest.raises(OpenLockError, match=r"my_helper\.py is missing or is not what it was"):
+        use(carried)
+    (folder / "mine.py").write_text(MINE + "\n", encoding="utf-8")
+    with pytest.raises(LearnerError, match="the file of mine:Fine has changed"):
+        carry(experiment, folder / "out")
+
+
+def test_a_lost_scheduler_is_one_sentence_and_the_same_command_goes_on(
+    folder: Path, address: str
+) -> None:
+    experiment = declared(folder, "Slow", "random")
+    with cluster_module._started(1) as other:
+
+        def stop(_: RunProgress) -> None:
+            if (folder / "acts").exists():  # in the midst of a cell
+                other.close()
+
+        with pytest.raises(OpenLockError, match=r"the scheduler tcp://.* was lost; start it, and"):
+            runner.run(experiment, folder / "out", cluster=other.scheduler_address, progress=stop)
+    assert not list((folder / "out").glob(".awaited-*"))
+    runner.run(experiment, folder / "out", cluster=address)
+    assert not Store(folder / "out").files()[1]
+
+
+def test_what_is_wrong_with_a_cluster_is_one_sentence(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import distributed
+
+    experiment = declared(folder, "random")
+    store = Store(folder / "out")
+    store.open(experiment)
+    here = SimpleNamespace(address="tcp://w:1", state=SimpleNamespace(nthreads=2))
+    monkeypatch.setattr(distributed, "get_worker", lambda: here)
+    carried, versions = carry(experiment, store.folder), dict(cluster_module.versions())
+
+    def refuses(sentence: str, expected: dict[str, str], out: Path) -> None:
+        with pytest.raises(OpenLockError, match=sentence):
+            cluster_module.play_there(carried, expected, list, experiment.cells()[0], str(out))
+
+    refuses("has 2 threads.* --nthreads 1", versions, store.folder)
+    here.state.nthreads = 1
+    refuses("has numpy .*, and here it is 0.1; install", {**versions, "numpy": "0.1"}, store.folder)
+    refuses("does not see .*elsewhere; give --out a folder", versions, folder / "elsewhere")
+    store.close()
+    monkeypatch.setattr(cluster_module, "PATIENCE", 0.2)
+    for address in ("tcp://127.0.0.1:9", "local:0", "nonsense"):
+        with pytest.raises(OpenLockError, match="there is no Dask scheduler at"):
+            runner.run(experiment, folder / "out", cluster=address)
+
+
+def test_a_worker_that_nobody_waits_for_takes_a_checkpoint_and_ends(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment = declared(folder, "Fine")
+    monkeypatch.setattr(worker, "REPORT_EVERY", 0.0)
+    store, cell = Store(folder / "out"), experiment.cells()[0]
+    store.open(experiment)
+    with pytest.raises(NotAwaitedError):
+        play_cell(cell, str(store.folder), Watching(awaited=str(folder / "gone")))
+    assert store.checkpointed(cell)
+    assert not store.failures(cell)[0]
+    assert store.check(cell) == "missing"
+
+
+def test_shards_share_a_folder_and_nobody_else_gets_in(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store_module, "LOCK_PATIENCE", 0.2)
+    experiment, out = declared(folder, "random", "oracle", subjects=6), folder / "out"
+    first, second, other = Store(out), Store(out), Store(out)
+    first.open(experiment, shard=Shard(1, 2))
+    half = out / "cells" / ".half.partial"
+    half.write_bytes(b"being written by the first")
+    second.open(experiment, shard=Shard(2, 2))
+    assert half.exists(), "only who is alone tidies up"
+    with pytest.raises(StoreError, match=r"the shard 2/2 is being played in .* already"):
+        other.open(experiment, shard=Shard(2, 2))
+    with pytest.raises(StoreError, match="in use by another comparison"):
+        other.open(experiment)
+    with pytest.raises(StoreError, match="in use by shards of another form"):
+        other.open(declared(folder, "random"), shard=Shard(3, 4))
+    first.close()
+    second.close()
+    other.open(experiment)
+    assert not half.exists()
+    with pytest.raises(StoreError, match="in use by another comparison"):
+        first.open(experiment, shard=Shard(1, 2))
+    other.close()
+    cells = experiment.cells()
+    shares = [Shard(number, 4).of(cells) for number in range(1, 5)]
+    assert sorted(sum(shares, ()), key=cells.index) == [*cells]
+    for wrong in ("0/3", "4/3", "3", "1/2/3", "-1/2", ""):
+        with pytest.raises(OpenLockError, match="is no shard"):
+            Shard.parse(wrong)
+
+
+def test_status_says_what_is_done_running_silent_and_failed(folder: Path) -> None:
+    experiment = declared(folder, "random", "oracle", subjects=8)
+    runner.run(experiment, folder / "out", workers=0, shard=Shard(1, 2))
+    store = Store(folder / "out")
+    cells = [cell for cell in experiment.cells() if store.check(cell)]
+    for cell, age in zip(cells[:2], (0, 1000), strict=True):
+        path = store.path(cell).with_suffix(".progress")
+        path.write_text("0.2500 10.0", encoding="utf-8")
+        os.utime(path, (time.time() - age,) * 2)
+    store.record_failure(cells[2], "failed: of itself", "")
+    found = status_of(store)
+    assert (found.progress.done, found.progress.failed, found.progress.cells) == (4, 1, 8)
+    (one,) = found.progress.playing
+    assert (one.cell.in_words, one.share) == (cells[0].in_words, 0.25)
+    assert 9 < one.seconds < 12
+    # Ten seconds for two cells and a quarter; as much is left as one and three quarters take.
+    assert 7 < (found.progress.left or 0) < 11
+    done = at_once("status", "out")
+    assert done.status == 0
+    said = done.stdout.splitlines()
+    assert said[0].startswith("e: 4 of 8 cells done, 1 running, 1 failed, 2 waiting; ")
+    assert said[1:3] == ["running:", f"  {cells[0].in_words}: 25%, for 10 s"]
+    assert f"  {cells[1].in_words}: no report for 17 min" in said
+    assert f"  the learner {cells[2].in_words}, failed: of itself" in said
+    assert said[-1].startswith("over in about ")
