@@ -98,8 +98,12 @@ class Selected:
 
     @property
     def binary(self) -> bool:
-        """Whether each unit has a share of 0 or 1."""
-        return self.share and bool(np.isin(self.values, (0.0, 1.0)).all())
+        """Whether each unit is one subject with a share of 0 or 1.
+
+        Those of networks are means of many subjects, also where these are 0 or 1.
+        """
+        single = self.draws <= len(self.values)
+        return self.share and single and bool(np.isin(self.values, (0.0, 1.0)).all())
 
     def only(self, units: IntArray) -> Selected:
         """Those of some units."""

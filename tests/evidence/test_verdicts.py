@@ -148,6 +148,11 @@ def test_people_count_with_their_standard_error() -> None:
     assert found.interval[1] - found.value == pytest.approx(np.hypot(theirs, mine))
 
 
+def test_networks_whose_subjects_all_solve_are_no_single_draws() -> None:
+    assert mean_of(of(np.ones(3), share=True, draws=600)).interval[0] > 0.99
+    assert mean_of(of(np.ones(3), share=True)).interval[0] < 0.3
+
+
 def test_two_units_decide_nothing() -> None:
     found = mean_of(of([4.0, 4.1]))
     assert np.isnan(found.interval[0])
