@@ -71,7 +71,8 @@ class TabularQ(Checkpointed, Learner):
 
     def values(self, observations: Observations) -> FloatArray:
         """``[B, 2P + 1]`` the values of all actions in the states that the subjects are in."""
-        found: FloatArray = self._values[self._everyone, self._rows(observations)]
+        rows = self._rows(observations)  # which may make the table larger
+        found: FloatArray = self._values[self._everyone, rows]
         return found
 
     def act(self, view: View) -> IntArray:

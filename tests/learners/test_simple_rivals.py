@@ -11,7 +11,9 @@ import pytest
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
+from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.session import Session
+from causal_openlock.formats.schema_file import find_schema
 from support.session_play import HUMAN, one_room, play
 
 LAYOUT = "trial1"  # CC3: UPPERRIGHT 0 frees LOWERLEFT 4 and LOWER 5, which unlock the door
@@ -188,3 +190,10 @@ def test_who_has_seen_all_that_can_happen_solves_the_room_at_once(seed: int) -> 
         for _ in range(3):
             learner.learn(session.step(learner.act(session.view)))
     assert session.over
+
+
+def test_the_table_grows_with_what_is_met() -> None:
+    condition = Condition.named("CE3-CE4", find_schema)
+    learner = create("tabular_q")
+    Session(condition, HUMAN, 100, seed=2018).play(learner)
+    assert learner._values.shape[1] > 64  # type: ignore[attr-defined]
