@@ -135,7 +135,7 @@ clean:
 	rm -rf $(VENV) $(TOOLS) $(MINIMUM) faults build dist docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
-	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, and this is " + sys.version.split()[0] + "; pass PYTHON=...") if sys.version_info < (3, 11) else None'
+	$(PYTHON) -c 'import sys; sys.exit("Python 3.11.5 or newer is needed, and this is " + sys.version.split()[0] + "; pass PYTHON=...") if sys.version_info < (3, 11, 5) else None'
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: $(BIN)/python pyproject.toml constraints.txt

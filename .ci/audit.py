@@ -47,7 +47,10 @@ def main(pip_audit: str, locked: str) -> int:
         text, status = said(json.loads(done.stdout))
     except (ValueError, KeyError):
         last = (done.stderr.strip().splitlines() or ["it gave no reason"])[-1]
-        text, status = f"nothing was audited, as pip-audit failed for {Path(locked).name}: {last}", 3
+        text, status = (
+            f"nothing was audited, as pip-audit failed for {Path(locked).name}: {last}",
+            3,
+        )
     print(text, file=sys.stderr if status else sys.stdout)
     return status
 

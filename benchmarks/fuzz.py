@@ -119,7 +119,7 @@ def table(tallies: dict[str, Tally]) -> str:
     return "\n".join(rows)
 
 
-# -- a process of its own --------------------------------------------------------------------------
+# -- a process of its own -------------------------------------------------------------------------
 
 
 def supervised(
@@ -145,7 +145,7 @@ def supervised(
                 process.join()
                 why = f"the process ended with status {process.exitcode}"
             process.kill()
-            yield Outcome(first, _named(first, shares), FAULT, text=why)
+            yield Outcome(first, reader_of(first, shares), FAULT, text=why)
             first += 1
             break
         process.join()
@@ -160,7 +160,7 @@ def _work(tell: Connection, first: int, last: int, seed: int, keep: Path | None)
         shares = {name: one.share for name, one in known.items()}
         tell.send(shares)
         for number in range(first, last):
-            reader = known[_named(number, shares)]
+            reader = known[reader_of(number, shares)]
             content = spoiled(reader, number, seed)
             if keep and last - first == 1:
                 _keep(keep, number, reader, content)
@@ -175,10 +175,10 @@ def _keep(folder: Path, number: int, reader: Reader, content: bytes) -> None:
     (folder / f"{number}_{Path(reader.place).name}").write_bytes(content)
 
 
-# -- one input -------------------------------------------------------------------------------------
+# -- one input ------------------------------------------------------------------------------------
 
 
-def _named(number: int, shares: dict[str, int]) -> str:
+def reader_of(number: int, shares: dict[str, int]) -> str:
     """The reader of an input: any hundred in succession have all of them by their shares."""
     dealt = [name for name, share in shares.items() for _ in range(share)]
     return dealt[number * 37 % len(dealt)]  # 37 and 100 have no common factor

@@ -96,7 +96,9 @@ def _spoiled(text: str, rng: random.Random, others: Sequence[bytes]) -> str:
             return _lines_changed(text, rng)
         case 9 if rng.random() < 0.2:
             # Deep, wide or long: what a reader that calls itself or goes back would choke on.
-            piece = rng.choice(("[", "{", "(", "- ", '"', "\\", "a ", "{a: ", "[[", " ", "a->", "&"))
+            piece = rng.choice(
+                ("[", "{", "(", "- ", '"', "\\", "a ", "{a: ", "[[", " ", "a->", "&")
+            )
             return text[:start] + piece * rng.choice((20, 500, 20_000)) + text[end:]
     return text[:start] + chr(rng.choice((rng.randrange(128), rng.randrange(0x3000)))) + text[end:]
 
@@ -308,5 +310,7 @@ def spoil_table(content: bytes, rng: random.Random) -> bytes:
                 for key, value in about.items()
             }
         case 6:
-            table = table.set_column(at, name, pa.array(range(rows), rng.choice((pa.int64(), pa.float64()))))
+            table = table.set_column(
+                at, name, pa.array(range(rows), rng.choice((pa.int64(), pa.float64())))
+            )
     return table_bytes(table, about)

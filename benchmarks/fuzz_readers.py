@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from fuzz_mutations import (
@@ -103,8 +103,10 @@ def readers(work: Path) -> list[Reader]:
             for name, share in
             {"line": 6, "dot": 9, "gml": 8, "dagitty": 8, "node-link": 7}.items()
         ),
-        Reader("networks", 5, [_network()], spoil_archive, "net.npz", _at("net.npz", read_network)),
-        Reader("checkpoints", 4, _checkpoints(work), spoil_archive, "kept/cell.checkpoint", _resumed),
+        Reader("networks", 5, [_network()], spoil_archive, "net.npz",
+               _at("net.npz", read_network)),
+        Reader("checkpoints", 4, _checkpoints(work), spoil_archive, "kept/cell.checkpoint",
+               _resumed),
         Reader("training states", 1, [_training_state()], spoil_archive, "net.npz.training",
                _training_resumed),
         Reader("experiment.json", 5, [(folder / "experiment.json").read_bytes()], _spoil_sealed,
@@ -146,16 +148,18 @@ def _graph(name: str, share: int, more: Sequence[str]) -> Reader:
 
 FOREIGN = {
     "dot": (
-        'strict digraph G { rankdir=LR; node [shape=circle]; a -> {b c} [strength=0.5]; b:n -> door;'
-        ' subgraph s { c -> "door" } /* x */ }',
+        "strict digraph G { rankdir=LR; node [shape=circle]; a -> {b c} [strength=0.5];"
+        ' b:n -> door; subgraph s { c -> "door" } /* x */ }',
     ),
-    "dagitty": ('dag { bb="0,0,1,1" a [pos="0.1,0.2",exposure] y [outcome] a -> b [beta=0.3] y <- b }',),
+    "dagitty": (
+        'dag { bb="0,0,1,1" a [pos="0.1,0.2",exposure] y [outcome] a -> b [beta=0.3] y <- b }',
+    ),
     "gml": (
         'graph [ directed 1 comment "x &quot; y" node [ id 0 label "a" graphics [ x 1.0 y -2.5 ] ]'
         ' node [ id 1 label "door" ] edge [ source 0 target 1 strength 0.5 ] ]',
     ),
     "node-link": (
-        '{"directed": true, "multigraph": false, "nodes": [{"id": "a"}, {"id": "door", "gate": "any"}],'
+        '{"directed": true, "multigraph": false, "nodes": [{"id": "a"}, {"id": "door"}],'
         ' "links": [{"source": "a", "target": "door", "strength": 0.5}]}',
     ),
     "line": ('safe "A safe": A (0.8) -> B, C\n# note\n2 of (B, C, D) -> door; inert lamp',),
@@ -163,7 +167,7 @@ FOREIGN = {
 """Graphs as other programs write them."""
 
 
-# -- files with checksums, and JSON ----------------------------------------------------------------
+# -- files with checksums, and JSON ---------------------------------------------------------------
 
 
 def _spoil_sealed(content: bytes, rng: random.Random) -> bytes:
@@ -190,7 +194,7 @@ def _run(folder: Path) -> object:
     return read_run(study), read_units(study)
 
 
-# -- states of networks, cells and trainings ---------------------------------------------------------
+# -- states of networks, cells and trainings ------------------------------------------------------
 
 
 def _network() -> bytes:
@@ -253,7 +257,7 @@ def _training_resumed(work: Path) -> object:
     return resume(_training(), work / "net.npz.training")
 
 
-# -- people and fits -------------------------------------------------------------------------------
+# -- people and fits ------------------------------------------------------------------------------
 
 
 def _opened_by(folder: Path) -> People:

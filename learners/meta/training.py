@@ -177,6 +177,10 @@ class MetaTraining(Checkpointed):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
+        for key in ("memory", "fresh", "tally"):
+            mine, held = getattr(self, self.checkpointed[key]), state[key]
+            if (held.dtype, held.shape) != (mine.dtype, mine.shape):
+                raise ValueError(f"{key} has another form")
         super().load_state_dict(state)
         for generator, kept in zip((self._policy, self._order), state["generators"], strict=True):
             generator.bit_generator.state = kept
