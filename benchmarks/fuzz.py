@@ -100,6 +100,7 @@ def main() -> int:
             if next_ % 5000 == 0:
                 print(f"{next_:,} after {time.monotonic() - began:,.0f} s", file=sys.stderr)
     except KeyboardInterrupt:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         print(f"stopped; go on with --first {next_}")
     print(f"{next_ - given.first:,} inputs from {given.first:,} on, seed {given.seed}, "
           f"{time.monotonic() - began:,.0f} s\n{table(tallies)}")  # fmt: skip

@@ -59,7 +59,8 @@ class Reader(NamedTuple):
         share: Of a hundred inputs, so many are for it.
         corpus: Real files of this kind.
         spoil: Changes one.
-        place: Where the file has to be, in the folder of the work.
+        place: Where the file has to be, in the folder of the work. What stands beside it there is
+            whole, so that no input depends on those before it.
         read: Reads what is there; given the folder of the work.
     """
 
@@ -88,8 +89,10 @@ def readers(work: Path) -> list[Reader]:
     (cell,) = (folder / "cells").iterdir()
     (reaction,) = (folder / "reactions").iterdir()
     (folder / "log.jsonl").unlink()
+    shutil.copytree(folder, work / "cells")
     study = shutil.copytree(ROOT / "evidence" / "bayes", work / "evidence" / "bayes")
-    shutil.copytree(study, work / "evidence" / "stored")
+    for name in ("run", "units"):
+        shutil.copytree(study, work / "evidence" / name)
     # Some studies have their experiment beside them.
     shutil.copy(next((ROOT / "evidence").glob("*/experiment.yaml")), study)
     return [
@@ -111,17 +114,17 @@ def readers(work: Path) -> list[Reader]:
                _training_resumed),
         Reader("experiment.json", 5, [(folder / "experiment.json").read_bytes()], _spoil_sealed,
                "played/experiment.json", lambda work: Store(work / "played").record()),
-        Reader("cells", 2, [cell.read_bytes()], spoil_table, f"played/cells/{cell.name}",
-               lambda work: Store(work / "played").record(small=True)),
+        Reader("cells", 2, [cell.read_bytes()], spoil_table, f"cells/cells/{cell.name}",
+               lambda work: Store(work / "cells").record(small=True)),
         Reader("reaction times", 1, [reaction.read_bytes()], spoil_table,
                f"played/reactions/{reaction.name}", _at("played", read_reactions)),
         Reader("logs of people", 2, [_log(work / "people")], spoil_log,
                "people/log.jsonl", _people),
         Reader("fits", 1, [_fit(work)], _spoil_json_text, "fit/fit.json", _fitted),
         Reader("run.json", 1, [(study / "run.json").read_bytes()], _spoil_sealed,
-               "evidence/stored/run.json", _at("evidence/stored", _run)),
+               "evidence/run/run.json", _at("evidence/run", _run)),
         Reader("units.parquet", 1, [(study / "units.parquet").read_bytes()], spoil_table,
-               "evidence/stored/units.parquet", _at("evidence/stored", _run)),
+               "evidence/units/units.parquet", _at("evidence/units", _run)),
     ]  # fmt: skip
 
 

@@ -17,7 +17,7 @@ with pytest.MonkeyPatch.context() as _patch:
     import fuzz
     import fuzz_readers
 
-INPUTS = 300
+INPUTS = 200
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def _hangs(work: Path) -> None:
 
 
 def _takes_memory(work: Path) -> None:
-    np.ones(70 << 20)
+    np.ones(66 << 20)
 
 
 @pytest.mark.parametrize(

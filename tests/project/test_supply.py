@@ -15,7 +15,8 @@ from ruamel.yaml import YAML
 from support.places import ROOT
 
 said = runpy.run_path(str(ROOT / ".ci" / "audit.py"))["said"]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+DECLARED = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = DECLARED["project"]
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 
 
@@ -71,6 +72,13 @@ def test_an_audit_that_asked_nothing_is_not_called_clean(
     sentence, found = said({"dependencies": packages})
     assert found == status
     assert text in sentence
+
+
+def test_a_wheel_can_be_built_from_the_sdist() -> None:
+    built = DECLARED["tool"]["hatch"]["build"]["targets"]
+    needed = {*built["wheel"]["packages"], *built["wheel"]["force-include"]}
+    assert needed <= {*built["sdist"]["only-include"]}
+    assert all((ROOT / one).exists() for one in built["sdist"]["only-include"])
 
 
 def test_the_release_builds_and_checks_with_targets_that_exist() -> None:

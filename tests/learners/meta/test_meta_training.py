@@ -272,7 +272,7 @@ def test_a_spoiled_state_of_a_training_is_one_sentence(
 ) -> None:
     path, left = small(tmp_path), tmp_path / "net.npz.training"
     state = MetaTraining(read_training(path)).state_dict()
-    for spoiled in ([], {"file": 1}, {**state, "fresh": np.ones(3)}, {**state, "network": {}}):
+    for spoiled in ([], {"file": 1}, {**state, "fresh": np.ones(3)}, {**state, "trainer": {}}):
         with left.open("wb") as file:
             write_state(file, spoiled)
         assert main([str(path), "--out", str(tmp_path / "net.npz")]) == 2
