@@ -4,7 +4,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help compare test lint style types imports tests bench docs notebooks evidence evidence-check json-schemas lock clean
+# What the targets on supply use: a resolver and an auditor, apart from what they look at.
+TOOLS := .venv-tools
+UV := $(TOOLS)/bin/uv
+EXTRAS := --extra test --extra notebooks
+# The first with which all of the locked set installs (soupsieve asks for it).
+OLDEST := 3.11.5
+PYTHONS := $(OLDEST) 3.12 3.13 3.14
+
+.PHONY: help compare test lint style types imports tests bench fuzz docs notebooks evidence evidence-check json-schemas \
+        lock lock-hashes install-locked audit pythons test-minimum dist check-dist clean
 
 help:
 	@echo "make compare  set up, run the default comparison, write results/default/report.html"
@@ -12,6 +21,8 @@ help:
 	@echo "make bench    set up, measure speed against named peers"
 	@echo "make docs     set up, build the documentation: docs/_build/index.html"
 	@echo "make evidence  set up, run or complete every study behind the documentation (hours; resumable)"
+	@echo "make fuzz     set up, give 100,000 spoiled files to every reader (resumable: INPUTS=... FIRST=...)"
+	@echo "make audit    set up a tool, ask for security advisories about the locked set"
 	@echo "make notebooks  set up, open the lessons in JupyterLab"
 
 compare: $(VENV)/installed
@@ -37,6 +48,12 @@ tests: $(VENV)/installed-test
 
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/run.py
+
+# Spoiled files for every reader; FIRST=40000 goes on from there.
+INPUTS ?= 100000
+FIRST ?= 0
+fuzz: $(VENV)/installed-test
+	nice -n 10 $(BIN)/python benchmarks/fuzz.py --first $(FIRST) --inputs $(INPUTS) --keep faults
 
 # Warnings are errors; nothing is loaded from the network.
 docs: $(VENV)/installed-test
@@ -68,12 +85,57 @@ lock:
 	(sed -n '/^#/p' constraints.txt; $(VENV)-lock/bin/python -m pip freeze --exclude-editable | sed 's/+cpu$$//') > constraints.new
 	mv constraints.new constraints.txt
 	rm -rf $(VENV)-lock
+	$(MAKE) lock-hashes
+
+# The same versions for every platform, with the hashes of all their files.
+lock-hashes: $(TOOLS)/installed
+	(sed -n '/^#/p' locked.txt; $(UV) pip compile -q pyproject.toml $(EXTRAS) -c constraints.txt --universal \
+	  --python-version $(OLDEST) --generate-hashes --no-annotate --no-header) > locked.new
+	mv locked.new locked.txt
+
+# .venv from the locked set alone, each file compared with its hash; torch is PyPI's build.
+install-locked: $(BIN)/python
+	$(PIP) install -q --require-hashes -r locked.txt
+	$(PIP) install -q --no-deps --no-build-isolation -e .
+	@touch $(VENV)/installed $(VENV)/installed-test
+
+# Known security advisories. Where the service that knows them cannot be reached, it says so.
+audit: $(TOOLS)/installed
+	@$(TOOLS)/bin/python .ci/audit.py $(TOOLS)/bin/pip-audit constraints.txt
+
+# Whether the locked set can be installed from wheels alone, with each Python that is supported.
+pythons: $(TOOLS)/installed
+	@for python in $(PYTHONS); do \
+	  $(UV) pip compile -q pyproject.toml $(EXTRAS) -c constraints.txt --python-version $$python \
+	    --only-binary :all: --no-annotate --no-header -o $(TOOLS)/for-$$python.txt || exit 1; \
+	  echo "Python $$python: $$(grep -c == $(TOOLS)/for-$$python.txt) packages, all of them as wheels"; \
+	done
+
+# The tests with the lowest versions that pyproject.toml allows, in an environment of its own (6 GB:
+# the oldest torch there is brings CUDA). TESTS=tests/world runs some of them.
+MINIMUM := .venv-minimum
+TESTS ?= tests
+test-minimum: $(TOOLS)/installed
+	$(UV) pip compile -q pyproject.toml $(EXTRAS) --resolution lowest-direct --python-version $(OLDEST) \
+	  --no-annotate --no-header -o $(TOOLS)/lowest.txt
+	test -x $(MINIMUM)/bin/python || $(PYTHON) -m venv $(MINIMUM)
+	$(UV) pip sync -q --python $(MINIMUM)/bin/python $(TOOLS)/lowest.txt
+	$(UV) pip install -q --python $(MINIMUM)/bin/python --no-deps -e .
+	$(MINIMUM)/bin/python -m pytest -n auto -q $(TESTS)
+
+# What a release consists of, and whether each of its files works by itself.
+dist: $(VENV)/installed-test
+	rm -rf dist
+	$(BIN)/python -m hatchling build
+
+check-dist:
+	.ci/check_dist $(PYTHON) dist/*
 
 clean:
-	rm -rf $(VENV) build dist docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(TOOLS) $(MINIMUM) faults build dist docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
-	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, and this is " + sys.version.split()[0] + "; pass PYTHON=...") if sys.version_info < (3, 11) else None'
+	$(PYTHON) -c 'import sys; sys.exit("Python 3.11.5 or newer is needed, and this is " + sys.version.split()[0] + "; pass PYTHON=...") if sys.version_info < (3, 11, 5) else None'
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: $(BIN)/python pyproject.toml constraints.txt
@@ -83,6 +145,11 @@ $(VENV)/installed: $(BIN)/python pyproject.toml constraints.txt
 $(VENV)/installed-test: $(BIN)/python pyproject.toml constraints.txt
 	$(PIP) install -q -c constraints.txt -e ".[test]"
 	@touch $@ $(VENV)/installed
+
+$(TOOLS)/installed: Makefile
+	$(PYTHON) -m venv $(TOOLS)
+	$(TOOLS)/bin/python -m pip --disable-pip-version-check install -q uv==0.13.9 pip-audit==2.10.1
+	@touch $@
 
 $(VENV)/installed-notebooks: $(BIN)/python pyproject.toml constraints.txt
 	$(PIP) install -q -c constraints.txt -e ".[notebooks]"

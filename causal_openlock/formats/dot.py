@@ -118,10 +118,9 @@ class _Reader:
         return SchemaError(f"line {line} of this {self.format} text: {problem}")
 
     def split(self, text: str) -> Iterator[Token]:
-        start = 0
+        start, line = 0, 1
         while start < len(text):
             match = TOKEN.match(text, start)
-            line = text.count("\n", 0, start) + 1
             if match is None:
                 raise self.fault(
                     line, f"cannot make sense of {text[start : start + 12]!r}; correct or quote it"
@@ -129,8 +128,9 @@ class _Reader:
             if match.lastgroup != "skip":
                 kind = str(match.lastgroup)
                 yield Token(kind, match[kind], line)
+            line += text.count("\n", start, match.end())
             start = match.end()
-        end = Token("end", "", text.count("\n") + 1)
+        end = Token("end", "", line)
         yield from (end, end)  # two, as the grammar looks one token ahead
 
     # -- tokens -----------------------------------------------------------------------------------

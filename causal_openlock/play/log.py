@@ -49,6 +49,9 @@ class Log:
             raise StoreError(
                 f"{path} cannot be opened ({error.strerror}); check its permissions"
             ) from None
+        except StoreError:
+            os.close(self._file)
+            raise
 
     def _read(self, content: bytes) -> tuple[list[Entry], int]:
         """The entries, and how many bytes of the file are whole lines."""

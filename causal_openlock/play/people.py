@@ -16,6 +16,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -140,13 +141,13 @@ class People:
         import pyarrow.parquet  # noqa: F401
 
         self.store.open(self.experiment, changed=False)
-        try:
+        with ExitStack() as opened:
+            opened.callback(self.store.close)
             self._log = Log(self.store.folder / "log.jsonl")
+            opened.callback(self._log.close)
             self._resume()
             self._declare()
-        except BaseException:
-            self.store.close()
-            raise
+            opened.pop_all()
 
     # -- what the page requests -----------------------------------------------------------------
 

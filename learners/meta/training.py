@@ -28,9 +28,9 @@ import torch
 from torch import Tensor
 
 from causal_openlock.contract.learner import View
-from causal_openlock.errors import ExperimentError, Interrupted, OpenLockError
+from causal_openlock.errors import ExperimentError, Interrupted, OpenLockError, in_short
 from causal_openlock.files.atomic import replacing
-from causal_openlock.files.state import StateError, read_state, write_state
+from causal_openlock.files.state import read_state, write_state
 from causal_openlock.formats.schema_file import bundled
 from causal_openlock.world.fsm import BoolArray
 from learners.meta.file import TrainingFile, read_training
@@ -177,6 +177,10 @@ class MetaTraining(Checkpointed):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
+        for key in ("memory", "fresh", "tally"):
+            mine, held = getattr(self, self.checkpointed[key]), state[key]
+            if (held.dtype, held.shape) != (mine.dtype, mine.shape):
+                raise ValueError(f"{key} has another form")
         super().load_state_dict(state)
         for generator, kept in zip((self._policy, self._order), state["generators"], strict=True):
             generator.bit_generator.state = kept
@@ -186,13 +190,17 @@ def resume(training: MetaTraining, path: Path) -> None:
     """Go on from what an interrupted training left, if it was the same training."""
     try:
         state = read_state(path)
-    except StateError as error:
-        raise ExperimentError(f"{error}; remove it to begin anew") from None
-    if state["file"] != training.file.model_dump_json():
+        same = state["file"] == training.file.model_dump_json()
+        if same:
+            training.load_state_dict(state)
+    except Exception as error:  # the file may be from anywhere
+        raise ExperimentError(
+            f"{path} cannot be used ({in_short(error)}); remove it to begin anew"
+        ) from None
+    if not same:
         raise ExperimentError(
             f"{path} is left from a training by another file; remove it, or choose another --out"
         )
-    training.load_state_dict(state)
 
 
 def train(training: MetaTraining, out: Path, log: Callable[[str], None]) -> None:

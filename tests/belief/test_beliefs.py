@@ -20,6 +20,7 @@ from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import Condition, Trials
 from causal_openlock.experiment.session import Session
+from causal_openlock.testing import schemas
 from causal_openlock.world.schema import Schema
 from support.belief_by_hand import (
     arrays_of,
@@ -32,7 +33,6 @@ from support.belief_by_hand import (
 )
 from support.belief_play import LONG, Key, Played, by_behaviour
 from support.session_play import HUMAN, SCHEMAS, named
-from support.strategies import schemas
 
 KNOWN = Prior(by_colour=1.0, by_white=0.0)
 """Grey levers are active: nothing else is to be found out about colours."""

@@ -15,6 +15,7 @@ from scipy.special import betaln
 from causal_openlock.belief.evidence import DOOR, Event, Events, likelihood
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
 from causal_openlock.belief.structures import Hypotheses
+from causal_openlock.testing import schemas
 from causal_openlock.world.schema import Schema
 from support.belief_by_hand import (
     DOOR_SLOT,
@@ -25,7 +26,6 @@ from support.belief_by_hand import (
     machine,
     plain_of,
 )
-from support.strategies import schemas
 
 POSITIONS = 7
 CERTAIN = 0  # index of the strength 1

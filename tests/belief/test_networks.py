@@ -36,12 +36,12 @@ from causal_openlock.belief.structures import gate_dags
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.graphs import to_bayesian_network
+from causal_openlock.testing import schemas
 from causal_openlock.world.fsm import FSM, compile_schema
 from causal_openlock.world.room import Room, position_names
 from causal_openlock.world.schema import DOOR, Gate, Schema
 from learners.bayes import Bayes
 from support.session_play import HUMAN, SCHEMAS, named, one_room
-from support.strategies import schemas
 
 Node = tuple[frozenset[int], int]
 """The causes of a lever or of the door, and how many of them must be pushed."""

@@ -14,6 +14,7 @@ from causal_openlock.belief.structures import (
     members,
     merge,
 )
+from causal_openlock.testing import schemas
 from causal_openlock.world.fsm import compile_schema
 from support.belief_by_hand import (
     arrays_of,
@@ -23,7 +24,6 @@ from support.belief_by_hand import (
     plains_of,
     transcript,
 )
-from support.strategies import schemas
 
 
 @settings(max_examples=80, deadline=None)

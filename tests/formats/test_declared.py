@@ -19,8 +19,8 @@ from causal_openlock.errors import OpenLockError, SchemaError
 from causal_openlock.formats.declared import schema
 from causal_openlock.formats.one_line import parse_line
 from causal_openlock.formats.schema_file import bundled_schemas, parse_schema
+from causal_openlock.testing import schemas
 from causal_openlock.world.schema import DOOR, Gate, Schema
-from support.strategies import schemas
 
 BUNDLED = bundled_schemas()
 

@@ -26,9 +26,9 @@ from causal_openlock.formats.schema_file import (
     schema_from_dict,
     write_schema,
 )
+from causal_openlock.testing import schemas
 from causal_openlock.world.schema import DOOR, NO_TEXT, Gate, Schema
 from support.places import ROOT
-from support.strategies import schemas
 
 BUNDLED = bundled_schemas()
 TITLES = st.text(st.characters(exclude_categories=["C"]), max_size=150)

@@ -22,8 +22,8 @@ from causal_openlock.formats.graphs import (
     write_schema_as,
 )
 from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.testing import schemas
 from causal_openlock.world.schema import DOOR, Gate, Schema
-from support.strategies import schemas
 
 BUNDLED = bundled_schemas()
 READABLE = [name for name, format in FORMATS.items() if format.read]

@@ -233,6 +233,8 @@ def test_a_damaged_log_is_named_with_its_line(tmp_path: Path) -> None:
     path.write_bytes(b"".join([*lines[:3], *lines[4:]]))
     with pytest.raises(StoreError, match=r"log\.jsonl:4: a turn is missing"):
         people(tmp_path, practice=False)
+    if Path("/proc/self/fd").is_dir():  # and it is not held open
+        assert path.resolve() not in {one.resolve() for one in Path("/proc/self/fd").iterdir()}
     path.write_bytes(content)
     people(tmp_path, practice=False).close()  # nothing was spoilt, and the folder is free
 

@@ -22,10 +22,10 @@ from causal_openlock.render.graph import draw_schema, save_schema_figure, schema
 from causal_openlock.render.raster import paint
 from causal_openlock.render.room import draw_room, room_text
 from causal_openlock.render.scene import Look, frame
+from causal_openlock.testing import schemas
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.room import Room, position_coordinates
 from causal_openlock.world.schema import DOOR, MAX_LEVERS, Gate, Schema
-from support.strategies import schemas
 
 BUNDLED = bundled_schemas()
 GREY = room_facts()["rgb"]["active_lever_arm_door"]

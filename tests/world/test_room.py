@@ -17,6 +17,7 @@ from scipy import stats
 
 from causal_openlock.errors import LayoutError
 from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.testing import layouts, schemas
 from causal_openlock.world.room import (
     PAPER_POSITIONS,
     Layout,
@@ -30,7 +31,6 @@ from causal_openlock.world.room import (
 from causal_openlock.world.schema import DOOR, Schema
 from causal_openlock.world.tables import RoomTables
 from support.places import DATA
-from support.strategies import schemas
 from support.table_steps import step
 
 BUNDLED = bundled_schemas()
@@ -214,14 +214,12 @@ def test_an_inactive_lever_never_moves_and_never_has_a_chance() -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(
-    schema=schemas(max_levers=9, stochastic=True), seed=st.integers(0, 1000), more=st.integers(0, 3)
-)
+@given(data=st.data(), schema=schemas(max_levers=9, stochastic=True), more=st.integers(0, 3))
 def test_a_room_is_its_machine_with_the_actions_in_other_places(
-    schema: Schema, seed: int, more: int
+    data: st.DataObject, schema: Schema, more: int
 ) -> None:
     positions = min(12, positions_for(schema) + more)
-    room = Room.of(schema, Layout.random(schema, np.random.default_rng(seed), positions))
+    room = Room.of(schema, data.draw(layouts(schema, positions)))
     fsm, levers = room.fsm, len(schema.levers)
     for lever, place in room.layout.as_mapping(schema).items():
         role, place_index = schema.levers.index(lever), position_names(positions).index(place)

@@ -16,6 +16,7 @@ from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import FileError, LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
+from causal_openlock.files.state import write_state
 from causal_openlock.formats.schema_file import bundled, find_schema
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
@@ -264,6 +265,20 @@ def test_meta_training_improves_its_play() -> None:
         training.update()
     early, late = np.sum(found[:150]), np.sum(found[-150:])
     assert late > 10 * early + 50, (early, late)
+
+
+def test_a_spoiled_state_of_a_training_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, left = small(tmp_path), tmp_path / "net.npz.training"
+    state = MetaTraining(read_training(path)).state_dict()
+    for spoiled in ([], {"file": 1}, {**state, "fresh": np.ones(3)}, {**state, "trainer": {}}):
+        with left.open("wb") as file:
+            write_state(file, spoiled)
+        assert main([str(path), "--out", str(tmp_path / "net.npz")]) == 2
+        said = capsys.readouterr().err
+        assert "net.npz.training" in said
+        assert "remove it" in said
 
 
 def test_a_fault_in_the_file_has_its_line(tmp_path: Path) -> None:

@@ -1,14 +1,9 @@
 """Contract tests for learners, to be subclassed.
 
-A package that adds a learner tests it in three lines, in a file such as ``tests/test_mine.py``::
-
-    from causal_openlock.testing import LearnerContract
-
-    class TestMine(LearnerContract):
-        learner = "my_package:MyLearner"  # or its registered name
-
 pytest runs the inherited tests; with ``unittest.TestCase`` as a second base class, unittest does.
 Give a slow learner settings and schemas with which each test takes seconds::
+
+    from causal_openlock.testing import LearnerContract
 
     class TestMyNetwork(LearnerContract):
         learner = "my_network"

@@ -1,0 +1,306 @@
+"""Every file that the toolkit reads: real files of each kind, how one is spoiled, and its reader.
+
+A new reader is a line of :func:`readers`, with its share of the inputs.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+from fuzz_mutations import (
+    spoil_archive,
+    spoil_bytes,
+    spoil_json,
+    spoil_log,
+    spoil_table,
+    spoil_text,
+)
+
+from causal_openlock.contract.registry import create
+from causal_openlock.evidence.stored import read_run, read_units
+from causal_openlock.evidence.study import read_study
+from causal_openlock.experiment.checkpoint import Checkpoint
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.session import Session
+from causal_openlock.experiment.store import Store
+from causal_openlock.files.checksums import json_bytes, read_json
+from causal_openlock.files.state import write_state
+from causal_openlock.fitting.search import bundled_search, read_search
+from causal_openlock.fitting.study import Candidate, Fit, Plan, _keep, _opened
+from causal_openlock.formats.graphs import FORMATS, export_schema, read_schema_as
+from causal_openlock.formats.schema_file import bundled_schemas, find_schema, read_schema
+from causal_openlock.play.people import People
+from causal_openlock.play.reactions import read_reactions
+from learners.meta.file import TrainingFile, read_training
+from learners.meta.training import MetaTraining, resume
+from learners.networks.network_file import read_network, write_network
+from learners.networks.recurrent_policy import Sizes, make_policy
+
+ROOT = Path(__file__).parents[1]
+PLAYED = ROOT / "docs" / "example_play"
+
+Spoil = Callable[[bytes, random.Random], bytes]
+
+
+class Reader(NamedTuple):
+    """A reader of files.
+
+    Attributes:
+        name: What it reads.
+        share: Of a hundred inputs, so many are for it.
+        corpus: Real files of this kind.
+        spoil: Changes one.
+        place: Where the file has to be, in the folder of the work. What stands beside it there is
+            whole, so that no input depends on those before it.
+        read: Reads what is there; given the folder of the work.
+    """
+
+    name: str
+    share: int
+    corpus: Sequence[bytes]
+    spoil: Spoil
+    place: str
+    read: Callable[[Path], object]
+
+    def input(self, rng: random.Random) -> bytes:
+        """A spoiled file."""
+        return self.spoil(rng.choice(self.corpus), rng)
+
+
+def readers(work: Path) -> list[Reader]:
+    """All readers; what their files name, or stand beside, is put into the folder of the work."""
+    for part in ("experiments", "schemas"):
+        shutil.copytree(ROOT / part, work / part)
+    schemas = [one.encode() for one in _texts(ROOT / "schemas", "*.yaml")]
+    experiments = [one.encode() for one in _texts(ROOT / "experiments", "*.yaml")]
+    trainings = [one.encode() for one in _texts(ROOT / "experiments/meta_training", "*.yaml")]
+    studies = [one.encode() for one in _texts(ROOT / "evidence", "*/study.yaml")]
+    spaces = [one.encode() for one in _texts(ROOT / "causal_openlock/fitting", "*.yaml")]
+    folder = shutil.copytree(PLAYED, work / "played")
+    (cell,) = (folder / "cells").iterdir()
+    (reaction,) = (folder / "reactions").iterdir()
+    (folder / "log.jsonl").unlink()
+    shutil.copytree(folder, work / "cells")
+    study = shutil.copytree(ROOT / "evidence" / "bayes", work / "evidence" / "bayes")
+    for name in ("run", "units"):
+        shutil.copytree(study, work / "evidence" / name)
+    # Some studies have their experiment beside them.
+    shutil.copy(next((ROOT / "evidence").glob("*/experiment.yaml")), study)
+    return [
+        _yaml("schema files", 14, schemas, "schema.yaml", read_schema),
+        _yaml("experiment files", 12, experiments, "experiments/one.yaml", read_experiment),
+        _yaml("study.yaml", 4, studies, "evidence/bayes/study.yaml", _study),
+        _yaml("fit spaces", 6, spaces, "space.yaml", read_search),
+        _yaml("meta-trainings", 3, trainings, "experiments/training.yaml", read_training),
+        *(
+            _graph(name, share, FOREIGN.get(name, ()))
+            for name, share in
+            {"line": 6, "dot": 9, "gml": 8, "dagitty": 8, "node-link": 7}.items()
+        ),
+        Reader("networks", 5, [_network()], spoil_archive, "net.npz",
+               _at("net.npz", read_network)),
+        Reader("checkpoints", 4, _checkpoints(work), spoil_archive, "kept/cell.checkpoint",
+               _resumed),
+        Reader("training states", 1, [_training_state()], spoil_archive, "net.npz.training",
+               _training_resumed),
+        Reader("experiment.json", 5, [(folder / "experiment.json").read_bytes()], _spoil_sealed,
+               "played/experiment.json", lambda work: Store(work / "played").record()),
+        Reader("cells", 2, [cell.read_bytes()], spoil_table, f"cells/cells/{cell.name}",
+               lambda work: Store(work / "cells").record(small=True)),
+        Reader("reaction times", 1, [reaction.read_bytes()], spoil_table,
+               f"played/reactions/{reaction.name}", _at("played", read_reactions)),
+        Reader("logs of people", 2, [_log(work / "people")], spoil_log,
+               "people/log.jsonl", _people),
+        Reader("fits", 1, [_fit(work)], _spoil_json_text, "fit/fit.json", _fitted),
+        Reader("run.json", 1, [(study / "run.json").read_bytes()], _spoil_sealed,
+               "evidence/run/run.json", _at("evidence/run", _run)),
+        Reader("units.parquet", 1, [(study / "units.parquet").read_bytes()], spoil_table,
+               "evidence/units/units.parquet", _at("evidence/units", _run)),
+    ]  # fmt: skip
+
+
+def _texts(folder: Path, pattern: str) -> list[str]:
+    return [path.read_text(encoding="utf-8") for path in sorted(folder.glob(pattern))]
+
+
+def _at(place: str, read: Callable[[Path], object]) -> Callable[[Path], object]:
+    return lambda work: read(work / place)
+
+
+def _yaml(
+    name: str, share: int, corpus: list[bytes], place: str, read: Callable[[Path], object]
+) -> Reader:
+    return Reader(name, share, corpus, partial(spoil_text, others=corpus), place, _at(place, read))
+
+
+def _graph(name: str, share: int, more: Sequence[str]) -> Reader:
+    corpus = [export_schema(one, name).encode() for one in bundled_schemas().values()]
+    corpus += [one.encode() for one in more]
+    place = f"graph{FORMATS[name].suffixes[0]}"
+    return _yaml(name, share, corpus, place, read_schema_as)
+
+
+FOREIGN = {
+    "dot": (
+        "strict digraph G { rankdir=LR; node [shape=circle]; a -> {b c} [strength=0.5];"
+        ' b:n -> door; subgraph s { c -> "door" } /* x */ }',
+    ),
+    "dagitty": (
+        'dag { bb="0,0,1,1" a [pos="0.1,0.2",exposure] y [outcome] a -> b [beta=0.3] y <- b }',
+    ),
+    "gml": (
+        'graph [ directed 1 comment "x &quot; y" node [ id 0 label "a" graphics [ x 1.0 y -2.5 ] ]'
+        ' node [ id 1 label "door" ] edge [ source 0 target 1 strength 0.5 ] ]',
+    ),
+    "node-link": (
+        '{"directed": true, "multigraph": false, "nodes": [{"id": "a"}, {"id": "door"}],'
+        ' "links": [{"source": "a", "target": "door", "strength": 0.5}]}',
+    ),
+    "line": ('safe "A safe": A (0.8) -> B, C\n# note\n2 of (B, C, D) -> door; inert lamp',),
+}
+"""Graphs as other programs write them."""
+
+
+# -- files with checksums, and JSON ---------------------------------------------------------------
+
+
+def _spoil_sealed(content: bytes, rng: random.Random) -> bytes:
+    """Change values, and give the file the checksum that it needs; or change its bytes."""
+    if rng.random() < 0.2:
+        return spoil_bytes(content, rng)
+    changed = spoil_json(read_json(content), rng)
+    return json_bytes(changed) if isinstance(changed, dict) else json.dumps(changed).encode()
+
+
+def _spoil_json_text(content: bytes, rng: random.Random) -> bytes:
+    if rng.random() < 0.2:
+        return spoil_text(content, rng)
+    return json.dumps(spoil_json(json.loads(content), rng)).encode()
+
+
+def _study(path: Path) -> object:
+    study = read_study(path.parent)
+    return study.faults() or study.declared
+
+
+def _run(folder: Path) -> object:
+    study = read_study(folder)
+    return read_run(study), read_units(study)
+
+
+# -- states of networks, cells and trainings ------------------------------------------------------
+
+
+def _network() -> bytes:
+    made = make_policy(Sizes(lever=4, room=4, reader=4), 7, [np.random.default_rng(1)])
+    return _written(lambda path: write_network(path, made, 7, {"actions": 10}))
+
+
+def _written(write: Callable[[Path], object]) -> bytes:
+    """What is written to a file."""
+    with TemporaryDirectory() as folder:
+        write(Path(folder) / "file")
+        return (Path(folder) / "file").read_bytes()
+
+
+MADE_WITH = {"identity": "0", "Python": "3"}
+
+
+def _session() -> Session:
+    return Session(Condition.named("CC3", find_schema), PROTOCOLS["human"], 2, seed=1)
+
+
+def _checkpoint(work: Path) -> Checkpoint:
+    return Checkpoint(work / "kept" / "cell.parquet", MADE_WITH, 0.0)
+
+
+def _checkpoints(work: Path) -> list[bytes]:
+    """A cell's checkpoint, by a learner whose state has values of many kinds."""
+    (work / "kept").mkdir()
+    session, learner = _session(), create("bayes")
+    session.begin(learner)
+    for _ in range(8):
+        learner.learn(session.step(learner.act(session.view)))
+    kept = _checkpoint(work)
+    kept.save(session, learner)
+    return [kept.path.read_bytes()]
+
+
+def _resumed(work: Path) -> object:
+    session, learner = _session(), create("bayes")
+    return _checkpoint(work).resume(session, learner)
+
+
+TRAINING = {"rooms": {"schemas": {"CC3": 1.0}, "rewards": ["paper"]}, "at_once": 2}
+
+
+@cache
+def _training() -> MetaTraining:
+    return MetaTraining(TrainingFile.model_validate(TRAINING))
+
+
+def _training_state() -> bytes:
+    def write(path: Path) -> None:
+        with path.open("wb") as file:
+            write_state(file, _training().state_dict())
+
+    return _written(write)
+
+
+def _training_resumed(work: Path) -> object:
+    return resume(_training(), work / "net.npz.training")
+
+
+# -- people and fits ------------------------------------------------------------------------------
+
+
+def _opened_by(folder: Path) -> People:
+    conditions = [Condition.named("CC3-CC4", find_schema)]
+    return People(folder, conditions, PROTOCOLS["human"], clock=lambda: 1e9)
+
+
+def _log(folder: Path) -> bytes:
+    """The log of two people who left the practice room and took some turns."""
+    people = _opened_by(folder)
+    for _ in range(2):
+        name = people.join()
+        for turn in range(4):
+            people.act(name, turn, turn, 500)
+        people.proceed(name, 4)
+        for turn in range(5, 12):
+            people.act(name, turn, turn % 15, None if turn % 2 else 300)
+    people.close()
+    return (folder / "log.jsonl").read_bytes()
+
+
+def _people(work: Path) -> object:
+    people = _opened_by(work / "people")
+    people.close()
+    return people.number
+
+
+@cache
+def _plan() -> Plan:
+    space = bundled_search("bayes")
+    assert space
+    return Plan(space)
+
+
+def _fit(work: Path) -> bytes:
+    (work / "fit").mkdir()
+    names = [*_plan().space.searched]
+    done = [Candidate(number, dict.fromkeys(names, 0.5), 3.0) for number in range(3)]
+    return _written(lambda path: _keep(Fit(_plan(), done, {0: 2.5}), path))
+
+
+def _fitted(work: Path) -> object:
+    return _opened(_plan(), work / "fit" / "fit.json")
