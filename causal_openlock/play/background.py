@@ -25,6 +25,9 @@ class OpenedRoom:
     """
 
     def __init__(self, server: PlayServer, folder: Path, kept: TemporaryDirectory[str] | None):
+        # Records are written with it, and when Python ends it can no longer be imported.
+        import pandas  # noqa: F401
+
         self.url, self.folder = server.url, folder
         self._server, self._kept, self._open = server, kept, True
         self._thread = threading.Thread(target=server.serve_forever, name="play", daemon=True)

@@ -528,6 +528,6 @@ def test_the_contract_runs_under_unittest() -> None:
     case = type("Case", (LearnerContract, unittest.TestCase), {"learner": "oracle"})
     result = unittest.TestResult()
     unittest.defaultTestLoader.loadTestsFromTestCase(case).run(result)
-    assert result.testsRun == 11
+    assert result.testsRun == 12
     assert result.wasSuccessful()
     assert len(result.skipped) == 2
