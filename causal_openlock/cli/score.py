@@ -45,7 +45,7 @@ def score(
     import pyarrow as pa
 
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.contract.registry import changed_parameters, is_ours
+    from causal_openlock.contract.registry import changed_parameters
     from causal_openlock.experiment.building import make_experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.store import Store
@@ -54,6 +54,7 @@ def score(
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.scoring.scores import by_subject, ranking
     from causal_openlock.scoring.teacher_forcing import known_learners, score_actions
+    from causal_openlock.wording import counted
 
     console = Terminal()
     record, played = Store(folder).record()
@@ -73,9 +74,7 @@ def score(
         tables.append(score_actions(record, played, spec, lapse))
     actions = pd.concat(tables, ignore_index=True)
     chosen = {
-        spec.name: len(changed_parameters(spec.learner, spec.parameters))
-        for spec in predicting
-        if is_ours(spec.learner)
+        spec.name: len(changed_parameters(spec.learner, spec.parameters)) for spec in predicting
     }
     subjects = by_subject(actions, chosen)
     out = out or folder / "scores"
@@ -83,9 +82,11 @@ def score(
     write_text(out / "subjects.csv", csv_of(subjects.round(6)))
     ranked = ranking(subjects)
     console.print_whole(_table(ranked))
+    who = [counted(subjects[name].nunique(), name) for name in ("learner", "condition")]
     console.print_line(
-        f"n = {ranked['subjects'].iloc[0]} subjects; {lapse:g} of all actions are taken to be "
-        f"random; log2 of the number of actions is what one needs who knows nothing"
+        f"n = {ranked['subjects'].iloc[0]} subjects, of {who[0]} in {who[1]}; {lapse:g} of all "
+        "actions are taken to be random; log2 of the number of actions is what one needs who knows "
+        "nothing"
     )
     console.print_line(f"{out / 'actions.parquet'} and subjects.csv written")
 

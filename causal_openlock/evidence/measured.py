@@ -16,6 +16,7 @@ from causal_openlock.evidence.derived import DERIVED
 from causal_openlock.evidence.published import published_units
 from causal_openlock.evidence.stored import RUN, read_run, read_units
 from causal_openlock.evidence.study import (
+    ATTEMPTS,
     OF_ALL,
     PUBLISHED,
     Claim,
@@ -85,7 +86,15 @@ class Evidence:
     @property
     def complete(self) -> bool:
         """Whether all was run that the study asks for now."""
-        return bool(self.run["declared"] == self.study.declared and self.run["complete"])
+        networks = self.study.file.networks
+        seeds = networks.seeds if networks else []
+        kinds = [*networks.files, *networks.parameters] if networks else []
+        units = self.own_units[["learner", "unit"]].itertuples(index=False, name=None)
+        return (
+            self.run["declared"] == self.study.declared
+            and bool(self.run["complete"])
+            and {(kind, seed) for kind in kinds for seed in seeds} <= set(units)
+        )
 
     @property
     def _same_networks(self) -> Mapping[str, str]:
@@ -240,7 +249,7 @@ class Evidence:
                 if chosen.learner not in PUBLISHED:
                     own.add(one.units[0])
                     if table.interval and np.isfinite(one.interval[0]):
-                        cells[-1] += f" ({_written(one, table.measure, 'interval')})"
+                        cells[-1] += f" ({_written(one, table.measure, 'interval', values)})"
             rows.append([label, *cells])
             sizes.append(" or ".join(map(str, sorted(own))) or "–")
         note = f"Means over n {self.study.unit}s"
@@ -333,7 +342,7 @@ def _written(found: Estimate, measure: str, ending: str, of: Selected | None = N
         low, high = found.interval
         if np.isnan(low):
             return "no interval: fewer than three units"
-        if measure != "attempts":  # shares
+        if measure not in ATTEMPTS:  # shares
             low, high = max(low, 0.0 if of else -1.0), min(high, 1.0)
         return f"{_number(low, measure)} to {_number(high, measure)}"
     if ending == "sd" and of is not None:
@@ -348,7 +357,7 @@ def _number(value: float, measure: str) -> str:
     if not np.isfinite(value):
         raise EvidenceError("this number is not known: too few units")
     text = f"{value:.2f}".replace("-", "−")
-    if measure != "attempts":
+    if measure not in ATTEMPTS:
         text = re.sub(r"^(−?)0\.", r"\1.", text)
     return {"−.00": ".00", "−0.00": "0.00"}.get(text, text)
 

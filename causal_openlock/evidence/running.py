@@ -16,7 +16,7 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,12 +30,13 @@ from causal_openlock.analysis.results.cost import subject_costs
 from causal_openlock.comparison.comparing import play
 from causal_openlock.comparison.progress import Show
 from causal_openlock.comparison.results import Results
+from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import CellsFailed, EvidenceError
 from causal_openlock.evidence.stored import COSTS, UNITS, read_run, read_units, write_run
 from causal_openlock.evidence.study import FILE, MEASURED, Networks, Study
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
-from causal_openlock.experiment.experiment import Cell, Experiment
+from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.store import merged_versions
 from causal_openlock.wording import joined
@@ -240,8 +241,9 @@ def keep(study: Study, results: Path, found: dict[str, _Measured] | None = None)
         same = last["declared"] == study.declared
         if same and more:
             return False
-        # A margin that was changed once results were known stays marked, whatever is run later.
-        claims = last["claims"] if same else {**claims, **last["claims"]}
+        # What was stated or changed once results were known stays marked, whatever is run later.
+        known = same or bool(_stored(study))
+        claims = last["claims"] if known else {**claims, **last["claims"]}
     write_run(study, tables, _about(study, found, claims))
     return True
 
@@ -254,13 +256,15 @@ def _stored(study: Study) -> dict[str, _Measured]:
             tables[COSTS] = read_units(study, COSTS)
     except EvidenceError:
         return {}
+    if (COSTS in tables) != (study.file.derived == "learning_costs"):
+        return {}
     found = {}
     for part in parts_of(study):
         if not (held := run["parts"].get(part.name)):
             continue
         of_run = {name: held[name] for name in _RUN}
         names, seconds, units = held["cells"], held["seconds"], tables[UNITS]
-        if part.label and run["declared"] == study.declared:
+        if part.label and held.get("asked") == study.asks_of(part.label):
             own = units[(units["learner"] == part.label) & (units["unit"] == part.seed)]
             found[part.name] = _Measured({UNITS: own}, tuple(names), 0, seconds, of_run)
         elif not part.label and set(MEASURED[study.file.measured]) <= set(units):
@@ -282,16 +286,19 @@ def _stored(study: Study) -> dict[str, _Measured]:
 def _played(study: Study, part: Part, results: Path) -> _Measured | None:
     """What has been played of a part, if it is what the study asks for now."""
     folder = _folder(results, part)
-    cells = sorted((folder / "cells").glob("*.parquet"))
-    if not cells:
+    if not any((folder / "cells").glob("*.parquet")):
         return None
     read = Results.read(folder)
     asked = study.asked
     if part.label:
         seed, learners = asked.seed + part.seed, read.experiment.learners
+        if not _is_part(study, part, learners):
+            return None
         asked = replace(asked, seed=seed, learners=learners)
     if read.experiment.declaration != asked.declaration:
         return None
+    there = ((folder / "cells" / name) for name in read.experiment.files)
+    cells = [path for path in there if path.exists()]
     tables = {UNITS: units_of(read.trials, study.file.measured)}
     if part.label:
         if read.experiment.missing:
@@ -312,6 +319,17 @@ def _played(study: Study, part: Part, results: Path) -> _Measured | None:
             "versions": [dict(read.experiment.versions)],
         },
     )
+
+
+def _is_part(study: Study, part: Part, learners: Sequence[LearnerSpec]) -> bool:
+    """Whether learners are the one of a part, with its parameters."""
+    networks = study.file.networks
+    assert networks
+    wanted = networks.parameters.get(part.label, {}) if part.label != part.trained else {}
+    (spec,) = learners
+    changed = changed_parameters(spec.learner, spec.parameters)
+    changed.pop("checkpoint", None)
+    return spec.learner == networks.learner and changed == wanted
 
 
 def _added(study: Study, played: _Measured, before: _Measured | None) -> _Measured:
@@ -365,7 +383,14 @@ def _about(study: Study, found: dict[str, _Measured], claims: dict[str, str]) ->
         "date": max(run["date"]),
         "machine": joined(run["machine"]),
         "versions": merged_versions(run["versions"]),
-        "parts": {name: one.as_dict() for name, one in found.items()},
+        "parts": {
+            part.name: {
+                **found[part.name].as_dict(),
+                **({"asked": study.asks_of(part.label)} if part.label else {}),
+            }
+            for part in parts_of(study)
+            if part.name in found
+        },
     }
 
 

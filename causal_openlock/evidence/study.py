@@ -55,6 +55,9 @@ TRIALS = ("attempts", "first_solution", "solved", "found")
 COURSE = ("opens", "finds_all", "found", "unlocks", "else")
 """What is measured of each trial, and of each part of a course."""
 
+ATTEMPTS = ("attempts", "first_solution")
+"""Those of all measures that are numbers of attempts; the others are shares."""
+
 MEASURED: Mapping[str, Sequence[str]] = {"trials": TRIALS, "course": COURSE}
 
 Measure = Literal[
@@ -277,8 +280,17 @@ class Study:
                 "measured": self.file.measured,
                 "trainings": [self.training(label) for label in self.training_files],
                 "parameters": networks and networks.parameters,
+                **({"learner": networks.learner} if networks else {}),
             }
         )
+
+    def asks_of(self, label: str) -> str:
+        """A hash of what a trained network plays, and as what; not of how it is trained."""
+        assert self.file.networks
+        networks = self.file.networks
+        parameters = networks.parameters.get(label, {})
+        played = [self.asked.declaration, self.file.measured, networks.learner, parameters]
+        return _digest(played)
 
     def faults(self) -> list[str]:
         """Which claims and tables are about what is not played, a sentence each."""

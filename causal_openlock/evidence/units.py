@@ -29,7 +29,8 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.deep.visits import shares
 from causal_openlock.errors import EvidenceError
-from causal_openlock.evidence.study import COURSE, TRIALS, Selection
+from causal_openlock.evidence.study import ATTEMPTS, COURSE, TRIALS, Selection
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.wording import joined
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
@@ -144,13 +145,20 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
     each = rows.groupby(["unit", "condition"])[measure].mean().unstack().dropna()
     if each.empty:
         raise EvidenceError(f"no unit has been run with {joined(each.columns)} together")
-    draws = rows[rows["unit"].isin(each.index)].groupby(["condition"])["subjects"].sum().min()
-    share = measure not in ("attempts", "first_solution", "error")
+    # Several trials of a subject are no several subjects.
+    draws = rows[rows["unit"].isin(each.index)].groupby("unit")["subjects"].max().sum()
+    share = measure not in (*ATTEMPTS, "error")
     return Selected(
         values=each.mean(axis=1).to_numpy(float),
         units=each.index.to_numpy(np.int64),
         share=share,
         draws=int(draws),
-        # At most the limit of attempts, which somebody hits.
-        reach=1.0 if share else float(units[measure].max() - 1),
+        reach=1.0 if share else _limit(rows, units, measure) - 1.0,
     )
+
+
+def _limit(rows: pd.DataFrame, units: pd.DataFrame, measure: str) -> float:
+    """The most attempts that a trial can have; of an unknown protocol, that somebody needed."""
+    names = set(rows["protocol"].astype(str))
+    known = [PROTOCOLS[name].attempt_limit for name in names if name in PROTOCOLS]
+    return float(max(known) if len(known) == len(names) else units[measure].max())

@@ -169,8 +169,9 @@ def estimate(
     if one.binary and two.binary:
         # Without what pairing would gain: cautious.
         return replace(difference(one, two), units=(len(both),))
-    # Not the rule for shares of 0 or 1: these are differences.
-    return mean_of(replace(one, values=one.values - two.values, share=False))
+    # Not the rule for shares of 0 or 1: these are differences, and reach twice as far.
+    gaps = one.values - two.values
+    return mean_of(replace(one, values=gaps, share=False, reach=2.0 * one.reach))
 
 
 def from_known(found: Estimate, known: float, error: float = 0.0, draws: int = 2) -> Estimate:

@@ -242,7 +242,11 @@ class Experiment:
         asked = self.as_dict()
         del asked["title"], asked["command"], asked["version"]
         learners = list(map(_deciding, asked["learners"]))
-        asked["learners"] = [{k: v for k, v in one.items() if k != "package"} for one in learners]
+        # The file of a learner of one's own is no version of a package.
+        asked["learners"] = [
+            {k: v for k, v in one.items() if k != "package" or ":" in one["learner"]}
+            for one in learners
+        ]
         return _digest(asked)
 
 

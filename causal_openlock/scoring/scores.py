@@ -34,13 +34,13 @@ def by_subject(actions: pd.DataFrame, chosen: Mapping[str, int] | None = None) -
     """
     surprise = actions["log_probability"]
     table = (
-        actions.assign(nll=-surprise, never=np.isneginf(surprise))
+        actions.assign(nll=-surprise)
         .groupby(["scored", *SUBJECT], observed=True, sort=False)
         .agg(
             actions=("nll", "size"),
             nll=("nll", "sum"),
             expected=("entropy", "mean"),
-            impossible=("never", "sum"),
+            impossible=("impossible", "sum"),
         )
         .reset_index()
     )
@@ -62,7 +62,7 @@ def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
         A row for each ``scored`` learner: ``subjects``, the mean ``bits`` per action with its 95%
         interval ``low`` and ``high``; ``worse``, how much more it needs than the best, on the same
         subjects, with its interval ``worse_low`` and ``worse_high`` (NaN of the best, and where one
-        cannot do what was done); and ``best_of``, for how many subjects it is the best.
+        cannot do what was done); and ``best_of``, for how many subjects none is better.
     """
     wide = subjects.pivot_table(index=SUBJECT, columns="scored", values="bits", observed=True)
     wide = wide[list(dict.fromkeys(subjects["scored"]))].dropna()
@@ -82,7 +82,7 @@ def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
                     if name != best
                     else {}
                 ),
-                "best_of": int((wide.idxmin(axis=1) == name).sum()),
+                "best_of": int((wide[name] == wide.min(axis=1)).sum()),
             }
         )
     columns = ["scored", "subjects", "bits", "low", "high", "worse", "worse_low", "worse_high"]

@@ -33,6 +33,7 @@ GROUP = ["learner", "condition", "protocol", "experiment", "seed"]
 COLUMNS = [
     *("scored", *GROUP, "subject"),
     *("trial", "attempt", "action", "action_index", "log_probability", "entropy", "highest"),
+    "impossible",
 ]
 
 MOST_SUBJECTS = 40
@@ -58,16 +59,19 @@ def score_actions(
         :data:`GROUP` and ``subject`` say who acted; ``trial`` (in the whole condition), ``attempt``
         and ``action`` when, each from 1; ``action_index`` what. ``log_probability`` is in nats,
         with lapses; ``entropy`` that of the learner's own probabilities, in nats; ``highest``, the
-        probability of the action that it finds likeliest.
+        probability of the action that it finds likeliest; ``impossible``, whether it would never
+        do what was done, but for lapses.
 
     Raises:
-        LearnerError: If the learner does not give probabilities.
+        LearnerError: If the learner does not give probabilities, or what it gives are none.
         StoreError: If what is on record cannot be played again.
     """
     attempts = record.select(
         [*GROUP, "subject", "phase", "loop", "trial", "attempt", "actions", "moved", "opened"]
     ).to_pandas()
     attempts = attempts.astype(dict.fromkeys(["learner", "condition", "protocol", "phase"], str))
+    if attempts.empty:
+        raise StoreError("no subject of these learners has played yet; run compare to the end")
     tables = []
     for group, rows in attempts.groupby(GROUP, observed=True, sort=False):
         numbers = np.unique(rows["subject"])
@@ -76,6 +80,7 @@ def score_actions(
             tables.append(_scored(dict(zip(GROUP, group, strict=True)), own, experiment, scored))
     table = pd.concat(tables, ignore_index=True)
     actions = table.pop("actions")
+    table["impossible"] = np.isneginf(table["log_probability"])
     mixed = (1.0 - lapse) * np.exp(table["log_probability"]) + lapse / actions
     with np.errstate(divide="ignore"):
         table["log_probability"] = np.log(mixed)
@@ -142,6 +147,7 @@ def _predicted(
                 f"{name} does not give the probabilities of its actions, so it cannot be scored; "
                 "write its method probabilities(view)"
             )
+        _check_probabilities(found, acts, session.brief.actions, name)
         in_attempt += 1
         yield _rows(found, actions[:, moment], acts, view.trial, view.attempt, in_attempt)
         step = session.step(actions[:, moment])
@@ -149,6 +155,17 @@ def _predicted(
         if isinstance(learner, InformedLearner) and step.trial_over.any():
             learner.inform(session.truth)
         in_attempt[step.attempt_over] = 0
+
+
+def _check_probabilities(found: FloatArray, acts: BoolArray, actions: int, name: str) -> None:
+    """Refuse what are no probabilities of actions."""
+    right = np.shape(found) == (len(acts), actions)
+    rows = found[acts] if right else found
+    if not (right and (rows >= 0).all() and np.allclose(rows.sum(axis=1), 1.0, atol=1e-6)):
+        raise LearnerError(
+            f"the probabilities of {name} are no array of {actions} for each subject, none below 0 "
+            "and 1 in sum; its contract tests say more"
+        )
 
 
 def _rows(

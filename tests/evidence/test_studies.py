@@ -17,7 +17,8 @@ from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.pages import unbound_numbers
 from causal_openlock.evidence.running import Watched, run_study
 from causal_openlock.evidence.stored import read_run, read_units
-from causal_openlock.evidence.study import read_studies, read_study
+from causal_openlock.evidence.study import Selection, read_studies, read_study
+from causal_openlock.evidence.units import selected
 
 EXPERIMENT = "name: small\nsubjects: 3\ncell_size: 3\nconditions: [CC3, CC3-CC4]\n"
 STUDY = """
@@ -262,6 +263,23 @@ def test_networks_are_trained_and_each_is_a_unit(tmp_path: Path) -> None:
     run_study(read_study(folder), tmp_path / "results", Watched(said.append, workers=0))
     assert len(said) == told  # nothing is trained again
     pd.testing.assert_frame_equal(read_units(read_study(folder)), units)
+    study = folder / "study.yaml"
+    declared = study.read_text()
+    study.write_text(declared.replace("seeds: [1, 2]", "seeds: [1, 2, 3]"))
+    assert not Evidence(read_study(folder)).complete
+    study.write_text(declared + "  parameters: {variant: {reset: trial}}\n")
+    run_study(read_study(folder), tmp_path / "results", Watched(said.append, workers=0))
+    units = read_units(read_study(folder))
+    assert len(units) == 6 * len(units[(units["learner"] == "variant") & (units["unit"] == 1)])
+    assert said[told:] == said[told : told + 2]  # the first kind is trained again for its variant
+    study.write_text(declared + "  parameters: {variant: {greedy: true}}\n")
+    with pytest.raises(StoreError, match="holds another experiment"):
+        run_study(read_study(folder), tmp_path / "results", Watched(said.append, workers=0))
+    assert (
+        "variant" not in set(read_units(read_study(folder))["learner"])
+        or not Evidence(read_study(folder)).complete
+    )
+    study.write_text(declared)
     (folder / "second.yaml").write_text("actions: 2\n")
     (tmp_path / "evidence" / "pages.yaml").write_text("results: []\n")
     (fault,) = (one for one in check(tmp_path / "evidence") if "changed" in one)
@@ -434,6 +452,33 @@ def test_a_margin_that_was_stated_after_the_run_is_marked(root: Path) -> None:
     assert "**undecided**; stated after the run" in Evidence(read_study(root / "small")).block(
         "claims"
     )
+
+
+def test_a_claim_that_was_stated_late_stays_marked_when_more_is_run(root: Path) -> None:
+    run(root)
+    study = root / "small" / "study.yaml"
+    study.write_text(study.read_text().replace("  like_people:", "  late:"))
+    experiment = root / "small" / "experiment.yaml"
+    text = experiment.read_text().replace("subjects: 3", "subjects: 6")
+    experiment.write_text(text)
+    run(root)
+    found = Evidence(read_study(root / "small"))
+    assert (found.stated_after("late"), found.stated_after("faster")) == (True, False)
+
+
+def test_attempts_to_the_first_solution_are_no_share(root: Path) -> None:
+    run(root)
+    written = Evidence(read_study(root / "small")).text("first_solution random CC3 interval")
+    low, high = (float(end) for end in written.split(" to "))
+    assert 1 < low <= 30 <= high
+
+
+def test_trials_of_one_subject_are_no_several_draws(root: Path) -> None:
+    run(root)
+    units = read_units(read_study(root / "small"))
+    whole = Selection(learner="random", condition="CC3", phase="train")
+    found = selected(units, whole, "solved")
+    assert (found.draws, found.binary) == (3, True)
 
 
 @pytest.mark.parametrize(

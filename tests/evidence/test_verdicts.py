@@ -174,7 +174,7 @@ def units() -> pd.DataFrame:
         for unit in range(3)
     ]
     names = ["learner", "condition", "phase", "trial", "judged", "unit", "subjects", "attempts"]
-    return pd.DataFrame(rows, columns=names)
+    return pd.DataFrame(rows, columns=names).assign(protocol="human")
 
 
 def contrast(of: Selection, minus: Selection) -> Contrast:

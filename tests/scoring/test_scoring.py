@@ -119,8 +119,26 @@ def test_lapses_bound_what_an_action_can_cost(played: Played) -> None:
     assert np.isneginf(never["log_probability"]).any()
     assert by_subject(never)["impossible"].sum() == np.isneginf(never["log_probability"]).sum()
     assert np.isnan(ranking(by_subject(never))["low"]).all()
-    least = score_actions(*own, spec("thompson"), lapse=0.15)["log_probability"].min()
-    assert least == pytest.approx(np.log(0.15 / 15))
+    some = score_actions(*own, spec("thompson"), lapse=0.15)
+    assert some["log_probability"].min() == pytest.approx(np.log(0.15 / 15))
+    assert by_subject(some)["impossible"].sum() == by_subject(never)["impossible"].sum()
+
+
+@pytest.mark.parametrize(
+    "wrong", [np.full((6, 15), 3.0), np.full((6, 3), 1 / 3), np.full((6, 15), np.nan)]
+)
+def test_what_are_no_probabilities_is_refused(
+    played: Played, monkeypatch: pytest.MonkeyPatch, wrong: np.ndarray
+) -> None:
+    monkeypatch.setattr("learners.random.RandomLearner.probabilities", lambda *_: wrong)
+    with pytest.raises(LearnerError, match="the probabilities of random are no array of 15"):
+        score_actions(*played, spec("random", "random"))
+
+
+def test_those_who_predict_alike_are_both_best(played: Played) -> None:
+    alike = [score_actions(*played, spec(name, "random", ol.learner("random", label="same")))
+             for name in ("random", "same")]  # fmt: skip
+    assert ranking(by_subject(pd.concat(alike)))["best_of"].tolist() == [18, 18]
 
 
 def test_what_does_not_come_out_again_is_refused(played: Played) -> None:
@@ -141,7 +159,8 @@ def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:
     words = ["score", str(folder), "-l", "random", "-l", "oracle", "--of", "thompson"]
     result = CliRunner().invoke(app, [*words, "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
-    assert "n = 6 subjects; 0.01 of all actions" in " ".join(result.output.split())
+    said = " ".join(result.output.split())
+    assert "n = 6 subjects, of 1 learner in 1 condition; 0.01 of all actions" in said
     actions = pq.read_table(tmp_path / "actions.parquet").to_pandas()
     assert set(actions["scored"]) == {"random", "oracle"}
     assert set(actions["learner"]) == {"thompson"}
