@@ -164,11 +164,12 @@ class RL2(Checkpointed, Learner):
 
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` those of the policy."""
+        from learners.networks.ppo import action_odds
+
         self._logits, self._values, self._next_hidden_state = self._evaluate(view)
         if self.parameters.greedy:
             return certain(self._logits.argmax(axis=1), self.brief.actions)
-        highest = self._logits.max(axis=1, keepdims=True)
-        odds: FloatArray = np.exp(self._logits - highest, dtype=np.float64)
+        odds = action_odds(self._logits)
         return odds / odds.sum(axis=1, keepdims=True)
 
     def learn(self, step: Step) -> None:

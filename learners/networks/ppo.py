@@ -22,10 +22,17 @@ from learners.networks.recurrent_policy import RecurrentPolicy
 Floats = NDArray[np.float32]
 
 
+def action_odds(logits: Floats) -> NDArray[np.float64]:
+    """``[B, A]`` in what proportion the policy takes each action; the likeliest has 1."""
+    odds: NDArray[np.float64] = np.exp(
+        logits - logits.max(axis=-1, keepdims=True), dtype=np.float64
+    )
+    return odds
+
+
 def sample_actions(logits: Floats, uniform: NDArray[np.float64]) -> NDArray[np.int64]:
     """``[B]`` actions drawn from the policy, each with one uniform number."""
-    weights = np.exp(logits - logits.max(axis=-1, keepdims=True), dtype=np.float64)
-    reached = weights.cumsum(axis=-1)
+    reached = action_odds(logits).cumsum(axis=-1)
     drawn: NDArray[np.int64] = (reached < uniform[:, None] * reached[:, -1:]).sum(axis=-1)
     return drawn
 
