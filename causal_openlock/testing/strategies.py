@@ -4,7 +4,7 @@ A test that holds for whatever these draw holds for schemas and settings that no
 and Hypothesis finds the smallest one for which it fails. All are small enough to be played:
 
 >>> from hypothesis import find
->>> find(schemas(), lambda schema: len(schema.solutions) == 2).as_dict()["edges"]
+>>> find(schemas(max_levers=2), lambda schema: len(schema.solutions) == 2).as_dict()["edges"]
 {'L0': ['door'], 'L1': ['door']}
 """
 
