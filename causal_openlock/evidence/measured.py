@@ -279,12 +279,14 @@ class Evidence:
         rows = []
         for name, claim in self.study.file.claims.items():
             source = f" ({claim.source})" if claim.source else ""
-            after = "; stated after the run" * self.stated_after(name)
-            rows.append([f"{claim.text}{source}", f"**{self.verdict(name)}**{after}", ""])
+            rows.append([f"{claim.text}{source}", self._verdict_in_words(name), ""])
             for part, contrast in claim.contrasts.items():
                 found = self.estimates[name, part]
                 rows.append([*_contrast_in_words(part, contrast, found)])
         return f"{markdown(['claim', 'verdict', 'by'], rows)}\n"
+
+    def _verdict_in_words(self, name: str) -> str:
+        return f"**{self.verdict(name)}**" + "; stated after the run" * self.stated_after(name)
 
     def _verdicts(self, names: Sequence[str]) -> str:
         rows = []
@@ -296,7 +298,7 @@ class Evidence:
                 if of == name and not isinstance(found, str)
             ]
             by = "<br>".join(differences) or "not run yet"
-            rows.append([claim.text, f"**{self.verdict(name)}**", by])
+            rows.append([claim.text, self._verdict_in_words(name), by])
         head = ["claim", "verdict", f"differences, 95% intervals, n {self.study.unit}s"]
         return f"{markdown(head, rows)}\n"
 
