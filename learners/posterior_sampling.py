@@ -72,6 +72,7 @@ class PosteriorSampling(Checkpointed, Learner):
         self._stays = (after == masks)[:, :-1].astype(np.int64)  # the lever stands there already
         shape = brief.subjects, len(pushed), 2, brief.actions
         self._counts = np.zeros((*shape, 4))
+        self._known_looks: dict[bytes, IntArray] = {}  # by the levers that are grey
         self._looks = np.zeros((brief.subjects, 10, 4))
         self._found = np.zeros(shape[:2], dtype=bool)
         self._policy = np.zeros((brief.subjects, limit + 1, *shape[1:3]), dtype=np.int64)
@@ -96,11 +97,13 @@ class PosteriorSampling(Checkpointed, Learner):
 
     def _look(self, grey: IntArray) -> IntArray:
         """``[S, 2, A]`` what each action looks like in each state."""
-        verb = np.repeat([0, 4], self.brief.positions)
-        levers = verb + 2 * np.tile(grey, 2) + self._stays
-        looks = np.full((*levers.shape[:1], 2, self.brief.actions), 8)
-        looks[:, :, :-1] = levers[:, None]
-        looks[:, 1, -1] = 9
+        if (looks := self._known_looks.get(grey.tobytes())) is None:
+            verb = np.repeat([0, 4], self.brief.positions)
+            levers = verb + 2 * np.tile(grey, 2) + self._stays
+            looks = np.full((*levers.shape[:1], 2, self.brief.actions), 8)
+            looks[:, :, :-1] = levers[:, None]
+            looks[:, 1, -1] = 9
+            self._known_looks[grey.tobytes()] = looks
         return looks
 
     def model(self, subject: int, grey: IntArray) -> FloatArray:

@@ -266,12 +266,20 @@ def test_the_default_experiment_plays_every_learner_in_the_six_conditions() -> N
     experiment = read_experiment(find_experiment("default"))
     ours = {name for name, entry in registry().items() if entry.value.startswith("learners.")}
     # Stable-Baselines3 is an extra, and the default comparison asks for nothing that is not there.
-    rivals = {"theory_based", "posterior_sampling", "associative", "win_stay", "tabular_q"}
-    assert {entry.learner for entry in experiment.learners} == ours - {"sb3"} - rivals
+    assert {entry.learner for entry in experiment.learners} == ours - {"sb3"}
     assert tuple(condition.name for condition in experiment.conditions) == PAPER_CONDITIONS
     cheap = [entry for entry in experiment.learners if entry.protocol.name == "human"]
-    assert all(entry.subjects >= 20 for entry in cheap)
+    assert all(entry.subjects >= 10 for entry in cheap)
     assert any(entry.learner == "ddqn" and entry not in cheap for entry in experiment.learners)
+
+
+def test_every_learner_plays_where_people_were() -> None:
+    experiment = read_experiment(find_experiment("paper_human"))
+    ours = {name for name, entry in registry().items() if entry.value.startswith("learners.")}
+    assert {entry.learner for entry in experiment.learners} == ours
+    assert {(entry.protocol.name, entry.subjects) for entry in experiment.learners} == {
+        ("human", 40)
+    }
 
 
 def test_an_unknown_experiment_is_answered_with_the_nearest() -> None:
