@@ -49,6 +49,12 @@ def compare(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Try cells that have failed three times, too.")
     ] = False,
+    allow_version: Annotated[
+        bool,
+        typer.Option(
+            "--allow-version", help="Complete what was begun with other versions of packages."
+        ),
+    ] = False,
     checkpoint_every: Annotated[
         float,
         typer.Option(min=0, help="Seconds between checkpoints inside a cell; inf takes none."),
@@ -100,6 +106,7 @@ def compare(
                 cluster=cluster,
                 shard=part,
                 retry_failed=retry_failed,
+                allow_version=allow_version,
                 done=lambda cell, was_there: before.append(was_there),
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,

@@ -57,6 +57,7 @@ def compare(
     workers: int | None = None,
     cluster: str | None = None,
     retry_failed: bool = False,
+    allow_version: bool = False,
     checkpoint_every: float = 60.0,
     time_limit: float | None = None,
     tensorboard: Path | str | None = None,
@@ -85,6 +86,8 @@ def compare(
         cluster: Address of a Dask scheduler whose workers play, ``"tcp://host:8786"``; or
             ``"local:8"``, which starts one with eight workers here.
         retry_failed: Whether cells that have failed three times are tried again.
+        allow_version: Whether a folder that was made with other versions of packages is completed
+            with those here.
         checkpoint_every: Seconds between checkpoints inside a cell.
         time_limit: Seconds after which a cell is ended and counted as failed; by default never.
         tensorboard: Folder for TensorBoard's logs.
@@ -114,6 +117,7 @@ def compare(
                 workers=workers,
                 cluster=cluster,
                 retry_failed=retry_failed,
+                allow_version=allow_version,
                 done=lambda cell, _: done.append(cell),
                 progress=show,
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),

@@ -26,7 +26,8 @@ from causal_openlock.analysis.results.standing import standings
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
-from causal_openlock.experiment.store import LOCK, Store, check_inside
+from causal_openlock.experiment.folder_lock import LOCK
+from causal_openlock.experiment.store import Store, check_inside
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
