@@ -33,6 +33,7 @@ from causal_openlock.experiment.expected_cost import cost_cautions
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.remote import kept
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
@@ -80,7 +81,8 @@ def compare(
         title: A line for the report; by default who plays what.
         cell_size: Most subjects in a unit of work; by default 40.
         out: Folder for the results; one that holds a part of this comparison is completed. By
-            default they are kept until Python ends, or :meth:`Results.save` keeps them.
+            default they are kept until Python ends, or :meth:`Results.save` keeps them. Or an
+            object store, ``"s3://bucket/name"``.
         workers: Number of processes; by default one for each core. With 0 this process plays, one
             cell after another: small comparisons need not wait for another one to start.
         cluster: Address of a Dask scheduler whose workers play, ``"tcp://host:8786"``; or
@@ -106,10 +108,18 @@ def compare(
     declared = {"reward": reward, "name": name, "title": title, "cell_size": cell_size}
     given = {key: one for key, one in {**changes, **declared}.items() if one is not None}
     experiment = _experiment(what, learners, given, out)
-    folder = _temporary_folder(experiment) if out is None else Path(out)
     done: list[Cell] = []
+
+    def note(cell: Cell, was_there: bool) -> None:
+        done.append(cell)
+        if not was_there:
+            send()
+
     try:
-        with shown_here(experiment.name) as show:
+        with (
+            kept(_temporary_folder(experiment) if out is None else out) as (folder, send),
+            shown_here(experiment.name) as show,
+        ):
             play(
                 experiment,
                 folder,
@@ -118,11 +128,12 @@ def compare(
                 cluster=cluster,
                 retry_failed=retry_failed,
                 allow_version=allow_version,
-                done=lambda cell, _: done.append(cell),
+                done=note,
                 progress=show,
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,
             )
+            send()
     except KeyboardInterrupt:
         cells = len(experiment.cells())
         raise Interrupted(
