@@ -61,7 +61,7 @@ def main() -> None:
             killed = played(experiment, folder)
             seconds = time.perf_counter() - began
             rows.append(
-                {"way": name, "killed": killed, **_found(folder), "seconds": round(seconds)}
+                {"way": name, "killed": killed, **summary(folder), "seconds": round(seconds)}
             )
             print("  ".join(f"{key} {value}" for key, value in rows[-1].items()), flush=True)
     if chosen.json:
@@ -96,7 +96,7 @@ def _dask(experiment: Any, folder: Path) -> int:
     killed: list[int] = []
 
     def look(_: object) -> None:
-        if not killed and _in_a_cell(folder):
+        if not killed and in_a_cell(folder):
             busy = max(_workers(), key=lambda one: sum(one.cpu_times()[:2]))
             busy.kill()
             killed.append(busy.pid)
@@ -124,22 +124,14 @@ def _shards(experiment: Any, folder: Path) -> int:
     from causal_openlock.experiment.shard import Shard
 
     def begin(number: int) -> int:
-        child = os.fork()
-        if not child:
-            status = 1
-            try:
-                _run(experiment, folder, workers=0, shard=Shard(number, SHARDS))
-                status = 0
-            finally:
-                os._exit(status)
-        return child
+        return begin_shard(experiment, folder, Shard(number, SHARDS))
 
     cells = {number: Shard(number, SHARDS).of(experiment.cells()) for number in KILLED}
     # First those that are to be killed, so that it is seen when they are in the midst of a cell.
     playing = {number: begin(number) for number in KILLED}
     for number, child in playing.items():
         own = {Path(cell.file_name).stem for cell in cells[number]}
-        while not _in_a_cell(folder, own):
+        while not in_a_cell(folder, own):
             time.sleep(0.01)
         os.kill(child, signal.SIGKILL)
         assert os.WIFSIGNALED(os.waitpid(child, 0)[1]), f"shard {number} was over too early"
@@ -150,7 +142,26 @@ def _shards(experiment: Any, folder: Path) -> int:
     return len(KILLED)
 
 
-def _in_a_cell(folder: Path, own: set[str] | None = None) -> bool:
+def begin_shard(experiment: Any, folder: Path, shard: Any, every: float = 0.0) -> int:
+    """Play a shard in a process of its own, forked from this one; returns its number.
+
+    Checkpoints are taken ``every`` so many seconds.
+    """
+    from causal_openlock.experiment.runner import run
+    from causal_openlock.experiment.worker import Watching
+
+    child = os.fork()
+    if not child:
+        status = 1
+        try:
+            run(experiment, folder, workers=0, shard=shard, watching=Watching(every))
+            status = 0
+        finally:
+            os._exit(status)
+    return child
+
+
+def in_a_cell(folder: Path, own: set[str] | None = None) -> bool:
     """Whether a cell has been played for some attempts and is not done."""
     for path in folder.glob("cells/*.attempts"):
         with_record = path.with_suffix(".parquet").exists()
@@ -159,7 +170,8 @@ def _in_a_cell(folder: Path, own: set[str] | None = None) -> bool:
     return False
 
 
-def _found(folder: Path) -> dict[str, Any]:
+def summary(folder: Path) -> dict[str, Any]:
+    """How much was played, and the SHA-256 of its summary."""
     from causal_openlock.analysis.results.summary import summary_table, write_table
     from causal_openlock.experiment.store import Store
 
