@@ -12,8 +12,8 @@ EXTRAS := --extra test --extra notebooks
 OLDEST := 3.11.5
 PYTHONS := $(OLDEST) 3.12 3.13 3.14
 
-.PHONY: help compare test lint style types imports tests bench scale soak identity fuzz docs notebooks evidence evidence-check json-schemas \
-        lock lock-hashes install-locked audit pythons test-minimum dist check-dist clean
+.PHONY: help compare test lint style types imports tests bench scale soak identity fuzz docs notebooks evidence \
+        evidence-check json-schemas lock lock-hashes install-locked audit pythons test-minimum dist check-dist clean
 
 help:
 	@echo "make compare  set up, run the default comparison, write results/default/report.html"

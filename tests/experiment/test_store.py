@@ -397,6 +397,17 @@ def test_a_read_only_folder_is_one_sentence(experiment: Experiment, tmp_path: Pa
         play(experiment, folder / "out")
 
 
+def test_a_read_only_disk_is_one_sentence(
+    experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_only(*_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(Path, "mkdir", read_only)
+    with pytest.raises(StoreError, match=r"out cannot be written \(Read-only file system\); "):
+        play(experiment, tmp_path / "out")
+
+
 def test_a_start_cut_short_leaves_a_folder_that_can_be_used(
     experiment: Experiment, tmp_path: Path
 ) -> None:
