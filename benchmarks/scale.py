@@ -1,9 +1,9 @@
 """How cost grows: ``python benchmarks/scale.py --out docs/figures/scale.svg``.
 
 Measures what a comparison costs as subjects, levers, attempts on record and workers grow, and
-draws it. Costs are seconds of the processor, which a busy machine changes little; only what workers
-gain is wall time. A measurement that is expected to take longer than ``--patience`` is left out,
-and so are larger ones. Beside the figure, with the same name, are the CSV of its numbers, and what
+draws it. Costs are seconds of the processor, which a busy machine changes little; of workers wall
+time is measured, too. A measurement that is expected to take longer than ``--patience`` is left
+out, and so are larger ones. Beside the figure, with the same name, are the CSV of its numbers, and what
 they were measured on. Costs against hypotheses are those that ``belief_scaling.py`` has measured.
 """
 
@@ -26,6 +26,7 @@ from run import ONE_THREAD, machine
 HYPOTHESES = Path(__file__).parents[1] / "docs" / "figures" / "belief_scaling.json"
 LEARNERS = ("random", "tabular_q", "bayes", "ddqn")
 CONDITION = "CC3-CC4"
+MEASURED = ("subjects", "levers", "attempts", "workers")
 
 
 class Cost(NamedTuple):
@@ -41,6 +42,7 @@ class Cost(NamedTuple):
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the figure")
+    parser.add_argument("--only", nargs="+", choices=MEASURED, default=MEASURED, help="these parts")
     parser.add_argument("--redraw", action="store_true", help="draw the numbers that are there")
     parser.add_argument("--patience", type=float, default=10.0, help="seconds a measurement")
     parser.add_argument("--subjects", type=int, default=10_000, help="at most")
@@ -51,7 +53,8 @@ def main() -> None:
     numbers = chosen.out.with_suffix(".csv")
     if not chosen.redraw:
         os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before NumPy is loaded
-        costs = []
+        there = _read(numbers) if numbers.exists() else []
+        costs = [cost for cost in there if cost.grows not in chosen.only]
         for cost in measure(chosen):
             costs.append(cost)
             print(f"{cost.grows:9} {cost.of:22} {cost.size:>9,} {cost.value:.4g} {cost.unit}")
@@ -60,22 +63,31 @@ def main() -> None:
             csv.writer(file, lineterminator="\n").writerows([Cost._fields, *costs])
         about = json.dumps(machine(), indent=1) + "\n"
         chosen.out.with_suffix(".json").write_text(about, encoding="utf-8")
+    draw([*_read(numbers), *hypotheses()], chosen.out)
+
+
+def _read(numbers: Path) -> list[Cost]:
     with numbers.open(newline="", encoding="utf-8") as file:
-        rows = [
-            Cost(*row[:2], int(row[2]), float(row[3]), row[4]) for row in list(csv.reader(file))[1:]
-        ]
-    draw([*rows, *hypotheses()], chosen.out)
+        rows = list(csv.DictReader(file))
+    return [
+        Cost(one["grows"], one["of"], int(one["size"]), float(one["value"]), one["unit"])
+        for one in rows
+    ]
 
 
 # -- measuring ------------------------------------------------------------------------------------
 
 
 def measure(chosen: Any) -> Iterator[Cost]:
-    """All of it, the cheapest first."""
-    yield from subjects(chosen.subjects, chosen.patience)
-    yield from levers(chosen.levers, chosen.patience)
-    yield from attempts(chosen.attempts, chosen.patience)
-    yield from workers(chosen.workers)
+    """All that was asked for."""
+    parts = {
+        "subjects": lambda: subjects(chosen.subjects, chosen.patience),
+        "levers": lambda: levers(chosen.levers, chosen.patience),
+        "attempts": lambda: attempts(chosen.attempts, chosen.patience),
+        "workers": lambda: workers(chosen.workers),
+    }
+    for part in chosen.only:
+        yield from parts[part]()
 
 
 def subjects(most: int, patience: float) -> Iterator[Cost]:
@@ -156,37 +168,40 @@ learners: [random]
 
 
 def workers(most: int) -> Iterator[Cost]:
-    """What workers gain, processes and Dask's; and what a cell costs the one who hands it out."""
+    """What more workers cost and gain, and what a cell costs the one who hands it out."""
     from causal_openlock.experiment.file import read_experiment
     from causal_openlock.experiment.runner import run
 
     with tempfile.TemporaryDirectory() as place:
         file = Path(place, "scale.yaml")
 
-        def timed(name: str, cells: int, loops: int, **options: Any) -> tuple[float, float]:
-            """Wall time, and this process's own time of the processor."""
+        def timed(name: str, cells: int, loops: int, **options: Any) -> tuple[float, float, float]:
+            """Wall time, and the processor's: of this process, and of all."""
             file.write_text(EXPERIMENT.format(cells=cells, loops=loops), encoding="utf-8")
             experiment = read_experiment(file)
-            began = time.perf_counter(), _own()
+            began = time.perf_counter(), _used(), _used(resource.RUSAGE_CHILDREN)
             run(experiment, Path(place, name), **options)
-            return time.perf_counter() - began[0], _own() - began[1]
+            own = _used() - began[1]
+            of_all = own + _used(resource.RUSAGE_CHILDREN) - began[2]
+            return time.perf_counter() - began[0], own, of_all
+
+        def kinds(many: int) -> list[tuple[str, dict[str, Any]]]:
+            return [("processes", {"workers": many}), ("Dask", {"cluster": f"local:{many}"})]
 
         many = 1
         while many <= most:
-            for kind, options in (
-                ("processes", {"workers": many}),
-                ("Dask", {"cluster": f"local:{many}"}),
-            ):
-                wall, _ = timed(f"{kind}{many}", 8, 20, **options)
-                yield Cost("workers", kind, many, wall, "s")
+            for kind, options in kinds(many):
+                wall, _, of_all = timed(f"{kind}{many}", 8, 8, **options)
+                yield Cost("workers", f"{kind}, wall", many, wall, "s")
+                yield Cost("workers", f"{kind}, processor", many, of_all, "s")
             many *= 2
-        for kind, options in (("processes", {"workers": 2}), ("Dask", {"cluster": "local:2"})):
-            few, lots = (timed(f"{kind}of{n}", n, 1, **options)[1] for n in (10, 60))
-            yield Cost("cells", kind, 1, (lots - few) / 50, "s")
+        for kind, options in kinds(2):
+            few, lots = (timed(f"{kind}of{n}", n, 1, **options)[1] for n in (10, 50))
+            yield Cost("workers", f"{kind}, own time a cell", 1, (lots - few) / 40, "s")
 
 
-def _own() -> float:
-    used = resource.getrusage(resource.RUSAGE_SELF)
+def _used(who: int = resource.RUSAGE_SELF) -> float:
+    used = resource.getrusage(who)
     return used.ru_utime + used.ru_stime
 
 
@@ -219,7 +234,7 @@ PANELS = {
     "levers": ("Active levers", "a subject, two trials, common cause"),
     "hypotheses": ("Hypotheses", "one decision, one update"),
     "attempts": ("Attempts on record", "of random, in one cell"),
-    "workers": ("Workers", "eight cells, wall time"),
+    "workers": ("Workers", "eight cells"),
 }
 COLOURS = ("#00427A", "#E69F00", "#009E73", "#D55E00")
 MARKERS = "osD^"
@@ -236,6 +251,7 @@ def draw(costs: list[Cost], path: Path) -> None:
         panels = figure.subplots(2, 3).flatten()
         for axes, (grows, (title, about)) in zip(panels, PANELS.items(), strict=False):
             here = [cost for cost in costs if cost.grows == grows and cost.unit == "s"]
+            here = [cost for cost in here if "a cell" not in cost.of]
             for index, of in enumerate(dict.fromkeys(cost.of for cost in here)):
                 line = [(cost.size, cost.value) for cost in here if cost.of == of]
                 axes.plot(
