@@ -12,8 +12,8 @@ EXTRAS := --extra test --extra notebooks
 OLDEST := 3.11.5
 PYTHONS := $(OLDEST) 3.12 3.13 3.14
 
-.PHONY: help compare test lint style types imports tests bench fuzz docs notebooks evidence evidence-check json-schemas \
-        lock lock-hashes install-locked audit pythons test-minimum dist check-dist clean
+.PHONY: help compare test lint style types imports tests bench scale soak identity fuzz docs notebooks evidence \
+        evidence-check json-schemas lock lock-hashes install-locked audit pythons test-minimum dist check-dist clean
 
 help:
 	@echo "make compare  set up, run the default comparison, write results/default/report.html"
@@ -21,6 +21,7 @@ help:
 	@echo "make bench    set up, measure speed against named peers"
 	@echo "make docs     set up, build the documentation: docs/_build/index.html"
 	@echo "make evidence  set up, run or complete every study behind the documentation (hours; resumable)"
+	@echo "make scale    set up, measure and draw how cost grows: docs/figures/scale.svg"
 	@echo "make fuzz     set up, give 100,000 spoiled files to every reader (resumable: INPUTS=... FIRST=...)"
 	@echo "make audit    set up a tool, ask for security advisories about the locked set"
 	@echo "make notebooks  set up, open the lessons in JupyterLab"
@@ -48,6 +49,19 @@ tests: $(VENV)/installed-test
 
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/run.py
+
+# How cost grows; docs/scale.md reads it. Larger: SCALE="--patience 600 --attempts 10000000".
+scale: $(VENV)/installed-test
+	$(BIN)/python benchmarks/scale.py --out docs/figures/scale.svg $(SCALE)
+
+# The same bytes from any number of workers, from Dask and from shards, some of them killed.
+identity: $(VENV)/installed-test
+	$(BIN)/python benchmarks/identity.py --json benchmarks/measured/identity.json
+
+# A comparison of which something is killed every 20 seconds.
+MINUTES ?= 30
+soak: $(VENV)/installed-test
+	$(BIN)/python benchmarks/soak.py --minutes $(MINUTES) --json benchmarks/measured/soak.json
 
 # Spoiled files for every reader; FIRST=40000 goes on from there.
 INPUTS ?= 100000

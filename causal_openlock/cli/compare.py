@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,15 +14,20 @@ from causal_openlock.cli.stopping import resumable
 from causal_openlock.comparison.progress import shown
 from causal_openlock.errors import OpenLockError
 
+if TYPE_CHECKING:
+    from causal_openlock.experiment.experiment import Cell
+
 
 def compare(
     experiment: Annotated[
         str, typer.Argument(help="Path of an experiment file, or name of a bundled experiment.")
     ] = "default",
     out: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
-            "--out", "-o", help="Folder for the results; by default one of its own in results/."
+            "--out",
+            "-o",
+            help="Folder for the results; by default one of its own in results/. Or s3://...",
         ),
     ] = None,
     condition: Annotated[
@@ -49,6 +54,12 @@ def compare(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Try cells that have failed three times, too.")
     ] = False,
+    allow_version: Annotated[
+        bool,
+        typer.Option(
+            "--allow-version", help="Complete what was begun with other versions of packages."
+        ),
+    ] = False,
     checkpoint_every: Annotated[
         float,
         typer.Option(min=0, help="Seconds between checkpoints inside a cell; inf takes none."),
@@ -73,6 +84,7 @@ def compare(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.experiment.remote import kept
     from causal_openlock.experiment.shard import Shard
     from causal_openlock.experiment.store import Store
     from causal_openlock.experiment.worker import Watching
@@ -85,11 +97,16 @@ def compare(
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     # A changed experiment is another one, and has results of its own.
     own = "" if changes == Changes() else f"-{chosen.identity[:8]}"
-    folder = out or Path("results") / f"{chosen.name}{own}"
-    if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
-        chosen = replace(chosen, name=name)
     before: list[bool] = []
-    with resumable():
+    with resumable(), kept(out or Path("results") / f"{chosen.name}{own}") as (folder, send):
+        if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
+            chosen = replace(chosen, name=name)
+
+        def done(_: Cell, was_there: bool) -> None:
+            before.append(was_there)
+            if not was_there:
+                send()
+
         with shown(chosen.name, console) as show:
             failed = play(
                 chosen,
@@ -100,7 +117,8 @@ def compare(
                 cluster=cluster,
                 shard=part,
                 retry_failed=retry_failed,
-                done=lambda cell, was_there: before.append(was_there),
+                allow_version=allow_version,
+                done=done,
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,
             )
@@ -110,8 +128,9 @@ def compare(
             report_store(folder, console)
         else:
             console.print_line(
-                f"shard {part} is over; when all are: causal-openlock report {folder}"
+                f"shard {part} is over; when all are: causal-openlock report {out or folder}"
             )
+        send()
     if failed:
         error = OpenLockError(failed.summary)  # which cells they are was printed above
         error.status = failed.status

@@ -14,7 +14,20 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.protocol import Condition, Protocol
 
 ConditionName = Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4, my.yaml, ...")]
-ResultsFolder = Annotated[Path, typer.Argument(help="Folder that compare or play wrote to.")]
+
+
+def _results_folder(place: str) -> Path:
+    from causal_openlock.experiment.remote import downloaded
+
+    return downloaded(place)
+
+
+ResultsFolder = Annotated[
+    Path,
+    typer.Argument(
+        help="Folder that compare or play wrote to; or a store, s3://...", parser=_results_folder
+    ),
+]
 SubjectNumber = Annotated[int, typer.Option("--subject", min=0, help="Number of the subject.")]
 Seed = Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Seed of all randomness.")]
 ProtocolName = Annotated[

@@ -33,6 +33,7 @@ from causal_openlock.experiment.expected_cost import cost_cautions
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.remote import kept
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
@@ -57,6 +58,7 @@ def compare(
     workers: int | None = None,
     cluster: str | None = None,
     retry_failed: bool = False,
+    allow_version: bool = False,
     checkpoint_every: float = 60.0,
     time_limit: float | None = None,
     tensorboard: Path | str | None = None,
@@ -79,12 +81,15 @@ def compare(
         title: A line for the report; by default who plays what.
         cell_size: Most subjects in a unit of work; by default 40.
         out: Folder for the results; one that holds a part of this comparison is completed. By
-            default they are kept until Python ends, or :meth:`Results.save` keeps them.
+            default they are kept until Python ends, or :meth:`Results.save` keeps them. Or an
+            object store, ``"s3://bucket/name"``.
         workers: Number of processes; by default one for each core. With 0 this process plays, one
             cell after another: small comparisons need not wait for another one to start.
         cluster: Address of a Dask scheduler whose workers play, ``"tcp://host:8786"``; or
             ``"local:8"``, which starts one with eight workers here.
         retry_failed: Whether cells that have failed three times are tried again.
+        allow_version: Whether a folder that was made with other versions of packages is completed
+            with those here.
         checkpoint_every: Seconds between checkpoints inside a cell.
         time_limit: Seconds after which a cell is ended and counted as failed; by default never.
         tensorboard: Folder for TensorBoard's logs.
@@ -103,10 +108,18 @@ def compare(
     declared = {"reward": reward, "name": name, "title": title, "cell_size": cell_size}
     given = {key: one for key, one in {**changes, **declared}.items() if one is not None}
     experiment = _experiment(what, learners, given, out)
-    folder = _temporary_folder(experiment) if out is None else Path(out)
     done: list[Cell] = []
+
+    def note(cell: Cell, was_there: bool) -> None:
+        done.append(cell)
+        if not was_there:
+            send()
+
     try:
-        with shown_here(experiment.name) as show:
+        with (
+            kept(_temporary_folder(experiment) if out is None else out) as (folder, send),
+            shown_here(experiment.name) as show,
+        ):
             play(
                 experiment,
                 folder,
@@ -114,11 +127,13 @@ def compare(
                 workers=workers,
                 cluster=cluster,
                 retry_failed=retry_failed,
-                done=lambda cell, _: done.append(cell),
+                allow_version=allow_version,
+                done=note,
                 progress=show,
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,
             )
+            send()
     except KeyboardInterrupt:
         cells = len(experiment.cells())
         raise Interrupted(

@@ -26,7 +26,9 @@ from causal_openlock.analysis.results.standing import standings
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
-from causal_openlock.experiment.store import LOCK, Store, check_inside
+from causal_openlock.experiment.folder_lock import LOCK
+from causal_openlock.experiment.remote import downloaded
+from causal_openlock.experiment.store import Store, check_inside
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
@@ -258,10 +260,10 @@ def open_results(folder: Path | str, *others: Path | str) -> Results:
     """The results in a folder that :func:`compare` or the command line wrote.
 
     Args:
-        folder: The folder.
+        folder: The folder, or an object store: ``"s3://bucket/name"``.
         *others: Further ones, whose results are in the same table.
 
     Raises:
         StoreError: If a folder holds no results, one is damaged, or they cannot be compared.
     """
-    return Results.read(folder, *others)
+    return Results.read(*map(downloaded, (folder, *others)))

@@ -38,7 +38,7 @@ from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.store import merged_versions
+from causal_openlock.experiment.versions import merged_versions
 from causal_openlock.wording import joined
 from causal_openlock.world.fsm import BoolArray
 
@@ -125,6 +125,7 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
                 progress=watched.show,
                 workers=watched.workers,
                 elsewhere=held.cells if held else (),
+                allow_version=True,  # its pages name all versions
             )
             failed += [lost] if lost else []
             if part.label:

@@ -99,7 +99,7 @@ class Checkpoint:
         if made_with.get("identity") != self.made_with["identity"]:
             raise CheckpointError(f"{self.path} is of another cell")
         for package, here in self.made_with.items():
-            if (there := made_with.get(package)) != here:
+            if (there := made_with.get(package, here)) != here:
                 raise CheckpointError(
                     f"{self.path} was made with {package} {there}, and here it is {here}"
                 )

@@ -30,7 +30,8 @@ from typing import Any, TypeVar
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.carried_code import CarriedCode, use
 from causal_openlock.experiment.experiment import Cell
-from causal_openlock.experiment.store import Store, versions
+from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.versions import versions
 from causal_openlock.experiment.workers import Given, start_alone
 
 SETTINGS = {

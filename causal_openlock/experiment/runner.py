@@ -28,7 +28,7 @@ from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.carried_code import carry
 from causal_openlock.experiment.cluster import joined
 from causal_openlock.experiment.experiment import Cell, Experiment
-from causal_openlock.experiment.progress import ProgressEstimator, RunProgress
+from causal_openlock.experiment.progress import ProgressEstimator, RunProgress, work
 from causal_openlock.experiment.shard import Shard
 from causal_openlock.experiment.store import AWAITED, Store
 from causal_openlock.experiment.worker import Watching, play_cell, record_failure
@@ -50,6 +50,7 @@ def run(
     cluster: str | None = None,
     shard: Shard | None = None,
     retry_failed: bool = False,
+    allow_version: bool = False,
     done: Callable[[Cell, bool], None] | None = None,
     failed: Callable[[Cell, str], None] | None = None,
     warn: Callable[[str], None] | None = None,
@@ -71,6 +72,8 @@ def run(
         shard: A share of the cells, which alone is played; other shards may be played in the same
             folder at the same time.
         retry_failed: Whether cells that have failed three times are tried again.
+        allow_version: Whether a folder that was made with other versions of packages is completed
+            with those here.
         done: Called with each finished cell, and whether it was finished before.
         failed: Called with each cell that failed, and a sentence with the reason.
         warn: Called with a sentence for each damaged file, whose cell is run again, and for each
@@ -88,7 +91,8 @@ def run(
             reasons.
         OpenLockError: If TensorBoard's logs are wanted and it is not installed, or no process can
             be started.
-        StoreError: If the folder holds something else or cannot be written to.
+        StoreError: If the folder holds something else, was made with other versions of packages, or
+            cannot be written to.
 
     Example:
         >>> from concurrent.futures import ThreadPoolExecutor
@@ -155,9 +159,12 @@ def run(
             elif cell.file_name not in missing:
                 course.ended(cell, 0.0)
                 (done or _ignore)(cell, True)
-        # What is stopped has some subjects of all, rather than all of some.
+        # What is stopped has some subjects of all, rather than all of some; and long cells come
+        # first, so that no worker is left alone with one at the end.
         there = (cell for name, cell in missing.items() if name not in left_out)
-        pending = sorted(there, key=lambda cell: cell.first_subject)
+        pending = sorted(there, key=lambda cell: (cell.first_subject, -work(cell)))
+        if pending:
+            store.begin(experiment, allow_version=allow_version)
         playing = _Run(
             pending=deque(pending),
             store=store,

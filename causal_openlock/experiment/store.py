@@ -16,31 +16,25 @@ a damaged file is reported, and its cell is played again.
 
 A folder keeps every cell that was ever played in it, by identity, and shows those of the last
 experiment. So a learner can be corrected, removed, put back or added, and only missing cells are
-played. One process at a time works in a folder: it holds a lock on it, which the operating system
-releases when the process ends. Shards of one experiment share that lock, and each has one of its
-own; what only one may do, such as to tidy up, is done by the first of them. A file system without
-locks does no harm to results, since a cell's file is the same whoever writes it.
+played. One process at a time works in a folder (:mod:`causal_openlock.experiment.folder_lock`).
 """
 
 from __future__ import annotations
 
-import errno
 import json
 import os
-import platform
 import re
-import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
+from causal_openlock.experiment.folder_lock import LOCK, FolderLock
 from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.versions import merged_versions, other_versions, versions
 from causal_openlock.files.atomic import PARTIAL, sweep, write_bytes
 from causal_openlock.files.checksums import (
     ChecksumError,
@@ -55,15 +49,12 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from causal_openlock.experiment.shard import Shard
-    from causal_openlock.experiment.stored import StoredExperiment
+    from causal_openlock.experiment.stored import StoredExperiment, Versions
 
 IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
-LOCK = ".lock"
 AWAITED = ".awaited-"
 """The beginning of the names of files that are there while a run waits for its workers."""
-LOCK_PATIENCE = 30.0
-"""Seconds that a shard waits while another one prepares the folder."""
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
 """Files beside a cell's file while it is played; see
 :mod:`causal_openlock.experiment.checkpoint`."""
@@ -92,7 +83,7 @@ class Store:
         self.folder = Path(folder)
         self.cells = self.folder / "cells"
         self._declared = self.folder / "experiment.json"
-        self._locks: list[IO[bytes]] = []
+        self._lock = FolderLock(self.folder)
 
     # -- the folder -----------------------------------------------------------------------------
 
@@ -135,7 +126,7 @@ class Store:
             )
         self.folder.mkdir(parents=True, exist_ok=True)
         self.close()
-        alone = self._take_lock(shard)
+        alone = self._lock.take(shard)
         if not alone and self._declared.exists():  # another shard has prepared it
             if self.experiment().identity != experiment.identity:
                 raise StoreError(
@@ -149,7 +140,7 @@ class Store:
         self.cells.mkdir(exist_ok=True)
         if alone:
             self._tidy({Path(name).stem for name in files})
-            self._share_lock(shard)
+            self._lock.share(shard)
 
     def _tidy(self, known: set[str]) -> None:
         """Remove what killed runs and earlier forms of the experiment have left."""
@@ -200,11 +191,20 @@ class Store:
             return None
 
     def declare(
-        self, experiment: Experiment, cells: Iterable[Cell], identity: str | None = None
+        self,
+        experiment: Experiment,
+        cells: Iterable[Cell],
+        identity: str | None = None,
+        made_with: Versions | None = None,
     ) -> None:
         """Write the experiment and these cells to ``experiment.json`` unless they are in it.
 
-        The identity is by default the experiment's own.
+        Args:
+            experiment: The experiment.
+            cells: The cells.
+            identity: By default the experiment's own.
+            made_with: Versions of packages; by default those that the folder was made with so far,
+                or those here.
 
         Raises:
             OpenLockError: If it cannot be written.
@@ -213,6 +213,7 @@ class Store:
             "identity": identity or experiment.identity,
             **experiment.as_dict(),
             "cells": [cell.file_name for cell in cells],
+            "versions": dict(made_with or self._made_with() or versions()),
         }
         content = json_bytes(held)
         with suppress(OSError):
@@ -220,59 +221,37 @@ class Store:
                 return
         write_bytes(self._declared, content)
 
+    def begin(self, experiment: Experiment, *, allow_version: bool) -> None:
+        """Note that cells are about to be played with the versions of packages here.
+
+        Raises:
+            StoreError: If the folder was made with others and that is not allowed.
+        """
+        made_with = self._made_with()
+        if not (other := other_versions(made_with, versions())):
+            return
+        if not allow_version:
+            raise StoreError(
+                f"{self.folder} was made with {other}; install what it was made with, or give "
+                "--allow-version to play what is missing with what is here: numbers may differ"
+            )
+        both = merged_versions([made_with, versions()])
+        self.declare(experiment, experiment.cells(), made_with=both)
+
+    def _made_with(self) -> Versions:
+        """The versions that the folder was made with: its description says so, or its cells do."""
+        with suppress(StoreError):
+            if said := self.experiment().versions:
+                return said
+        found = []
+        for path in self.cells.glob("*.parquet"):
+            with suppress(StoreError):
+                found.append(_versions_of(self.read(path, columns=["subject"]), path))
+        return merged_versions(found)
+
     def close(self) -> None:
         """Release the locks on the folder."""
-        for lock in self._locks:
-            lock.close()
-        self._locks = []
-
-    def _take_lock(self, shard: Shard | None) -> bool:
-        """Lock the folder; returns whether nobody else works in it, so that it can be prepared."""
-        if shard is not None:
-            mine = f"{LOCK}-{shard.number}-of-{shard.shards}"
-            if self._locked(mine) is False:
-                raise StoreError(
-                    f"the shard {shard} is being played in {self.folder} already; wait for it"
-                )
-        patience = time.monotonic() + (LOCK_PATIENCE if shard else 0.0)
-        while True:
-            alone = self._locked(LOCK)
-            if alone is not False:
-                return shard is None if alone is None else True
-            if shard is not None and self._locked(LOCK, shared=True):
-                return False
-            if time.monotonic() >= patience:
-                raise StoreError(
-                    f"{self.folder} is in use by another comparison; wait for it, or choose "
-                    "another folder"
-                )
-            time.sleep(0.1)
-
-    def _share_lock(self, shard: Shard | None) -> None:
-        """Let other shards work in the folder, too."""
-        if shard is not None and len(self._locks) == 2:
-            self._locks.pop().close()
-            while self._locked(LOCK, shared=True) is False:  # another one tidies up
-                time.sleep(0.1)
-
-    def _locked(self, name: str, *, shared: bool = False) -> bool | None:
-        """Take a lock; whether it could be taken, or ``None`` where there are no locks."""
-        try:
-            import fcntl
-        except ImportError:  # a system without such locks
-            return None
-        lock = (self.folder / name).open("a+b")  # a shared lock needs a file that can be read
-        try:
-            fcntl.flock(lock, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-        except OSError as error:
-            lock.close()
-            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                return False
-            if error.errno in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
-                return None  # a file system without locks
-            raise
-        self._locks.append(lock)
-        return True
+        self._lock.release()
 
     def experiment(self) -> StoredExperiment:
         """The folder's experiment, from ``experiment.json``.
@@ -556,28 +535,6 @@ def _versions_of(record: pa.Table, path: Path) -> dict[str, Any]:
     except ValidationError:
         message = f"{path} does not say what it was made with; do not use it"
         raise StoreError(message) from None
-
-
-@cache
-def versions() -> Mapping[str, str]:
-    """The versions of packages that results depend on, by name."""
-    found = {"Python": platform.python_version(), "causal-openlock": RESULTS_VERSION}
-    for package in ("numpy", "torch", "networkx"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
-
-
-def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The version of each package, or a list if there are several."""
-    found: dict[str, dict[str, None]] = {}
-    for versions in all_of_them:
-        for package, held in versions.items():
-            several = [held] if isinstance(held, str) else held
-            found.setdefault(package, {}).update(dict.fromkeys(several))
-    return {name: next(iter(held)) if len(held) == 1 else [*held] for name, held in found.items()}
 
 
 def _is_variant(held: Experiment, experiment: Experiment) -> bool:

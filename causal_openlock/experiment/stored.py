@@ -38,7 +38,7 @@ class StoredExperiment(Experiment):
     Attributes:
         identity: Its identity when it was run.
         files: Names of the files of its cells.
-        versions: Versions of the packages that the cells were made with.
+        versions: Versions of the packages that it was made with; in a record, that the cells were.
         missing: Names of the missing cells.
         failures: Why cells failed, a sentence each, by the name of the cell.
     """
@@ -199,6 +199,7 @@ class _File(StrictModel):
     conditions: Annotated[list[_Condition], Field(min_length=1)]
     learners: Annotated[list[_Learner], Field(min_length=1)]
     cells: list[Any]  # the store checks that these are names of files
+    versions: dict[str, str | list[str]] = Field(default_factory=dict)
 
     def built(self) -> StoredExperiment:
         parts: dict[str, Any] = dict(self)

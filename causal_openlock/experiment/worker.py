@@ -22,7 +22,8 @@ from causal_openlock.experiment.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.learner_check import check_new_learner
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.store import PROGRESS, Store, versions
+from causal_openlock.experiment.store import PROGRESS, Store
+from causal_openlock.experiment.versions import versions
 
 REPORT_EVERY = 1.0
 """Seconds between a worker's reports of its progress."""

@@ -34,6 +34,7 @@ from causal_openlock.experiment.checkpoint import Checkpoint
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
+from causal_openlock.experiment.status import status_of
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.worker import Watching, play_cell
 from causal_openlock.files import seal as seal_module
@@ -260,6 +261,27 @@ def test_wall_time_counts_the_time_played(
     gaps = record.groupby("subject").wall_time.diff().dropna()
     assert (gaps >= 0).all()
     assert gaps.max() < 1e5, "the pause is left out"
+
+
+def test_a_clock_that_is_set_back_changes_nothing(
+    experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every file is then newer than now, by a day."""
+    cell = cell_of(experiment, "random")
+    play_cell(cell, str(tmp_path / "undisturbed"), Watching())
+    store = Store(tmp_path / "out")
+    store.open(experiment)
+    interrupt(cell, store.folder, 40)
+    store.path(cell).with_suffix(".progress").write_text("0.5 3.0", encoding="utf-8")
+    then = time.time()
+    monkeypatch.setattr(time, "time", lambda: then - 86400)
+    progress = status_of(store).progress
+    assert [one.cell.identity for one in progress.playing] == [cell.identity]
+    assert progress.left is not None
+    assert progress.left >= 0
+    assert not play_cell(cell, str(store.folder), Watching())
+    assert contents(cell, store.folder).equals(contents(cell, tmp_path / "undisturbed"))
+    assert status_of(store).progress.done == 1
 
 
 def played_on(session: Session, learner: Learner) -> pa.Table:

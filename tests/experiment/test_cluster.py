@@ -18,8 +18,7 @@ from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.analysis.results.summary import summary_table, write_table
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError, StoreError
 from causal_openlock.experiment import cluster as cluster_module
-from causal_openlock.experiment import runner, worker
-from causal_openlock.experiment import store as store_module
+from causal_openlock.experiment import folder_lock, runner, worker
 from causal_openlock.experiment.carried_code import carry, use
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
@@ -308,7 +307,7 @@ def test_a_worker_that_nobody_waits_for_takes_a_checkpoint_and_ends(
 def test_shards_share_a_folder_and_nobody_else_gets_in(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(store_module, "LOCK_PATIENCE", 0.2)
+    monkeypatch.setattr(folder_lock, "PATIENCE", 0.2)
     experiment, out = declared(folder, "random", "oracle", subjects=6), folder / "out"
     first, second, other = Store(out), Store(out), Store(out)
     first.open(experiment, shard=Shard(1, 2))

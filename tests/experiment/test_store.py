@@ -19,6 +19,7 @@ from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.analysis.results.summary import summary_table, write_table
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment import runner
+from causal_openlock.experiment import store as store_module
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import compact
@@ -396,6 +397,17 @@ def test_a_read_only_folder_is_one_sentence(experiment: Experiment, tmp_path: Pa
         play(experiment, folder / "out")
 
 
+def test_a_read_only_disk_is_one_sentence(
+    experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_only(*_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(Path, "mkdir", read_only)
+    with pytest.raises(StoreError, match=r"out cannot be written \(Read-only file system\); "):
+        play(experiment, tmp_path / "out")
+
+
 def test_a_start_cut_short_leaves_a_folder_that_can_be_used(
     experiment: Experiment, tmp_path: Path
 ) -> None:
@@ -457,6 +469,34 @@ def test_a_record_tells_which_cells_are_missing_and_what_the_others_were_made_wi
     record, description = kept.record()
     assert description.missing == (lost.stem,)
     assert record.num_rows > 0
+
+
+def test_what_was_begun_with_other_versions_is_completed_only_if_that_is_allowed(
+    experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And then says so; a folder whose description lacks them, or is damaged, is no exception."""
+    here = dict(store_module.versions())
+    kept = play(experiment, tmp_path / "out")
+    declared = tmp_path / "out" / "experiment.json"
+    assert kept.experiment().versions == here
+    monkeypatch.setattr(store_module, "versions", lambda: {**here, "numpy": "9.9"})
+    play(experiment, tmp_path / "out")  # nothing is missing
+    first = kept.path(experiment.cells()[0])
+    first.unlink()
+    refuses = pytest.raises(
+        StoreError, match=f"was made with numpy {here['numpy']} .here it is 9.9.; .*--allow-version"
+    )
+    for damage in (None, b"{}"):
+        if damage:
+            declared.write_bytes(damage)
+        with refuses:
+            play(experiment, tmp_path / "out")
+    assert not first.exists()
+    runner.run(experiment, tmp_path / "out", workers=0, allow_version=True)
+    assert kept.experiment().versions["numpy"] == [here["numpy"], "9.9"]
+    assert kept.record()[1].versions["numpy"] == ["9.9", here["numpy"]]
+    first.unlink()
+    play(experiment, tmp_path / "out")  # it was allowed once
 
 
 def test_files_can_be_read_by_others_as_the_system_is_set(

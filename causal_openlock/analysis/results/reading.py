@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.record import record_schema
-from causal_openlock.experiment.store import Store, merged_versions
+from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.versions import merged_versions
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,0 +1,152 @@
+"""Results in an object store (``s3://...``): a folder here, and its copy there.
+
+An object store has no locks, no links and no files that grow, all of which playing needs. So a
+comparison is played in a folder here (:func:`kept`). What is in the store comes first, and
+is not played again; each finished cell goes there as a whole file. Shards on machines that share no
+disk can so fill one place: a cell has one name and one content, whoever writes it. Checkpoints stay
+here, so a cell that was interrupted goes on where it was on this machine alone.
+
+`fsspec <https://filesystem-spec.readthedocs.io>`_ knows the stores: ``s3://`` with the package
+``s3fs``, ``gs://`` with ``gcsfs``, ``az://`` with ``adlfs``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from causal_openlock.errors import StoreError, in_short
+from causal_openlock.files.atomic import PARTIAL, write_bytes
+
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://.+", re.DOTALL)
+_COMES = re.compile(
+    r"experiment\.json|cells/[^/]+\.parquet|errors/[^/]+\.txt|code(/[\w.-]+)+", re.ASCII
+)
+_STAYS = re.compile(r"\.lock.*|.*\.(checkpoint|attempts|progress)|\.awaited-.*")
+
+
+def is_remote(place: str | Path) -> bool:
+    """Whether results are kept in a store rather than in a folder.
+
+    >>> is_remote("s3://bucket/human"), is_remote("results/human")
+    (True, False)
+    """
+    return _URL.fullmatch(str(place)) is not None
+
+
+def local_folder(place: str | Path) -> Path:
+    """The folder itself, or where a store's results are played and read, in ``results/``.
+
+    >>> local_folder("s3://bucket/human").name
+    'human-39c6c231'
+    """
+    if not is_remote(place):
+        return Path(place)
+    url = str(place).rstrip("/")
+    name = re.sub(r"[^\w.-]", "_", url.rpartition("/")[2], flags=re.ASCII).lstrip(".")
+    return Path("results") / f"{name}-{hashlib.sha256(url.encode()).hexdigest()[:8]}"
+
+
+def downloaded(place: str | Path) -> Path:
+    """The folder itself, or one with what a store holds of a comparison.
+
+    Raises:
+        StoreError: If the store cannot be reached.
+    """
+    with kept(place) as (folder, _):
+        return folder
+
+
+@contextmanager
+def kept(place: str | Path) -> Iterator[tuple[Path, Callable[[], None]]]:
+    """The folder to play in, and a function that sends what is new in it to where it is kept.
+
+    Raises:
+        StoreError: If a store cannot be reached.
+    """
+    if not is_remote(place):
+        yield Path(place), lambda: None
+        return
+    remote = Remote(str(place))
+    remote.download()
+    yield remote.folder, remote.upload
+
+
+class Remote:
+    """The results of a comparison in a store.
+
+    Args:
+        url: Where: the protocol of fsspec, and the path of what serves as a folder.
+
+    Raises:
+        StoreError: If the store is not known, or what it needs is not installed.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url, self.folder = url, local_folder(url)
+        self._sent: dict[str, tuple[int, int]] = {}
+        with self._reached():
+            import fsspec
+
+            self._files, self._root = fsspec.core.url_to_fs(url)
+
+    def download(self) -> None:
+        """Bring what is there: the description, cells, their code, and why some failed.
+
+        Raises:
+            StoreError: If the store cannot be reached.
+        """
+        with self._reached():
+            found: dict[str, Any] = self._files.find(self._root, detail=True)
+            for path, about in found.items():
+                inside = str(PurePosixPath(path).relative_to(PurePosixPath(self._root)))
+                if not _COMES.fullmatch(inside) or ".." in PurePosixPath(inside).parts:
+                    continue  # whoever may write there may name things as they like
+                here = self.folder / inside
+                # Only the description is rewritten in place; of the others, what is complete stays.
+                known = here.is_file() and here.stat().st_size == about["size"]
+                if not known or inside == "experiment.json":
+                    write_bytes(here, self._files.cat_file(path))
+                self._sent[inside] = _state(here)
+
+    def upload(self) -> None:
+        """Send what is new or has changed here, the description first.
+
+        Raises:
+            StoreError: If the store cannot be written to; what is here stays.
+        """
+        here = (path for path in self.folder.rglob("*") if path.is_file())
+        for path in sorted(here, key=lambda one: (one.name != "experiment.json", one)):
+            inside = path.relative_to(self.folder).as_posix()
+            if _STAYS.fullmatch(path.name) or path.match(PARTIAL):
+                continue
+            if self._sent.get(inside) != (now := _state(path)):
+                with self._reached():
+                    self._files.pipe_file(f"{self._root}/{inside}", path.read_bytes())
+                self._sent[inside] = now
+
+    @contextmanager
+    def _reached(self) -> Iterator[None]:
+        try:
+            yield
+        except ImportError as error:
+            raise StoreError(
+                f"{self.url} needs a package that is not installed ({in_short(error)}); install "
+                "it, for s3:// with: pip install s3fs"
+            ) from None
+        except Exception as error:  # each store has errors of its own
+            raise StoreError(
+                f"{self.url} cannot be reached ({type(error).__name__}: {in_short(error)}); check "
+                f"the address and what it needs. What was played is in {self.folder}, and the same "
+                "command goes on"
+            ) from None
+
+
+def _state(path: Path) -> tuple[int, int]:
+    """What changes when a file is written anew."""
+    about = path.stat()
+    return about.st_size, about.st_mtime_ns

@@ -1,0 +1,149 @@
+"""Results in an object store: played here, kept there, one place for machines without a disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import fsspec
+import pytest
+
+import causal_openlock as ol
+from causal_openlock.errors import Interrupted, StoreError
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.remote import downloaded, kept
+from causal_openlock.experiment.runner import run
+from causal_openlock.experiment.shard import Shard
+from causal_openlock.experiment.store import Store
+from support.command import at_once
+
+TEXT = """\
+name: far
+subjects: 4
+cell_size: 2
+conditions: [CC3]
+protocol: short
+protocols: {short: {attempt_limit: 3, baseline_trials: 1}}
+learners: [random, oracle]
+"""
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """A store in this process's memory."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "far.yaml").write_text(TEXT, encoding="utf-8")
+    yield "memory://runs/far"
+    fsspec.filesystem("memory").store.clear()
+
+
+def on_another_machine(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in a folder that has nothing yet."""
+    folder = Path(name).resolve()
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+
+
+def play(experiment: Experiment, place: str, shard: str) -> list[bool]:
+    """Play a shard; returns of each of its cells whether it was there before."""
+    before: list[bool] = []
+    with kept(place) as (folder, send):
+        run(
+            experiment,
+            folder,
+            workers=0,
+            shard=Shard.parse(shard),
+            done=lambda _, was_there: before.append(was_there),
+        )
+        send()
+    return before
+
+
+def test_shards_of_machines_that_share_no_disk_fill_one_place(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment = read_experiment(tmp_path / "far.yaml")
+    run(experiment, "here", workers=0)
+    expected = ol.open_results("here").attempts
+    for name, shard in {"one": "1/2", "two": "2/2"}.items():
+        on_another_machine(str(tmp_path / name), monkeypatch)
+        assert play(experiment, place, shard) == [False, False]
+    on_another_machine(str(tmp_path / "three"), monkeypatch)
+    found = ol.open_results(place)
+    assert found.attempts.drop(columns="wall_time", errors="ignore").equals(
+        expected.drop(columns="wall_time", errors="ignore")
+    )
+    assert play(experiment, place, "1/1") == [True] * 4
+    stored = fsspec.filesystem("memory").find("/runs/far")
+    assert not [path for path in stored if ".lock" in path or path.endswith(".checkpoint")]
+
+
+def test_the_command_plays_into_a_store_and_others_read_it(place: str) -> None:
+    said = at_once("compare", "far.yaml", "--out", place, "--shard", "1/1")
+    assert said.status == 0, said.stderr
+    assert f"causal-openlock report {place}" in said.stdout
+    assert "4 of 4 cells done" in at_once("status", place).stdout
+
+
+def test_a_cell_goes_there_as_soon_as_it_is_done(
+    place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A comparison that is stopped has lost none."""
+    files = fsspec.filesystem("memory")
+
+    def stop(*_: object) -> None:
+        if len(files.find("/runs/far/cells")) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("causal_openlock.comparison.comparing.shown_here", _Shown(stop))
+    monkeypatch.setattr("causal_openlock.experiment.runner.LOOK_EVERY", 0.0)
+    with pytest.raises(Interrupted):
+        ol.compare("far.yaml", out=place, workers=0)
+    store = Store(downloaded(place))
+    assert [len(part) for part in store.files()] == [2, 2]
+
+
+class _Shown:
+    def __init__(self, show: object) -> None:
+        self.show = show
+
+    def __call__(self, name: str) -> _Shown:
+        return self
+
+    def __enter__(self) -> object:
+        return self.show
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+def test_a_store_reaches_no_file_but_those_of_results(place: str) -> None:
+    files = fsspec.filesystem("memory")
+    for name in ("cells/../../../evil.parquet", "code/../../evil.py", ".lock", "report.html"):
+        files.pipe_file(f"/runs/far/{name}", b"evil")
+    files.pipe_file("/runs/far/experiment.json", b"{}")
+    folder = downloaded(place)
+    assert [path.name for path in folder.rglob("*")] == ["experiment.json"]
+    assert not list(Path().rglob("evil*"))
+
+
+def test_a_store_that_is_not_known_is_one_sentence() -> None:
+    with pytest.raises(StoreError, match=r"cannot be reached .*Protocol not known"):
+        downloaded("nosuch://bucket/far")
+
+
+def test_a_store_that_is_lost_keeps_what_was_played_here(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment = read_experiment(tmp_path / "far.yaml")
+    files = type(fsspec.filesystem("memory"))
+
+    def lost(*_: object) -> None:
+        raise TimeoutError("no answer")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files, "pipe_file", lost)
+        with pytest.raises(StoreError, match=r"cannot be reached .*no answer.* is in results/far-"):
+            play(experiment, place, "1/1")
+    assert play(experiment, place, "1/1") == [True] * 4
+    assert len(fsspec.filesystem("memory").find("/runs/far/cells")) == 4
