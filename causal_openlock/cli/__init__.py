@@ -18,6 +18,7 @@ from causal_openlock.cli import (
     evidence,
     export,
     fit,
+    importing,
     learners,
     notebook,
     pictures,
@@ -57,6 +58,7 @@ for _command in (
     notebook.notebook,
 ):
     app.command()(_command)
+app.command("import")(importing.import_)
 
 
 def _version(wanted: bool) -> None:

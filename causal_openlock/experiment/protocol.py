@@ -20,8 +20,8 @@ all solutions are found, how many trials there are and how often they are repeat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
 from typing import Any, Literal
 
@@ -238,6 +238,8 @@ class Condition:
         name: For the record.
         train: Trials in the order in which they come; all of a baseline's trials are here.
         test: Trials to test on afterwards; empty for a baseline.
+        rooms: By number of the subject, the layouts of its trials in order, where it is on record
+            that they were others than the drawn ones, as in data from elsewhere.
 
     Example:
         >>> from causal_openlock import find_schema
@@ -248,6 +250,7 @@ class Condition:
     name: str
     train: tuple[Trials, ...]
     test: tuple[Trials, ...] = ()
+    rooms: Mapping[int, tuple[Layout, ...]] = field(default_factory=dict, compare=False)
 
     @classmethod
     def named(cls, name: str, find: Callable[[str], Schema]) -> Condition:
@@ -303,6 +306,8 @@ class Condition:
             "name": self.name,
             "train": [trials.as_dict() for trials in self.train],
             "test": [trials.as_dict() for trials in self.test],
+            **({"rooms": {str(k): [list(o.places) for o in v] for k, v in self.rooms.items()}}
+               if self.rooms else {}),
         }
 
 
@@ -317,10 +322,16 @@ class Visit:
     layout: Layout
 
 
-def plan(condition: Condition, protocol: Protocol, generator: np.random.Generator) -> list[Visit]:
+def plan(
+    condition: Condition,
+    protocol: Protocol,
+    generator: np.random.Generator,
+    subject: int | None = None,
+) -> list[Visit]:
     """The trials of one subject, in order.
 
-    Each loop draws new layouts, without repeats within the loop.
+    Each loop draws new layouts, without repeats within the loop. Of a subject that the condition
+    has ``rooms`` of, the first trials are in those.
 
     Raises:
         ProtocolError: If a schema does not fit the protocol or its ``test_layout``, or has fewer
@@ -353,6 +364,9 @@ def plan(condition: Condition, protocol: Protocol, generator: np.random.Generato
             visits += [Visit(phase, loop, trial, *room) for trial, room in enumerate(drawn, 1)]
     for schema in condition.schemas:
         protocol.actions_for(schema)
+    known = condition.rooms.get(-1 if subject is None else subject, ())
+    for number, (visit, layout) in enumerate(zip(visits, known, strict=False)):
+        visits[number] = replace(visit, layout=layout)
     return visits
 
 

@@ -41,7 +41,8 @@ class PlayedAction:
         action: Its index.
         moved: Whether it moved something.
         reaction: Seconds from when the person could act to the click, by the page's clock.
-        time: Seconds since the person joined, by the server's clock.
+        time: Seconds since the person joined, by the server's clock; not always known of data from
+            elsewhere.
         attempt_over: Whether the attempt ended with it.
     """
 
@@ -50,7 +51,7 @@ class PlayedAction:
     action: int
     moved: bool
     reaction: float | None
-    time: float
+    time: float | None
     attempt_over: bool
 
 

@@ -26,6 +26,7 @@ import numpy as np
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
+from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import sweep
 from causal_openlock.play.game import EXPERIMENT, Answer, Game
@@ -87,14 +88,11 @@ class _Person:
 
     def record(self) -> pa.Table:
         """The trials that are over, with the times at which attempts really ended."""
-        import pyarrow as pa
-
         # The trial that a person is in, or has left for good, is no trial of the record.
         over = self.game.trials_over
         ends = [one.time for one in self.game.done if one.attempt_over and one.visit <= over]
         table = self.game.session.record().slice(0, len(ends))
-        where = table.schema.get_field_index("wall_time")
-        return table.set_column(where, table.schema.field(where), pa.array(ends, pa.float32()))
+        return with_times(table, ends)
 
 
 class People:
