@@ -306,8 +306,11 @@ class Condition:
             "name": self.name,
             "train": [trials.as_dict() for trials in self.train],
             "test": [trials.as_dict() for trials in self.test],
-            **({"rooms": {str(k): [list(o.places) for o in v] for k, v in self.rooms.items()}}
-               if self.rooms else {}),
+            **(
+                {"rooms": {str(k): [list(o.places) for o in v] for k, v in self.rooms.items()}}
+                if self.rooms
+                else {}
+            ),
         }
 
 

@@ -85,6 +85,7 @@ def play_again(
     )
     actions = [_indices(own, session.brief.positions) for own in deeds]
     faults: dict[int, ImportFault] = {}
+    layouts: list[dict[int, str]] = [{} for _ in numbers]
     done: list[list[PlayedAction]] = [[] for _ in numbers]
     whole = np.zeros((len(numbers), 2), dtype=np.int64)  # actions and attempts of ended trials
     attempts = np.zeros(len(numbers), dtype=np.int64)
@@ -96,11 +97,15 @@ def play_again(
         for row in np.flatnonzero(acts).tolist():
             if row not in faults:
                 one = deeds[row][moment]
-                if why := _impossible(one, order[row][moment], step, row, bool(moved[row])):
+                trial = int(step.view.trial[row])
+                why = _impossible(one, order[row][moment], step, row, bool(moved[row]))
+                if not why and one.layout != layouts[row].setdefault(trial, one.layout):
+                    why = "this trial has had another layout before; a trial has one"
+                if why:
                     faults[row] = one.place.fault(why)
                 done[row].append(
                     PlayedAction(
-                        int(step.view.trial[row]),
+                        trial,
                         int(step.view.attempt[row]),
                         int(step.action[row]),
                         bool(moved[row]),
@@ -132,19 +137,17 @@ def _line(own: Sequence[Deed], fault: ImportFault) -> int:
 
 def _visits(own: Sequence[Deed], visits: Sequence[Visit], condition: str) -> list[int]:
     """The number of each action's trial in the whole condition, from 1, as the file has it."""
-    known: dict[tuple[object, ...], int] = {}
+    known = {(one.phase, one.loop, one.trial): n for n, one in enumerate(visits, start=1)}
     numbers = []
     for one in own:
         told = one.of_attempt
-        if "phase" in told:
-            key = told["phase"], told["loop"], one.trial
-            number = known.setdefault(key, len(known) + 1)
-        else:
-            number = one.trial
-        if number > len(visits):
+        key = (told["phase"], told["loop"], one.trial) if "phase" in told else None
+        number = known.get(key, 0) if key else one.trial
+        if not 1 <= number <= len(visits):
             raise one.place.fault(
-                f"{condition} has {len(visits)} trials under this protocol, and this is one more; "
-                "declare as many in an experiment file, and name it with --from"
+                f"{condition} has {len(visits)} trials under this protocol, and "
+                f"{' '.join(map(str, key)) if key else number} is none of them; declare others in "
+                "an experiment file, and name it with --from"
             )
         numbers.append(number)
     return numbers
@@ -156,8 +159,7 @@ def _rooms(
     """The layouts that the file names, of each trial in order; none if it names none."""
     named: dict[int, Deed] = {}
     for one, number in zip(own, order, strict=True):
-        if named.setdefault(number, one).layout != one.layout:
-            raise one.place.fault("this trial has had another layout before; a trial has one")
+        named.setdefault(number, one)
     if not any(one.layout for one in named.values()):
         return ()
     layouts = []

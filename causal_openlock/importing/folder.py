@@ -13,6 +13,7 @@ from pathlib import Path
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import find_experiment, read_experiment
+from causal_openlock.experiment.file_format import NAME_FORM, NAME_IN_WORDS
 from causal_openlock.experiment.protocol import Condition, find_protocol
 from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.store import Store
@@ -85,6 +86,9 @@ def import_files(
         )
     stem = re.sub(r"\W+", "_", paths[0].name.partition(".")[0]) or "imported"
     name, seed = next(iter(heads), (stem, seed))
+    for called in (name, learner):
+        if not re.fullmatch(NAME_FORM, called):
+            raise OpenLockError(f"{called!r} cannot be a name here; it must be {NAME_IN_WORDS}")
     groups = _grouped((one for path in paths for one in _deeds(path)), learner, protocol)
     in_condition: dict[str, dict[str, None]] = defaultdict(dict)
     for (_, called, _), subjects in groups.items():
@@ -136,6 +140,8 @@ def _grouped(
     """Actions by learner, condition and protocol, by subject."""
     groups: dict[tuple[str, str, str], dict[str, list[Deed]]] = defaultdict(dict)
     for one in deeds:
+        if one.learner and not re.fullmatch(NAME_FORM, one.learner):
+            raise one.place.fault(f"{one.learner!r} is no label; one is {NAME_IN_WORDS}")
         group = groups[one.learner or learner, one.condition, one.protocol or protocol]
         group.setdefault(one.subject, []).append(one)
     return groups

@@ -49,15 +49,15 @@ def _entries(path: Path) -> Iterator[tuple[Place, dict[str, Any]]]:
         if text[at] in "[]":
             depth += 1 if text[at] == "[" else -1
             at += 1
-            if depth in (0, 1, 2):
+            if 0 <= depth <= 2:
                 continue
         place = Place(path, line, entries + 1)
+        if not (depth in (1, 2) and text.startswith("{", at)):
+            raise place.fault("this is no list of entries, as jsPsych saves it")
         try:
             entry, at = decoder.raw_decode(text, at)
         except (ValueError, RecursionError):
             raise place.fault("this is no JSON; is the file whole?") from None
-        if not isinstance(entry, dict) or not depth:
-            raise place.fault("this is no list of entries, as jsPsych saves it")
         entries += 1
         yield place, entry
     if depth or not entries:
