@@ -24,6 +24,7 @@ from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
 from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.analysis.results.standing import standings
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
+from causal_openlock.analysis.results.waste import waste
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
 from causal_openlock.experiment.store import LOCK, Store, check_inside
@@ -141,6 +142,14 @@ class Results(Material):
             name=names,
             moved=np.concatenate([*whole["moved"]]).astype(bool),
         )
+
+    @cached_property
+    def waste(self) -> pd.DataFrame:
+        """What each attempt was worth, by the ideal observer in the subject's place.
+
+        See :func:`~causal_openlock.analysis.results.waste.waste`.
+        """
+        return waste(self)
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
