@@ -161,7 +161,7 @@ class Optimum:
             point: A state with an action left.
             action: A push by slot, a pull, or the door as ``2P``; any other one does nothing.
         """
-        possible, found, pushed, left = point
+        possible, _, pushed, left = point
         slot, stands = action % self._slots, action >= self._slots
         outcomes = [point._replace(left=left - 1)]
         if action == 2 * self._slots:

@@ -93,10 +93,10 @@ class Protocol:
     action_limit: int | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for one in fields(self):
+            value = getattr(self, one.name)
             if isinstance(value, int) and not isinstance(value, bool) and value < 1:
-                raise ProtocolError(f"{field.name} of protocol {self.name} must be at least 1")
+                raise ProtocolError(f"{one.name} of protocol {self.name} must be at least 1")
         if self.action_limit is not None and self.action_limit > MAX_ACTION_LIMIT:
             raise ProtocolError(
                 f"action_limit of protocol {self.name} must be at most {MAX_ACTION_LIMIT}"
@@ -286,7 +286,8 @@ class Condition:
                 part if NAME.fullmatch(part) else schema.name
                 for part, schema in zip(parts, schemas, strict=True)
             ]
-            return cls("-".join(words), *[(Trials(schema),) for schema in schemas])
+            train, test = [*((Trials(schema),) for schema in schemas), ()][:2]
+            return cls("-".join(words), train, test)
         if missing is not None:
             raise missing[1]
         raise ProtocolError(

@@ -122,7 +122,7 @@ class _Condition(StrictModel):
     name: str
     train: Annotated[list[_Trials], Field(min_length=1)]
     test: list[_Trials]
-    rooms: dict[str, list[list[int]]] = {}
+    rooms: Annotated[dict[str, list[list[int]]], Field(default_factory=dict)]
 
     def built(self) -> Condition:
         train, test = (

@@ -16,13 +16,13 @@ CLAIMS = ("moved", "unlocked", "opened", "new_solution")
 MOST = 2**31 - 1
 
 
-class ImportFault(OpenLockError):
+class ImportFault(OpenLockError):  # noqa: N818 - a fault of a file
     """A row that is none, or that could not have happened; the message names file and line."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where something stands: a file and a line, and the number of the entry where lines say little.
+    """Where something stands: a file and a line, and the entry where lines say little.
 
     >>> str(Place(Path("data.csv"), 3))
     'data.csv:3'
@@ -103,7 +103,9 @@ def deed(place: Place, row: Mapping[str, Any]) -> Deed:
         whole(place, "trial", given["trial"]),
         whole(place, "attempt", given["attempt"]),
         action,
-        *(text(place, name, given.get(name, "")) for name in ("learner", "protocol", "layout")),
+        learner=text(place, "learner", given.get("learner", "")),
+        protocol=text(place, "protocol", given.get("protocol", "")),
+        layout=text(place, "layout", given.get("layout", "")),
         claims={name: truth(place, name, given[name]) for name in CLAIMS if name in given},
         of_attempt={
             "phase": text(place, "phase", given["phase"]),

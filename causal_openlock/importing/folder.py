@@ -27,7 +27,6 @@ from causal_openlock.play.reactions import FOLDER, reactions_table, write_reacti
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 from causal_openlock.world.room import Layout
 
-
 AT_ONCE = 40
 """So many subjects are played again at once."""
 
@@ -122,8 +121,8 @@ def import_files(
         len(found),
         sum(one.record.num_rows for _, one in found),
         tuple(
-            f"{one.deeds[-1].place}: the last trial of subject {one.deeds[-1].subject} is not over; "
-            f"its {one.left_out} actions are left out"
+            f"{one.deeds[-1].place}: the last trial of subject {one.deeds[-1].subject} is not "
+            f"over; its {one.left_out} actions are left out"
             for _, one in found
             if one.left_out
         ),

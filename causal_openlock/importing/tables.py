@@ -13,6 +13,7 @@ import io
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import record_schema
@@ -89,7 +90,7 @@ def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[Deed]:
     actions, moved = row["actions"].split(), row["moved"].split()
     if not actions or len(actions) != len(moved):
         raise place.fault("actions and moved must be as many, and at least one")
-    told = {name: truth(place, name, row[name]) for name in _TRUTHS}
+    told: dict[str, Any] = {name: truth(place, name, row[name]) for name in _TRUTHS}
     # -1 is no solution.
     told |= {name: whole(place, name, row[name].removeprefix("-"), 0) for name in _NUMBERS}
     told["solution"] *= -1 if row["solution"].startswith("-") else 1
@@ -99,17 +100,19 @@ def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[Deed]:
         told["reward"] = float(row["reward"])
     except ValueError:
         raise place.fault(f"reward must be a number, and this is {row['reward']!r}") from None
-    where = [row[name] for name in ("subject", "condition")]
-    numbers = [whole(place, name, row[name]) for name in ("trial", "attempt")]
-    who = row["learner"], row["protocol"], row["layout"]
+    trial, attempt = (whole(place, name, row[name]) for name in ("trial", "attempt"))
     last = len(actions) - 1
     for number, (action, flag) in enumerate(zip(actions, moved, strict=True)):
         yield Deed(
             place,
-            *(text(place, "subject", where[0]), text(place, "condition", where[1])),
-            *numbers,
+            text(place, "subject", row["subject"]),
+            text(place, "condition", row["condition"]),
+            trial,
+            attempt,
             whole(place, "actions", action, 0),
-            *who,
+            row["learner"],
+            row["protocol"],
+            row["layout"],
             claims={"moved": truth(place, "moved", flag)},
             of_attempt=told,
             time=seconds(place, "wall_time", row["wall_time"]) if number == last else None,

@@ -15,7 +15,7 @@ from causal_openlock.contract.registry import create
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.world.schema import Schema
-from support.fabricated_records import trial_rows, table
+from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import spec, stored
 
 HUMAN = PROTOCOLS["human"]

@@ -88,7 +88,7 @@ def test_a_table_of_actions_in_rooms_that_it_names_is_reported_and_scored(
 ) -> None:
     table = actions_of(record)
     # In an order of rooms that no seed would draw: the trials of training, the last one first.
-    rows = {name: own for name, own in table.groupby(["subject", "trial"])}
+    rows = dict(iter(table.groupby(["subject", "trial"])))
     parts = []
     for subject in ("P0", "P1"):
         for trial, old in enumerate([6, 5, 4, 3, 2, 1, 7], start=1):

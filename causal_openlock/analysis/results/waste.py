@@ -63,9 +63,8 @@ def waste(results: Material) -> pd.DataFrame:
     actions = table.pop("actions").map(np.ndarray.tolist)
     parts, rows = [], []
     for key, own in table.groupby([*_TRIAL, *_ROOM], observed=True, sort=False).groups.items():
-        learner, condition, schema, layout = key[0], key[1], *key[-2:]
-        known = observers.get((learner, condition, schema))
-        placed = known and _placed(known[1], layout)
+        known = observers.get((key[0], key[1], key[-2]))
+        placed = known and _placed(known[1], key[-1])
         if not known or placed is None:
             continue
         worths = known[0].trial(placed, actions.loc[own].tolist())
@@ -78,7 +77,7 @@ def waste(results: Material) -> pd.DataFrame:
 
 
 def _observers(results: Material) -> dict[tuple[str, str, str], tuple[Observer, Schema]]:
-    """The observer of each learner's rooms, by learner, condition and schema, where there is one."""
+    """The observer of each learner's rooms, by learner, condition and schema."""
     from causal_openlock.belief.observer import observer_of
 
     found = {}
@@ -105,9 +104,9 @@ def wasted(table: pd.DataFrame) -> pd.DataFrame:
         table: From :func:`waste`.
 
     Returns:
-        ``learner``, ``protocol``, ``subjects`` of all conditions; ``regret``, the mean of a trial's,
-        with its 95% bootstrap interval over subjects ``ci_low`` and ``ci_high``; ``information``
-        and ``best``, bits expected of an action and of the best one; ``useless``, the share of
+        ``learner``, ``protocol``, ``subjects`` of all conditions; ``regret``, the mean of a
+        trial's, with its 95% bootstrap interval over subjects ``ci_low`` and ``ci_high``;
+        ``information`` and ``best``, bits expected of an action and of the best one; ``useless``, the share of
         actions.
     """
     subject = [*CELL, *SUBJECT]
