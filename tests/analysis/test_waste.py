@@ -2,35 +2,20 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 import pytest
 
-from causal_openlock import Condition, Layout, Session, find_schema, ideal_attempts, waste
+from causal_openlock import Condition, Layout, find_schema, ideal_attempts, waste
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.waste import wasted
 from causal_openlock.belief.observer import Observer, observer_of
-from causal_openlock.contract.registry import create
 from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.world.schema import Schema
 from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import spec, stored
-
-HUMAN = PROTOCOLS["human"]
-
-
-def played(learner: str, *conditions: str, subjects: int = 6) -> Material:
-    import pyarrow as pa
-
-    chosen = [Condition.named(name, find_schema) for name in conditions]
-    records = [
-        Session(one, HUMAN, subjects, seed=3, learner=learner).play(create(learner))
-        for one in chosen
-    ]
-    experiment = Experiment("session", "", 3, subjects, tuple(chosen), (spec(learner),))
-    return Material.of(pa.concat_tables(records), stored(experiment))
+from support.played_material import played
 
 
 @pytest.mark.parametrize("schema", ["CC3", "CE3", "CC4", "CE4"])
@@ -44,8 +29,6 @@ def test_regret_is_what_attempts_are_beyond_the_ideal_observers(schema: str) -> 
     observer, levers = Observer(found, 3), len(found.levers)
     habit = [[a, b, 14] for a, b in product(range(levers), repeat=2) if a != b]
     total, regrets, seen = 0, 0.0, set()
-    from itertools import permutations
-
     for places in permutations(range(levers)):
         layout = Layout(places)
         if (truth := observer._truth(places)) in seen:

@@ -106,8 +106,8 @@ def wasted(table: pd.DataFrame) -> pd.DataFrame:
     Returns:
         ``learner``, ``protocol``, ``subjects`` of all conditions; ``regret``, the mean of a
         trial's, with its 95% bootstrap interval over subjects ``ci_low`` and ``ci_high``;
-        ``information`` and ``best``, bits expected of an action and of the best one; ``useless``, the share of
-        actions.
+        ``information`` and ``best``, bits expected of an action and of the best one; ``useless``,
+        the share of actions.
     """
     subject = [*CELL, *SUBJECT]
     grouped = table.groupby(subject, observed=True, sort=True)
