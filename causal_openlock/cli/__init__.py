@@ -55,6 +55,7 @@ for _command in (
     pictures.film,
     pictures.room,
     play.play,
+    play.forget,
     notebook.notebook,
 ):
     app.command()(_command)

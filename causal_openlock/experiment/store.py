@@ -209,10 +209,16 @@ class Store:
         Raises:
             OpenLockError: If it cannot be written.
         """
+        self.list_files(experiment, [cell.file_name for cell in cells], identity)
+
+    def list_files(
+        self, experiment: Experiment, files: Sequence[str], identity: str | None = None
+    ) -> None:
+        """Write the experiment and the names of its cells' files; as :meth:`declare`."""
         held = {
             "identity": identity or experiment.identity,
             **experiment.as_dict(),
-            "cells": [cell.file_name for cell in cells],
+            "cells": [*files],
         }
         content = json_bytes(held)
         with suppress(OSError):

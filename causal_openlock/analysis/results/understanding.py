@@ -70,8 +70,8 @@ def compared(believed: Structure, schema: Schema, layout: Layout) -> dict[str, f
     counts = np.ix_(at, [*at, layout.positions])
     possible = ~np.eye(len(at), len(at) + 1, dtype=bool)
     true, probability = truth[counts], believed.edges[counts]
-    said = probability > LIKELY
-    wrong = (said != true) & possible
+    said = (probability > LIKELY) & possible
+    wrong = said != true
     both = int((said & true).sum())
     gates = []
     for node in (*schema.levers, DOOR):
