@@ -2,7 +2,8 @@
 
 A person is known by number and condition. What they did is deleted from ``cells/``,
 ``reactions/``, ``structures/`` and the logs; what a recruiting service calls them, too. Everybody
-else keeps their number. Files that were made of everybody's data, such as a report, are named, not touched.
+else keeps their number. Files that were made of everybody's data, such as a report, are named, not
+touched.
 """
 
 from __future__ import annotations
