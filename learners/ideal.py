@@ -144,7 +144,7 @@ class Ideal(InformedLearner):
                     room.found = tuple(sorted((*room.found, event.pushed)))
         for subject in np.flatnonzero(step.trial_over & step.view.playing).tolist():
             last = self._rooms[subject]
-            self._left[subject] = last and (last, self._schemas[subject])
+            self._left[subject] = (last, self._schemas[subject]) if last else None
             self._rooms[subject] = None
 
     def structure(self, subject: int) -> Structure | None:

@@ -39,7 +39,7 @@ def import_(
     made = import_files(
         files, out, experiment=experiment, protocol=protocol, seed=seed or 0, learner=learner
     )
-    for sentence in made.left_out:
-        say(f"warning: {sentence}", error=True)
     subjects, attempts = counted(made.subjects, "subject"), counted(made.attempts, "attempt")
     say(f"{out} written: {subjects}, {attempts}; causal-openlock report {out}")
+    for sentence in made.left_out:
+        say(f"warning: {sentence}", error=True)

@@ -24,6 +24,7 @@ from causal_openlock.importing.jspsych import jspsych_deeds
 from causal_openlock.importing.tables import experiment_of, table_deeds
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER, reactions_table, write_reactions
+from causal_openlock.wording import counted
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 from causal_openlock.world.room import Layout
 
@@ -36,7 +37,7 @@ class Imported:
     """What was imported.
 
     Attributes:
-        subjects: How many subjects.
+        subjects: How many subjects have a trial that is over.
         attempts: How many attempts of trials that are over.
         left_out: A sentence for each subject whose last trial is not over.
     """
@@ -118,11 +119,11 @@ def import_files(
         raise OpenLockError(f"{paths[0]}: there is no trial that is over; is this the right file?")
     _write(folder, name, seed, paths, [*specs.values()], [*conditions.values()], found)
     return Imported(
-        len(found),
+        sum(one.record.num_rows > 0 for _, one in found),
         sum(one.record.num_rows for _, one in found),
         tuple(
             f"{one.deeds[-1].place}: the last trial of subject {one.deeds[-1].subject} is not "
-            f"over; its {one.left_out} actions are left out"
+            f"over, and left out ({counted(one.left_out, 'action')})"
             for _, one in found
             if one.left_out
         ),

@@ -67,7 +67,7 @@ def compared(believed: Structure, schema: Schema, layout: Layout) -> dict[str, f
     for cause, effect in schema.graph.edges:
         truth[place[cause], place[effect]] = True
     at = np.array(layout.places)
-    counts = np.ix_(at, [*at, layout.positions])
+    counts = np.ix_(at, np.append(at, layout.positions))
     possible = ~np.eye(len(at), len(at) + 1, dtype=bool)
     true, probability = truth[counts], believed.edges[counts]
     said = (probability > LIKELY) & possible
@@ -176,7 +176,7 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
         for row in np.flatnonzero(step.trial_over & step.view.playing).tolist():
             believed, room = learner.structure(row), now.rooms[now.room[row]]
             if believed is not None:
-                known = {"learner": spec.name, "condition": condition.name}
+                known: dict[str, Any] = {"learner": spec.name, "condition": condition.name}
                 known |= {"protocol": spec.protocol.name, "subject": numbers[row]}
                 known |= {"visit": int(step.view.trial[row]), "schema": room.schema.name}
                 found[row].append({**known, **compared(believed, room.schema, room.layout)})
