@@ -324,21 +324,23 @@ def test_somebody_agrees_says_what_they_think_and_is_sent_back(page: Page, tmp_p
                 break
             page.wait_for_function("document.querySelector('#actions').textContent === '3'")
         page.click("#pause-go")
+        page.wait_for_selector("#ask:not([hidden])")
         boxes = page.locator("#ask-levers input")
         assert boxes.count() == 9  # three levers: two others and the door for each
         assert violations(page) == []
         ticked = (levers[0], levers[2]), (levers[2], 7)
-        for cause, effect in ticked:
-            page.focus(f'#ask-levers [data-cause="{cause}"][data-effect="{effect}"]')
+        for lever, other in ticked:
+            page.focus(f'#ask-levers [data-lever="{lever}"][data-other="{other}"]')
             page.keyboard.press("Space")
         page.reload()  # the question is still there, and nothing is ticked yet
+        page.wait_for_selector("#ask:not([hidden])")
         assert page.locator("#ask-levers input:checked").count() == 0
-        for cause, effect in ticked:
-            page.check(f'#ask-levers [data-cause="{cause}"][data-effect="{effect}"]')
+        for lever, other in ticked:
+            page.check(f'#ask-levers [data-lever="{lever}"][data-other="{other}"]')
         page.click("#ask-go")
         page.wait_for_selector("#pause:not([hidden])")
         assert "Room 2 of 5" in page.inner_text("#pause-title")
-        page.click("#pause-go")
+        server.stop()
     (said,) = read_answers(tmp_path / "out")
     assert (said.visit, said.levers, said.edges) == (1, tuple(levers), frozenset(ticked))
     told = (tmp_path / "out" / "recruited.jsonl").read_text()

@@ -109,14 +109,14 @@ async function question() {
   const names = (await geometry(state.positions)).names, door = state.positions;
   const called = (place) => place === door ? "the lock of the door" : `lever ${place + 1} (${names[place]})`;
   $("where").textContent = `Room ${state.ended.length} of ${state.trials}`;
-  $("ask-levers").replaceChildren(...state.levers.map((cause) => {
+  $("ask-levers").replaceChildren(...state.levers.map((lever) => {
     const group = document.createElement("fieldset");
-    const legend = Object.assign(document.createElement("legend"), { textContent: `Pushing ${called(cause)} made it possible to move` });
-    group.append(legend, ...[...state.levers, door].filter((effect) => effect !== cause).map((effect) => {
+    const legend = Object.assign(document.createElement("legend"), { textContent: `Pushing ${called(lever)} made it possible to move` });
+    group.append(legend, ...[...state.levers, door].filter((other) => other !== lever).map((other) => {
       const box = Object.assign(document.createElement("input"), { type: "checkbox" });
-      Object.assign(box.dataset, { cause, effect });
+      Object.assign(box.dataset, { lever, other });
       const label = Object.assign(document.createElement("label"), { className: "toggle" });
-      label.append(box, ` ${called(effect)}`);
+      label.append(box, ` ${called(other)}`);
       return label;
     }));
     return group;
@@ -348,7 +348,7 @@ $("consent-go").onclick = () => {
 $("ask-go").onclick = async () => {
   $("ask-go").disabled = true;
   const ticked = [...$("ask-levers").querySelectorAll("input:checked")];
-  const edges = ticked.map(({ dataset }) => [Number(dataset.cause), Number(dataset.effect)]);
+  const edges = ticked.map(({ dataset }) => [Number(dataset.lever), Number(dataset.other)]);
   const { status, said } = await call("/answer", { turn: state.turn, edges });
   $("ask-go").disabled = false;
   if (status !== 200) return adopt(status, said);
