@@ -96,6 +96,8 @@ from .analysis.results.people.published import people as people
 from .analysis.results.standing import standings as standings
 from .analysis.results.summary import headline_table as headline_table
 from .analysis.results.summary import summary_table as summary_table
+from .analysis.results.understanding import understanding as understanding
+from .analysis.results.waste import waste as waste
 from .analysis.statistics import mean_interval as mean_interval
 
 # Pictures, films and people

@@ -23,6 +23,7 @@ import numpy as np
 
 from causal_openlock.belief.evidence import Event, informative, likelihood, observed
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
+from causal_openlock.belief.marginals import expected_structure
 from causal_openlock.belief.optimal import HYPOTHESIS_LIMIT, NODE_LIMIT, Optimum, Point, bits
 from causal_openlock.belief.placements import (
     TABLE_LIMIT,
@@ -31,7 +32,14 @@ from causal_openlock.belief.placements import (
     ways_to_place,
 )
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
-from causal_openlock.contract.learner import Brief, InformedLearner, Step, Truth, View
+from causal_openlock.contract.learner import (
+    Brief,
+    InformedLearner,
+    Step,
+    Structure,
+    Truth,
+    View,
+)
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.expected_cost import Cost
 from causal_openlock.world.fsm import FloatArray, IntArray
@@ -77,6 +85,7 @@ class Ideal(InformedLearner):
         self._brief = brief
         self._draws = Streams(brief.generators)
         self._rooms: list[RoomBelief | None] = [None] * brief.subjects
+        self._left: list[tuple[RoomBelief, Schema] | None] = [None] * brief.subjects
 
     def inform(self, truth: Truth) -> None:
         """Take the schema of each subject's room; the layout is not used."""
@@ -125,7 +134,7 @@ class Ideal(InformedLearner):
         """Rule out placements, and forget the room when its trial is over."""
         for subject in informative(step).tolist():
             room, schema = self._rooms[subject], self._schemas[subject]
-            if room is None or step.trial_over[subject]:
+            if room is None:
                 continue
             events = observed(step, np.array([subject]), room.slots[None], [room.found])
             event = events.single(0, room.found)
@@ -134,7 +143,23 @@ class Ideal(InformedLearner):
                 if event.new:
                     room.found = tuple(sorted((*room.found, event.pushed)))
         for subject in np.flatnonzero(step.trial_over & step.view.playing).tolist():
+            last = self._rooms[subject]
+            self._left[subject] = (last, self._schemas[subject]) if last else None
             self._rooms[subject] = None
+
+    def structure(self, subject: int) -> Structure | None:
+        """Edges and gates of the placements that are still possible.
+
+        Of placements that no attempt can tell apart one stands for all.
+        """
+        now = self._rooms[subject]
+        known = (now, self._schemas[subject]) if now else self._left[subject]
+        if known is None:
+            return None
+        room, schema = known
+        at = np.argsort(room.slots)[: len(schema.levers)]
+        placed = _solver(schema, room.action_limit).hypotheses
+        return expected_structure([(at, placed, room.weight)], self._brief.positions)
 
     def state_dict(self) -> dict[str, Any]:
         """The beliefs about the rooms, and the states of the random streams."""
@@ -155,13 +180,13 @@ class _Solver:
 
     def __init__(self, schema: Schema, action_limit: int) -> None:
         try:
-            self._hypotheses = placements(schema, action_limit)
+            self.hypotheses = placements(schema, action_limit)
         except TooLargeError as error:
             raise LearnerError(
                 f"the ideal observer lists every way to place the levers, and {error}; leave this "
                 "learner or this schema out"
             ) from None
-        self.prior = np.full(len(self._hypotheses), 1.0 / len(self._hypotheses))
+        self.prior = np.full(len(self.hypotheses), 1.0 / len(self.hypotheses))
         self._optimum: Optimum | None = None
         self._best: dict[Any, tuple[int, ...]] = {}
         self._posteriors: dict[tuple[bytes, Event], FloatArray] = {}
@@ -170,11 +195,11 @@ class _Solver:
             value = np.array([1.0, float(np.mean(known))])
             steps = np.stack([at_least(strength) for strength in value])
             self._strengths = Strengths(value, np.array([0.0, 1.0]), steps)
-            self._hypotheses.strength[:] = 1
+            self.hypotheses.strength[:] = 1
             return
         self._strengths = strengths(0.0, 1.0, 1.0, 1)
         try:
-            optimum = Optimum(self._hypotheses, self.prior, action_limit)
+            optimum = Optimum(self.hypotheses, self.prior, action_limit)
             optimum.attempts()
         except TooLargeError:
             return
@@ -197,7 +222,7 @@ class _Solver:
         key = (which.tobytes(), counts.tobytes(), *astuple(situation), seeking)
         if key not in self._best:  # plan for the rest of the attempt
             objective = Objective() if seeking else Objective(information=0.0)
-            planner = Planner(self._hypotheses[which], self._strengths, objective)
+            planner = Planner(self.hypotheses[which], self._strengths, objective)
             values = planner.values(counts, situation)
             slots = len(values) - 1
             best = np.flatnonzero(values >= values.max() - TIE).tolist()
@@ -210,7 +235,7 @@ class _Solver:
         if (known := self._posteriors.get(key)) is not None:
             return known
         every = np.arange(len(weight))
-        joint = weight * likelihood(self._hypotheses, every, self._strengths, event)
+        joint = weight * likelihood(self.hypotheses, every, self._strengths, event)
         total = float(joint.sum())
         assert total > 0, "the room's schema allows what happens in it"
         posterior: FloatArray = joint / total

@@ -34,12 +34,13 @@ from __future__ import annotations
 import math
 from copy import deepcopy
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
 from causal_openlock.experiment.expected_cost import Cost
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import pick
@@ -130,6 +131,7 @@ class TheoryBased(Checkpointed, Learner):
         self._atomic = np.ones((brief.subjects, len(ATOMIC)))
         self._abstract: list[dict[tuple[int, int], FloatArray]] = [{} for _ in brief.generators]
         self._rooms: list[RoomTheory | None] = [None] * brief.subjects
+        self._left: list[RoomTheory | None] = [None] * brief.subjects
 
     # -- the two theories -----------------------------------------------------------------------
 
@@ -320,7 +322,41 @@ class TheoryBased(Checkpointed, Learner):
             distance = edit_distances(chains.paths[paths])
             nearest = distance == distance.min()
             self._atomic[subject, nearest] += settings.schema_gain / nearest.sum()
-        self._rooms[subject] = None
+        self._left[subject], self._rooms[subject] = self._rooms[subject], None
+
+    def structure(self, subject: int) -> Structure | None:
+        """Edges of the schemas that are still possible, by their mean probabilities.
+
+        A lever of a path enables the next one, and its last the door; any path opens it.
+        """
+        room = self._rooms[subject] or self._left[subject]
+        schemas = room and schemas_of(self.brief.positions, room.length, room.solutions)
+        if not room or not schemas or self._earlier:
+            return None
+        chains, positions = self._chains(room), self.brief.positions
+        found = chains.path[room.found]
+        left = room.allowed & ~np.isin(chains.path, found)
+        versions = np.bincount(chains.path[left], minlength=len(chains.paths)).astype(float)
+        versions[found] = 1.0
+        likely: FloatArray = math.prod(versions[paths] for paths in schemas.paths)
+        for one in found:
+            likely *= (schemas.paths == one).any(axis=0)
+        near = np.exp(-self.parameters.edit_weight * schemas.distance)
+        atomic = self._atomic[subject] / self._atomic[subject].sum()
+        many = np.bincount(schemas.abstract, likely, len(schemas.distance))
+        likely *= (near / near.sum(axis=0) @ atomic / np.where(many > 0, many, 1.0))[
+            schemas.abstract
+        ]
+        if not likely.any():  # the room is of another kind than it can believe in
+            return None
+        possible = np.flatnonzero(likely)
+        steps = np.hstack([chains.paths, np.full((len(chains.paths), 1), positions)])
+        has = np.zeros((len(possible), positions, positions + 1), dtype=bool)
+        for paths in schemas.paths[:, possible]:
+            for cause, effect in pairwise(steps[paths].T):
+                has[np.arange(len(possible)), cause, effect] = True
+        edges = np.tensordot(likely[possible] / likely.sum(), has, axes=1)
+        return Structure(edges, np.zeros(positions + 1))
 
     def state_dict(self) -> dict[str, Any]:
         """Beliefs, rooms, and the states of the generators."""

@@ -12,9 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from causal_openlock.belief.beliefs import Belief, Beliefs
-from causal_openlock.belief.marginals import edge_probabilities, most_probable
+from causal_openlock.belief.marginals import (
+    edge_probabilities,
+    expected_structure,
+    most_probable,
+    structure_posteriors,
+)
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.contract.learner import Learner, View
+from causal_openlock.contract.learner import Learner, Structure, View
 from causal_openlock.errors import LearnerError
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.schema import Schema
@@ -66,6 +71,15 @@ class BeliefLearner(Learner):
     def edges(self, subject: int) -> FloatArray:
         """``[P, P + 1]`` probability that a lever enables another, or the door, by position."""
         return edge_probabilities(self.belief(subject), self.classes(subject))
+
+    def structure(self, subject: int) -> Structure | None:
+        """Probabilities of edges and gates, of the room that a subject is in or has just left."""
+        belief = self.beliefs.of[subject] or self.beliefs.left[subject]
+        if belief is None:
+            return None
+        parts = structure_posteriors(belief, self.classes(subject))
+        each = ((part.positions, part.structures, part.probability.sum(axis=1)) for part in parts)
+        return expected_structure(each, self.beliefs.positions)
 
     def most_probable(self, subject: int) -> tuple[Schema, float]:
         """The most probable structure and its probability.

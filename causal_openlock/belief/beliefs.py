@@ -165,6 +165,7 @@ class Beliefs:
 
     Attributes:
         of: The posterior of each subject; None while it is in no room.
+        left: The posterior of each subject about the room that it has left last.
         knowledge: What each subject carries from room to room.
         unsure: ``[B]`` whether the subject believes that levers may fail to move.
 
@@ -192,6 +193,7 @@ class Beliefs:
         self.unsure: BoolArray = np.full(brief.subjects, prior.noise > 0)
         self.knowledge = Knowledge(brief.subjects, brief.positions, prior, self._unsure)
         self.of: list[Belief | None] = [None] * brief.subjects
+        self.left: list[Belief | None] = [None] * brief.subjects
 
     # -- a room is entered, and left ------------------------------------------------------------
 
@@ -261,7 +263,7 @@ class Beliefs:
 
     def leave(self, subject: int) -> None:
         """Update what is carried between rooms, and forget the room."""
-        belief = self.of[subject]
+        belief = self.left[subject] = self.of[subject]
         if belief is not None and belief.possible and len(belief.which):
             self.knowledge.absorb(subject, belief.space, belief.which, belief.weight, belief.slots)
         self.of[subject] = None

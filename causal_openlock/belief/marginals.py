@@ -44,7 +44,8 @@ from causal_openlock.belief.beliefs import Belief
 from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.hypotheses import Strengths
 from causal_openlock.belief.structure_schemas import schema_of
-from causal_openlock.belief.structures import Structures
+from causal_openlock.belief.structures import Hypotheses, Structures
+from causal_openlock.contract.learner import Structure
 from causal_openlock.errors import OpenLockError
 from causal_openlock.formats.graphs import binary_cpd, to_bayesian_network
 from causal_openlock.wording import nearest
@@ -62,15 +63,37 @@ def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
 
     ``classes``, ``[C + 1]``, is the subject's probability of each schema class; so everywhere here.
     """
-    positions = belief.space.sight.positions
+    return expected_structure(
+        (
+            (part.positions, part.structures, part.probability.sum(axis=1))
+            for part in structure_posteriors(belief, classes)
+        ),
+        belief.space.sight.positions,
+    ).edges
+
+
+def expected_structure(
+    parts: Iterable[tuple[IntArray, Structures | Hypotheses, FloatArray]], positions: int
+) -> Structure:
+    """Probabilities of edges and gates, of structures with these probabilities.
+
+    Args:
+        parts: ``[n]`` where some levers are, M structures on them, and ``[M]`` their probabilities;
+            of all parts together these add up to 1.
+        positions: Positions of the room, P.
+    """
     edges = np.zeros((positions, positions + 1))
-    for part in structure_posteriors(belief, classes):
-        probability = part.probability.sum(axis=1)
-        to = np.append(part.positions, positions)
-        for lever, position in enumerate(part.positions):
-            causes = (part.structures.causes >> np.uint16(lever) & 1).astype(float)
+    several, all_of_them = np.zeros(positions + 1), np.zeros(positions + 1)
+    for at, own, probability in parts:
+        to = np.append(at, positions)
+        for lever, position in enumerate(at):
+            causes = (own.causes >> np.uint16(lever) & 1).astype(float)
             edges[position, to] += probability @ causes
-    return edges
+        many = np.bitwise_count(own.causes)
+        several[to] += probability @ (many > 1)
+        all_of_them[to] += probability @ ((many > 1) & (own.threshold >= many))
+    gates = np.divide(all_of_them, several, out=np.full(positions + 1, np.nan), where=several > 0)
+    return Structure(edges, gates)
 
 
 def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:

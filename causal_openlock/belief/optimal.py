@@ -23,6 +23,7 @@ import math
 from collections.abc import Iterator
 from functools import cache
 from itertools import combinations
+from math import log2
 from typing import NamedTuple
 
 import numpy as np
@@ -149,6 +150,37 @@ class Optimum:
             for same in alike.get(action, (action,))
         ) or [2 * self._slots]
 
+    def value(self, point: Point) -> float:
+        """The least expected number of attempts still to come, the present one not counted."""
+        return self._after(point, 0) / self._weight(point.possible)
+
+    def after(self, point: Point, action: int) -> list[tuple[float, Point]]:
+        """What an action can lead to, each with its probability.
+
+        Args:
+            point: A state with an action left.
+            action: A push by slot, a pull, or the door as ``2P``; any other one does nothing.
+        """
+        possible, _, pushed, left = point
+        slot, stands = action % self._slots, action >= self._slots
+        outcomes = [point._replace(left=left - 1)]
+        if action == 2 * self._slots:
+            if possible & self._holds(self._slots, pushed):
+                outcomes = self._opened(point)
+        elif 0 <= action < 2 * self._slots and stands == bool(pushed >> slot & 1):
+            outcomes = self._tried(point, slot)
+        whole = self._weight(possible)
+        return [(self._weight(one.possible) / whole, one) for one in outcomes]
+
+    def entropy(self, possible: int) -> float:
+        """The bits missing to certainty about which of these hypotheses is true."""
+        whole = self._weight(possible)
+        return sum(
+            (-(part := weight / whole) * log2(part) * many)
+            for weight, having in self._weights
+            if (many := (possible & having).bit_count())
+        )
+
     def most(self) -> int:
         """The largest number of attempts under one optimal policy."""
         worst: dict[tuple[Point, bool], int] = {}
@@ -235,32 +267,33 @@ class Optimum:
 
     def _actions(self, point: Point) -> Iterator[tuple[int, list[Point]]]:
         """The actions that can do something, one for levers that are alike, and their outcomes."""
-        possible, found, pushed, left = point
+        possible, found, pushed, _ = point
         alike = self._alike(possible, found, pushed)
         for slot in range(self._slots):
             stands = pushed >> slot & 1
             if (stands and not self._pulls) or (not stands and slot not in alike):
                 continue
-            moving = possible & self._holds(slot, pushed)
-            if not moving:
-                continue
-            after = pushed ^ 1 << slot
-            unlocks = moving & self._holds(self._slots, after)
-            outcomes = [
-                Point(part, found, now, left - 1)
-                for part, now in (
-                    (unlocks, after),
-                    (moving & ~unlocks, after),
-                    (possible & ~moving, pushed),
-                )
-                if part
-            ]
-            yield slot + self._slots * stands, outcomes
+            if possible & self._holds(slot, pushed):
+                yield slot + self._slots * stands, self._tried(point, slot)
         if possible & self._holds(self._slots, pushed):
-            new = possible & self._finds(pushed, found)
-            more = tuple(sorted((*found, pushed)))
-            outcomes = [Point(new, more, 0, 0), Point(possible & ~new, found, 0, 0)]
-            yield 2 * self._slots, [outcome for outcome in outcomes if outcome.possible]
+            yield 2 * self._slots, self._opened(point)
+
+    def _tried(self, point: Point, slot: int) -> list[Point]:
+        """What it can lead to that a lever is moved the other way."""
+        possible, found, pushed, left = point
+        moving = possible & self._holds(slot, pushed)
+        after = pushed ^ 1 << slot
+        unlocks = moving & self._holds(self._slots, after)
+        parts = (unlocks, after), (moving & ~unlocks, after), (possible & ~moving, pushed)
+        return [Point(part, found, now, left - 1) for part, now in parts if part]
+
+    def _opened(self, point: Point) -> list[Point]:
+        """What it can lead to that the unlocked door is opened."""
+        possible, found, pushed, _ = point
+        new = possible & self._finds(pushed, found)
+        more = tuple(sorted((*found, pushed)))
+        outcomes = [Point(new, more, 0, 0), Point(possible & ~new, found, 0, 0)]
+        return [outcome for outcome in outcomes if outcome.possible]
 
     def _alike(
         self, possible: int, found: tuple[int, ...], pushed: int

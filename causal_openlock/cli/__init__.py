@@ -18,6 +18,7 @@ from causal_openlock.cli import (
     evidence,
     export,
     fit,
+    importing,
     learners,
     notebook,
     pictures,
@@ -54,9 +55,11 @@ for _command in (
     pictures.film,
     pictures.room,
     play.play,
+    play.forget,
     notebook.notebook,
 ):
     app.command()(_command)
+app.command("import")(importing.import_)
 
 
 def _version(wanted: bool) -> None:

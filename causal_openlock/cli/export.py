@@ -79,6 +79,9 @@ def bundle(
         Path | None,
         typer.Option("--out", "-o", help="ZIP file to write; default: FOLDER.zip."),
     ] = None,
+    licence: Annotated[
+        str, typer.Option("--license", help="Of the data, such as CC-BY-4.0, for its data card.")
+    ] = "",
 ) -> None:
     """Put an experiment, its record and its report into one file that anyone can run again."""
     from causal_openlock.comparison.console import Terminal
@@ -87,7 +90,7 @@ def bundle(
 
     whole = folder.resolve()
     path = out or whole.with_name(f"{whole.name}.zip")  # a dot in the name begins no suffix
-    for caution in write_bundle(Store(folder), path):
+    for caution in write_bundle(Store(folder), path, licence):
         Terminal(stderr=True).warn(caution)
     size = path.stat().st_size / 1e6
     say(f"{path} written, {size:.1f} MB; its README.md says how to run it again")

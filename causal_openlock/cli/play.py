@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import signal
 import sys
@@ -11,6 +12,9 @@ from typing import Annotated
 
 import typer
 
+from causal_openlock.cli.options import ResultsFolder
+from causal_openlock.cli.terminal import say
+from causal_openlock.errors import OpenLockError
 from causal_openlock.wording import counted
 
 
@@ -44,6 +48,24 @@ def play(
     practice: Annotated[
         bool, typer.Option("--practice/--no-practice", help="Begin with a practice room.")
     ] = True,
+    ask: Annotated[
+        bool,
+        typer.Option("--ask-structure", help="Ask after each room which lever enables which."),
+    ] = False,
+    consent: Annotated[
+        Path | None,
+        typer.Option(help="What people agree to before they begin, in Markdown."),
+    ] = None,
+    recruiting: Annotated[
+        str,
+        typer.Option(
+            help="What a recruiting service adds to the address, such as "
+            "PROLIFIC_PID,STUDY_ID,SESSION_ID; kept in recruited.jsonl."
+        ),
+    ] = "",
+    completion: Annotated[
+        str, typer.Option(help="Address to which people go back when they have finished.")
+    ] = "",
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
     ] = True,
@@ -59,16 +81,25 @@ def play(
     conditions = [Condition.named(name, find_schema) for name in names]
     words = ["causal-openlock", "play", *(word for name in names for word in ("-c", name))]
     words += ["--protocol", protocol, "--seed", str(seed), "--out", out.as_posix()]
+    if ask:
+        words.append("--ask-structure")
+    for option, value in (("consent", consent), ("recruiting", recruiting)):
+        words += [f"--{option}", str(value)] if value else []
+    if completion:
+        words += ["--completion", completion]
     people = People(
         out,
         conditions,
         find_protocol(protocol),
         seed=seed,
         practice=practice,
+        ask=ask,
+        consent=_text(consent) if consent else "",
+        recruiting=_names(recruiting),
         command=shlex.join(words),
     )
     try:
-        server = PlayServer(people, host, port, address)
+        server = PlayServer(people, host, port, address, completion)
     except BaseException:
         people.close()
         raise
@@ -99,3 +130,44 @@ def play(
     finally:
         server.finish()
     console.print_line(f"{joined()} joined; causal-openlock report {out}")
+
+
+def _text(path: Path) -> str:
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or "it is no text in UTF-8"
+        raise OpenLockError(f"{path} cannot be read ({why}); give a file of Markdown") from None
+    if not text.strip() or len(text) > 100_000:
+        raise OpenLockError(f"{path} is empty, or too long for a page; give a file of Markdown")
+    return text
+
+
+def _names(recruiting: str) -> list[str]:
+    names = [name.strip() for name in recruiting.split(",")] if recruiting else []
+    if len(names) > 3 or any(not re.fullmatch("[A-Za-z0-9_]{1,40}", name) for name in names):
+        raise OpenLockError(
+            f"--recruiting takes up to three names with commas between, not {recruiting!r}; "
+            "such as PROLIFIC_PID,STUDY_ID,SESSION_ID"
+        )
+    return names
+
+
+def forget(
+    folder: ResultsFolder,
+    subject: Annotated[int, typer.Argument(min=0, help="Number of the person.")],
+    condition: Annotated[
+        str | None, typer.Option("--condition", "-c", help="The condition that they played.")
+    ] = None,
+) -> None:
+    """Delete all data of one person who played, or was imported, for good."""
+    from causal_openlock.play.forgetting import forget_person
+
+    gone, left = forget_person(folder, subject, condition)
+    files = counted(len(gone), "file")
+    say(f"person {subject} is deleted from {folder}: {files}, and all there was in its logs")
+    if left:
+        say(
+            f"made of what they did, too, and to be made again or deleted: {', '.join(left)}",
+            error=True,
+        )

@@ -23,9 +23,12 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
 from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.analysis.results.standing import standings
+from causal_openlock.analysis.results.understanding import understanding
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
+from causal_openlock.analysis.results.waste import waste
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
+from causal_openlock.experiment.answers import read_answers
 from causal_openlock.experiment.folder_lock import LOCK
 from causal_openlock.experiment.remote import downloaded
 from causal_openlock.experiment.store import Store, check_inside
@@ -143,6 +146,24 @@ class Results(Material):
             name=names,
             moved=np.concatenate([*whole["moved"]]).astype(bool),
         )
+
+    @cached_property
+    def waste(self) -> pd.DataFrame:
+        """What each attempt was worth, by the ideal observer in the subject's place.
+
+        See :func:`~causal_openlock.analysis.results.waste.waste`.
+        """
+        return waste(self)
+
+    @cached_property
+    def understanding(self) -> pd.DataFrame:
+        """What subjects took the structure of each room to be when they left it, and how it is.
+
+        See :func:`~causal_openlock.analysis.results.understanding.understanding`. People were asked
+        where ``play --ask-structure`` was used.
+        """
+        answers = [one for folder in self.folders for one in read_answers(folder)]
+        return understanding(self, answers)
 
     @cached_property
     def pairs(self) -> pd.DataFrame:

@@ -137,6 +137,21 @@ class Truth:
     room: IntArray
 
 
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """What a subject takes the causal structure of a room to be; P positions.
+
+    Attributes:
+        edges: ``[P, P + 1]`` probability that the lever at a position enables that at another, or
+            the door (last).
+        gates: ``[P + 1]`` probability that a lever, or the door, needs all of its causes, if it has
+            several; NaN where it surely has not, or nothing is known.
+    """
+
+    edges: FloatArray
+    gates: FloatArray
+
+
 @dataclass(frozen=True)
 class NoParameters:
     """The parameters of a learner that has none."""
@@ -194,6 +209,13 @@ class Learner(ABC):
         done leaves it. It may be asked before ``act``, which it does not change, or in its place:
         where it is known what a subject did, ``learn`` follows at once. Rows of subjects that have
         finished are ignored.
+        """
+        return None
+
+    def structure(self, subject: int) -> Structure | None:
+        """What a subject takes the structure of its room to be; None if the learner cannot say.
+
+        After the last action of a trial it is that of the room just left. Asking changes nothing.
         """
         return None
 

@@ -20,8 +20,8 @@ all solutions are found, how many trials there are and how often they are repeat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
 from typing import Any, Literal
 
@@ -93,10 +93,10 @@ class Protocol:
     action_limit: int | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for one in fields(self):
+            value = getattr(self, one.name)
             if isinstance(value, int) and not isinstance(value, bool) and value < 1:
-                raise ProtocolError(f"{field.name} of protocol {self.name} must be at least 1")
+                raise ProtocolError(f"{one.name} of protocol {self.name} must be at least 1")
         if self.action_limit is not None and self.action_limit > MAX_ACTION_LIMIT:
             raise ProtocolError(
                 f"action_limit of protocol {self.name} must be at most {MAX_ACTION_LIMIT}"
@@ -238,6 +238,8 @@ class Condition:
         name: For the record.
         train: Trials in the order in which they come; all of a baseline's trials are here.
         test: Trials to test on afterwards; empty for a baseline.
+        rooms: By number of the subject, the layouts of its trials in order, where it is on record
+            that they were others than the drawn ones, as in data from elsewhere.
 
     Example:
         >>> from causal_openlock import find_schema
@@ -248,6 +250,7 @@ class Condition:
     name: str
     train: tuple[Trials, ...]
     test: tuple[Trials, ...] = ()
+    rooms: Mapping[int, tuple[Layout, ...]] = field(default_factory=dict, compare=False)
 
     @classmethod
     def named(cls, name: str, find: Callable[[str], Schema]) -> Condition:
@@ -283,7 +286,8 @@ class Condition:
                 part if NAME.fullmatch(part) else schema.name
                 for part, schema in zip(parts, schemas, strict=True)
             ]
-            return cls("-".join(words), *[(Trials(schema),) for schema in schemas])
+            train, test = [*((Trials(schema),) for schema in schemas), ()][:2]
+            return cls("-".join(words), train, test)
         if missing is not None:
             raise missing[1]
         raise ProtocolError(
@@ -303,6 +307,11 @@ class Condition:
             "name": self.name,
             "train": [trials.as_dict() for trials in self.train],
             "test": [trials.as_dict() for trials in self.test],
+            **(
+                {"rooms": {str(k): [list(o.places) for o in v] for k, v in self.rooms.items()}}
+                if self.rooms
+                else {}
+            ),
         }
 
 
@@ -317,10 +326,16 @@ class Visit:
     layout: Layout
 
 
-def plan(condition: Condition, protocol: Protocol, generator: np.random.Generator) -> list[Visit]:
+def plan(
+    condition: Condition,
+    protocol: Protocol,
+    generator: np.random.Generator,
+    subject: int | None = None,
+) -> list[Visit]:
     """The trials of one subject, in order.
 
-    Each loop draws new layouts, without repeats within the loop.
+    Each loop draws new layouts, without repeats within the loop. Of a subject that the condition
+    has ``rooms`` of, the first trials are in those.
 
     Raises:
         ProtocolError: If a schema does not fit the protocol or its ``test_layout``, or has fewer
@@ -353,6 +368,9 @@ def plan(condition: Condition, protocol: Protocol, generator: np.random.Generato
             visits += [Visit(phase, loop, trial, *room) for trial, room in enumerate(drawn, 1)]
     for schema in condition.schemas:
         protocol.actions_for(schema)
+    known = condition.rooms.get(-1 if subject is None else subject, ())
+    for number, (visit, layout) in enumerate(zip(visits, known, strict=False)):
+        visits[number] = replace(visit, layout=layout)
     return visits
 
 

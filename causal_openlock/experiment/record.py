@@ -82,6 +82,15 @@ def compact(record: pa.Table) -> pa.Table:
     return record.cast(pa.schema(fields))
 
 
+def with_times(record: pa.Table, seconds: Sequence[float | None]) -> pa.Table:
+    """A record of attempts that ended at these times, which are not those of its session."""
+    import pyarrow as pa
+
+    where = record.schema.get_field_index("wall_time")
+    times = pa.array([one or 0.0 for one in seconds], pa.float32())
+    return record.set_column(where, record.schema.field(where), times)
+
+
 def categorise(
     unlocked: BoolArray, opened: BoolArray, new: BoolArray, found: IntArray
 ) -> NDArray[np.int8]:

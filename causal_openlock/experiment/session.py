@@ -30,7 +30,7 @@ from causal_openlock.errors import LearnerError, ProtocolError
 from causal_openlock.experiment.protocol import Condition, Protocol, Visit, check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.world.batch import BatchStep, RoomBatch
-from causal_openlock.world.fsm import IntArray
+from causal_openlock.world.fsm import BoolArray, IntArray
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.world.room import Layout, action_names, positions_for
@@ -95,7 +95,10 @@ class Session:
         }
         place = f"{condition.name}/{protocol.name}"
         environment = generators(seed, f"environment/{condition.name}", numbers)
-        visits = [plan(condition, protocol, generator) for generator in environment]
+        visits = [
+            plan(condition, protocol, generator, subject)
+            for subject, generator in zip(numbers, environment, strict=True)
+        ]
         self._tables = RoomTables(max(positions_for(schema) for schema in condition.schemas))
         self._rooms, layouts = self._stack(visits)
         schemas = [room.schema.name for room in self._tables.rooms]
@@ -233,6 +236,22 @@ class Session:
             if informed and step.trial_over.any():
                 informed.inform(self.truth)
             yield step
+
+    def following(self, done: Sequence[IntArray]) -> Iterator[tuple[BoolArray, Step]]:
+        """Take the actions that are known to have been taken.
+
+        Args:
+            done: For each of the B subjects its actions, in the order of time. One that has fewer
+                than others goes on with actions that mean nothing.
+
+        Yields:
+            ``[B]`` whose actions these are, and the step.
+        """
+        lengths = np.array([len(actions) for actions in done])
+        for moment in range(lengths.max(initial=0)):
+            acts = moment < lengths
+            now = [own[moment] if act else 0 for own, act in zip(done, acts, strict=True)]
+            yield acts, self.step(np.array(now, dtype=np.int64))
 
     def step(self, action: Any) -> Step:
         """Take one action for each subject.

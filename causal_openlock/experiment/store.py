@@ -209,10 +209,20 @@ class Store:
         Raises:
             OpenLockError: If it cannot be written.
         """
+        self.list_files(experiment, [cell.file_name for cell in cells], identity, made_with)
+
+    def list_files(
+        self,
+        experiment: Experiment,
+        files: Sequence[str],
+        identity: str | None = None,
+        made_with: Versions | None = None,
+    ) -> None:
+        """Write the experiment and the names of its cells' files; as :meth:`declare`."""
         held = {
             "identity": identity or experiment.identity,
             **experiment.as_dict(),
-            "cells": [cell.file_name for cell in cells],
+            "cells": [*files],
             "versions": dict(made_with or self._made_with() or versions()),
         }
         content = json_bytes(held)

@@ -9,7 +9,7 @@ function need not be installed.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -106,25 +106,36 @@ class _Trials(StrictModel):
     def built(self) -> Trials:
         schema, layouts = self.schema_.schema_(), self.layouts
         if isinstance(layouts, list):
-            known = [Layout.of(schema, name) for name in published_layouts(schema)]
-            names = {layout.places: layout for layout in known}
-            drawn = [Layout(tuple(places), positions_for(schema)) for places in layouts]
-            given = tuple(names.get(layout.places, layout) for layout in drawn)
+            given = tuple(_placed(schema, places) for places in layouts)
             return Trials(schema, given, self.number, self.shuffle)
         return Trials(schema, layouts, self.number, self.shuffle)
+
+
+def _placed(schema: Schema, places: Sequence[int]) -> Layout:
+    """A layout by its places; under its name, if it is published."""
+    layout = Layout(tuple(places), positions_for(schema))
+    known = [Layout.of(schema, name) for name in published_layouts(schema)]
+    return next((one for one in known if one.places == layout.places), layout)
 
 
 class _Condition(StrictModel):
     name: str
     train: Annotated[list[_Trials], Field(min_length=1)]
     test: list[_Trials]
+    rooms: Annotated[dict[str, list[list[int]]], Field(default_factory=dict)]
 
     def built(self) -> Condition:
         train, test = (
             tuple(_built(one, f"{name}.{i}") for i, one in enumerate(part))
             for name, part in (("train", self.train), ("test", self.test))
         )
-        return Condition(self.name, train, test)
+        fitting = {len(one.schema.levers): one.schema for one in (*train, *test)}
+        rooms = {}
+        for subject, layouts in self.rooms.items():
+            if not subject.isdecimal() or not {*map(len, layouts)} <= fitting.keys():
+                raise StoreError(f"rooms.{subject[:20]} are no layouts of a subject's trials")
+            rooms[int(subject)] = tuple(_placed(fitting[len(one)], one) for one in layouts)
+        return Condition(self.name, train, test, rooms)
 
 
 class _Terms(StrictModel):

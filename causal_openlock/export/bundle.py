@@ -3,6 +3,8 @@
 A bundle is a ZIP file with one folder in it::
 
     NAME/
+      DATA_CARD.md           what is to be known before the data are used
+      croissant.json         the same for programs: files, hashes, columns (Croissant 1.0)
       README.md              what this is, and the one command that runs it again
       experiment.yaml        the experiment, every default written out
       schemas/               the schemas that it plays
@@ -44,6 +46,7 @@ from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.store import check_inside
 from causal_openlock.experiment.stored import StoredExperiment, Versions
+from causal_openlock.export.croissant import as_json, croissant, data_card
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.atomic import replacing, write_bytes
 from causal_openlock.files.local_modules import local_modules
@@ -63,6 +66,9 @@ Contents = dict[str, bytes]
 COMMAND = "causal-openlock compare experiment.yaml --out again"
 """What runs the experiment of a bundle again, in its folder."""
 
+BESIDE = ("reactions", "structures")
+"""Folders with a file for each person beside their cell."""
+
 _THEN = (1980, 1, 1, 0, 0, 0)  # the date of every file in a bundle
 _PACKED = (".parquet", ".png")  # these cannot be made any smaller
 _MOST_BYTES = 1 << 28  # of a file that a parameter names
@@ -71,12 +77,13 @@ _RESERVED = re.compile(r"(CON|PRN|AUX|NUL|COM\d|LPT\d)(\.|$)", re.IGNORECASE)  #
 _REQUIREMENT = re.compile(r"[A-Za-z0-9][\w.-]*( [\w.+!-]+| not installed)", re.ASCII)
 
 
-def write_bundle(store: Store, path: Path | str) -> list[str]:
+def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]:
     """Bundle a results folder.
 
     Args:
         store: The results folder; its report is to be there.
         path: The ZIP file to write.
+        licence: Under what the data may be used; an SPDX identifier or an address.
 
     Returns:
         What is to be known of it, a sentence each: why nobody could check that it runs again.
@@ -98,7 +105,8 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
             f"{store.folder} has no report; write it first, with: causal-openlock report "
             f"{store.folder}"
         )
-    versions = store.record([])[1].versions
+    who, described = store.record(["learner", "condition", "subject"])
+    versions = described.versions
     packages = _packages(experiment, versions)
     again = any(spec.learner != PERSON for spec in experiment.learners)
     contents, cautions = _experiment(experiment, packages, store) if again else ({}, [])
@@ -106,8 +114,12 @@ def write_bundle(store: Store, path: Path | str) -> list[str]:
     contents["README.md"] = _readme(experiment, versions, again, cautions).encode()
     results = [store.folder / "experiment.json", report, store.folder / "summary.csv", *cells]
     results += [store.folder / name for name in files_of(report)]
+    results += [store.folder / part / one.name for part in BESIDE for one in cells]
+    results += sorted(store.folder.glob("consent_*.md"))
     for one in filter(Path.is_file, results):
         contents[f"results/{one.relative_to(store.folder).as_posix()}"] = one.read_bytes()
+    contents["DATA_CARD.md"] = data_card(experiment, who, contents, licence).encode()
+    contents["croissant.json"] = as_json(croissant(experiment, contents, licence))
     name = _part(experiment.name)
     with replacing(path) as file, zipfile.ZipFile(file, "w") as bundle:
         for inside, content in sorted(contents.items()):

@@ -14,13 +14,14 @@ from typing import Any, Literal
 import numpy as np
 
 from causal_openlock.contract.learner import View
+from causal_openlock.experiment.answers import Answer as SaidOfRoom
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.person import LABEL
 from causal_openlock.world.room import Layout
 from causal_openlock.world.schema import Schema
 
-Stage = Literal["practice", "room", "end"]
+Stage = Literal["practice", "room", "question", "end"]
 Answer = dict[str, Any]
 """What is sent to the page: plain data, ready for JSON."""
 
@@ -41,7 +42,8 @@ class PlayedAction:
         action: Its index.
         moved: Whether it moved something.
         reaction: Seconds from when the person could act to the click, by the page's clock.
-        time: Seconds since the person joined, by the server's clock.
+        time: Seconds since the person joined, by the server's clock; not always known of data from
+            elsewhere.
         attempt_over: Whether the attempt ended with it.
     """
 
@@ -50,7 +52,7 @@ class PlayedAction:
     action: int
     moved: bool
     reaction: float | None
-    time: float
+    time: float | None
     attempt_over: bool
 
 
@@ -63,15 +65,23 @@ class Game:
         subject: Number of the person among those in this condition.
         seed: Seed of the rooms and of luck.
         practice: Whether a practice room comes first.
+        ask: Whether the person is asked after each trial which lever enables which.
 
     Attributes:
         turn: How many turns have been taken.
         done: The actions of the trials that count, in order.
         trials_over: How many of these trials have ended.
+        answers: What the person said of the rooms that they left.
     """
 
     def __init__(
-        self, condition: Condition, protocol: Protocol, subject: int, seed: int, practice: bool
+        self,
+        condition: Condition,
+        protocol: Protocol,
+        subject: int,
+        seed: int,
+        practice: bool,
+        ask: bool = False,
     ) -> None:
         self.session = Session(
             condition, protocol, [subject], seed=seed, learner=LABEL, experiment=EXPERIMENT
@@ -80,6 +90,9 @@ class Game:
         self.turn = 0
         self.done: list[PlayedAction] = []
         self._ended: list[Answer] = []
+        self.answers: list[SaidOfRoom] = []
+        self._ask, self._subject = ask, subject
+        self._question: tuple[int, ...] | None = None  # the levers that are asked about
 
     @property
     def trials_over(self) -> int:
@@ -91,14 +104,30 @@ class Game:
         """Where the person is."""
         if self._practice is not None:
             return "practice"
+        if self._question is not None:
+            return "question"
         return "end" if self.session.over else "room"
 
     def allows(self, action: int | None) -> bool:
         """Whether an action is possible now; ``None`` leaves the practice room."""
         if action is None:
             return self._practice is not None
-        over = (self._practice or self.session).over
+        over = (self._practice or self.session).over or self._question is not None
         return not over and 0 <= action < self.session.brief.actions
+
+    def allows_answer(self, edges: Any) -> bool:
+        """Whether an answer is possible now: pairs of a lever asked about and what it enables."""
+        levers, door = self._question or (), self.session.brief.positions
+        pairs = [pair for pair in edges if isinstance(pair, list) and len(pair) == 2]
+        return (
+            self._question is not None
+            and len(pairs) == len(edges)
+            and all(
+                type(cause) is int and cause in levers and type(effect) is int and cause != effect
+                for cause, effect in pairs
+            )
+            and {effect for _, effect in pairs} <= {*levers, door}
+        )
 
     def view(self) -> Answer:
         """What the person may know now."""
@@ -110,13 +139,32 @@ class Game:
             "trials": brief.trials,
             "ended": self._ended,
         }
-        if stage != "end":
+        if stage == "question":
+            shown["levers"] = list(self._question or ())
+        elif stage != "end":
             shown["room"] = _room(self._practice or self.session)
         return shown
 
     def proceed(self) -> Answer:
         """Leave the practice room; one turn."""
         self._practice = None
+        self.turn += 1
+        return self.view()
+
+    def answer(self, edges: list[list[int]], time: float) -> Answer:
+        """Take what the person says of the room that they have left; one turn."""
+        self.answers.append(
+            SaidOfRoom(
+                LABEL,
+                self.session.condition.name,
+                self._subject,
+                self.trials_over,
+                self._question or (),
+                frozenset((cause, effect) for cause, effect in edges),
+                time,
+            )
+        )
+        self._question = None
         self.turn += 1
         return self.view()
 
@@ -147,6 +195,10 @@ class Game:
             if trial_over:
                 found = int(console.solutions_found[0]) + new
                 self._ended.append({"attempts": attempt, "found": found, "left": left})
+                if self._ask:
+                    positions = session.brief.positions
+                    grey = np.flatnonzero(step.view.observation[0, positions : 2 * positions])
+                    self._question = tuple(grey.tolist())
         self.turn += 1
         return {
             "outcome": step.outcome[0].tolist(),

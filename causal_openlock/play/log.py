@@ -14,10 +14,12 @@ import os
 import re
 import threading
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from causal_openlock.errors import StoreError
+from causal_openlock.files.atomic import write_bytes
 
 Entry = dict[str, Any]
 
@@ -42,7 +44,7 @@ class Log:
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
             content = path.read_bytes()
-            self.entries, self._size = self._read(content)
+            self.entries, self._size = self._parsed(content)
             if self._size < len(content):
                 os.ftruncate(self._file, self._size)
         except OSError as error:
@@ -53,7 +55,11 @@ class Log:
             os.close(self._file)
             raise
 
-    def _read(self, content: bytes) -> tuple[list[Entry], int]:
+    def read(self) -> tuple[list[Entry], int]:
+        """The entries that are in the file now, and how many bytes they have."""
+        return self._parsed(self.path.read_bytes())
+
+    def _parsed(self, content: bytes) -> tuple[list[Entry], int]:
         """The entries, and how many bytes of the file are whole lines."""
         entries: list[Entry] = []
         size = 0
@@ -79,8 +85,7 @@ class Log:
         Raises:
             StoreError: If it cannot be written; nothing of it is in the file then.
         """
-        text = json.dumps(entry, separators=(",", ":")).encode()
-        line = b"%b\t%08x\n" % (text, zlib.crc32(text))
+        line = _line(entry)
         with self._lock:
             written, why = 0, "the disk is full"
             try:
@@ -93,6 +98,19 @@ class Log:
             self._size += written
             self._unsynced = True
 
+    def rewrite(self, entries: Iterable[Entry]) -> None:
+        """Replace everything in the file, at once or not at all; another one is opened for it.
+
+        Raises:
+            StoreError: If it cannot be written.
+        """
+        with self._lock:
+            write_bytes(self.path, b"".join(map(_line, entries)))
+            os.close(self._file)
+            self._file = os.open(self.path, os.O_RDWR | os.O_APPEND, 0o600)
+            self.path.chmod(0o600)
+            self._size = self.path.stat().st_size
+
     def sync(self) -> None:
         """Flush everything to the disk."""
         if self._unsynced:
@@ -104,6 +122,11 @@ class Log:
         with self._lock:
             self.sync()
             os.close(self._file)
+
+
+def _line(entry: Entry) -> bytes:
+    text = json.dumps(entry, separators=(",", ":")).encode()
+    return b"%b\t%08x\n" % (text, zlib.crc32(text))
 
 
 def _checked(line: bytes) -> bytes | None:
@@ -121,9 +144,14 @@ def _parse(text: bytes) -> Entry | None:
 
 
 def is_join(entry: Entry) -> bool:
-    """Whether an entry is that of a person who joined."""
+    """Whether an entry is that of a person who joined.
+
+    It may say that they are ``asked`` about rooms, and to which ``consent`` they agreed.
+    """
     return (
-        entry.keys() == {"join", "key", "at", "practice"}
+        entry.keys() - {"ask", "consent"} == {"join", "key", "at", "practice"}
+        and isinstance(entry.get("ask", False), bool)
+        and re.fullmatch("[0-9a-f]{16}|", str(entry.get("consent", ""))) is not None
         and _is_number(entry["join"])
         and isinstance(entry["key"], str)
         and re.fullmatch("[0-9a-f]{64}", entry["key"]) is not None
@@ -132,11 +160,22 @@ def is_join(entry: Entry) -> bool:
     )
 
 
+def is_forgotten(entry: Entry) -> bool:
+    """Whether an entry stands for a person whose data were deleted."""
+    return entry.keys() == {"join", "forgotten"} and _is_number(entry["join"])
+
+
 def is_turn(entry: Entry) -> bool:
-    """Whether an entry is that of a turn: an action, or that the practice room was left."""
+    """Whether an entry is that of a turn.
+
+    That is an action, an answer about a room, or that the practice room was left.
+    """
+    answered = entry.keys() == {"of", "turn", "at", "edges"}
+    if answered and not isinstance(entry["edges"], list):
+        return False
     acted = entry.keys() == {"of", "turn", "at", "action", "reaction"}
     return (
-        (acted or entry.keys() == {"of", "turn", "at"})
+        (acted or answered or entry.keys() == {"of", "turn", "at"})
         and all(_is_number(entry[key]) for key in ("of", "turn"))
         and _is_time(entry["at"])
         and (not acted or _is_number(entry["action"]))

@@ -30,6 +30,18 @@ def static_files() -> dict[str, tuple[str, bytes]]:
     return found
 
 
+def as_html(markdown: str) -> str:
+    r"""A text in Markdown as HTML; what is HTML in it already is shown as it is written.
+
+    >>> as_html("*Yes* & <b>")
+    '<p><em>Yes</em> &amp; &lt;b&gt;</p>\n'
+    """
+    from markdown_it import MarkdownIt
+
+    html: str = MarkdownIt("commonmark", {"html": False}).render(markdown)
+    return html
+
+
 @cache
 def geometry(positions: int) -> dict[str, Any]:
     """Where everything in a room of some size is, as the page needs it; nothing of it is latent.

@@ -15,7 +15,7 @@ import hashlib
 import secrets
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -24,13 +24,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.answers import FOLDER as STRUCTURES
+from causal_openlock.experiment.answers import write_answers
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
+from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.store import Store
-from causal_openlock.files.atomic import sweep
+from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.play.game import EXPERIMENT, Answer, Game
 from causal_openlock.play.log import Entry as LogEntry
-from causal_openlock.play.log import Log, is_join, is_turn
+from causal_openlock.play.log import Log, is_forgotten, is_join, is_turn
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER, reactions_table, rows_kept, write_reactions
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
@@ -38,6 +41,8 @@ from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 if TYPE_CHECKING:
     import pyarrow as pa
 
+RECRUITED = "recruited.jsonl"
+"""What a recruiting service calls people, by the number of joining."""
 MOST_PEOPLE = 10_000
 """How many people can join in one folder."""
 
@@ -66,19 +71,28 @@ class TooManyPeople(Refused):
     """Nobody else can join."""
 
 
+class NotAgreed(Refused):
+    """Somebody who has not agreed to the consent would join."""
+
+
 class _Person:
     """A person: their number, their game, and when they joined."""
 
-    def __init__(self, number: int, cell: Cell, joined: float, practice: bool) -> None:
+    def __init__(
+        self, number: int, cell: Cell, joined: float, practice: bool, ask: bool = False
+    ) -> None:
         self.number, self.cell, self.joined = number, cell, joined
         self.lock = threading.Lock()
         self.game = Game(
-            cell.condition, cell.spec.protocol, cell.first_subject, cell.seed, practice
+            cell.condition, cell.spec.protocol, cell.first_subject, cell.seed, practice, ask
         )
-        self.kept = self.kept_trials = 0  # how many actions and ended trials are in the files
+        # How many actions, ended trials and answers are in the files.
+        self.kept = self.kept_trials = self.kept_answers = 0
 
     def take(self, turn: LogEntry) -> Answer:
         """Take a turn as it is in the log."""
+        if "edges" in turn:
+            return self.game.answer(turn["edges"], turn["at"] - self.joined)
         if "action" not in turn:
             return self.game.proceed()
         reaction = turn["reaction"]
@@ -87,14 +101,11 @@ class _Person:
 
     def record(self) -> pa.Table:
         """The trials that are over, with the times at which attempts really ended."""
-        import pyarrow as pa
-
         # The trial that a person is in, or has left for good, is no trial of the record.
         over = self.game.trials_over
         ends = [one.time for one in self.game.done if one.attempt_over and one.visit <= over]
         table = self.game.session.record().slice(0, len(ends))
-        where = table.schema.get_field_index("wall_time")
-        return table.set_column(where, table.schema.field(where), pa.array(ends, pa.float32()))
+        return with_times(table, ends)
 
 
 class People:
@@ -106,6 +117,10 @@ class People:
         protocol: With what budgets.
         seed: Seed of rooms, of luck and of who plays which condition.
         practice: Whether people who join now begin with a practice room.
+        ask: Whether people who join now are asked after each trial which lever enables which.
+        consent: What people have to agree to before they join, in Markdown; empty for nothing.
+        recruiting: What a recruiting service adds to the address of the page to say who comes, such
+            as ``("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")``. It is kept in ``recruited.jsonl``.
         command: The command that continues, for the report.
         clock: Returns the time in seconds.
 
@@ -122,6 +137,9 @@ class People:
         *,
         seed: int = 0,
         practice: bool = True,
+        ask: bool = False,
+        consent: str = "",
+        recruiting: Sequence[str] = (),
         command: str = "",
         clock: Callable[[], float] = time.time,
     ) -> None:
@@ -133,9 +151,11 @@ class People:
             EXPERIMENT, "People", seed, 1, tuple(conditions), (entry,), command
         )
         self.practice, self._clock = practice, clock
+        self.ask, self.consent, self.recruiting = ask, consent, tuple(recruiting)
+        self._agreed = hashlib.sha256(consent.encode()).hexdigest()[:16] if consent else ""
         self.store = Store(folder)
         self._people: dict[str, _Person] = {}
-        self._order: list[_Person] = []
+        self._order: list[_Person | None] = []  # None: their data were deleted
         self._joining, self._keeping = threading.Lock(), threading.Lock()
         # Loaded now, and not while somebody waits for an answer.
         import pyarrow.parquet  # noqa: F401
@@ -145,19 +165,32 @@ class People:
             opened.callback(self.store.close)
             self._log = Log(self.store.folder / "log.jsonl")
             opened.callback(self._log.close)
+            self._recruited = Log(self.store.folder / RECRUITED) if self.recruiting else None
+            if self._recruited:
+                opened.callback(self._recruited.close)
+            if consent:
+                write_text(self.store.folder / f"consent_{self._agreed}.md", consent)
             self._resume()
             self._declare()
             opened.pop_all()
 
     # -- what the page requests -----------------------------------------------------------------
 
-    def join(self) -> str:
+    def join(self, agreed: bool = False, recruited: Mapping[str, str] | None = None) -> str:
         """Add a person and return their session id.
 
+        Args:
+            agreed: Whether the person has agreed to the consent.
+            recruited: What the recruiting service calls them.
+
         Raises:
+            NotAgreed: If there is a consent that they have not agreed to.
             TooManyPeople: If nobody else can join.
             StoreError: If it cannot be written to the log.
         """
+        if self.consent and not agreed:
+            raise NotAgreed("nobody joins without having agreed")
+        told = {key: value for key, value in (recruited or {}).items() if key in self.recruiting}
         name = secrets.token_urlsafe(24)
         with self._joining:
             if len(self._order) >= MOST_PEOPLE:
@@ -167,7 +200,11 @@ class People:
                 "key": _key(name),
                 "at": self._clock(),
                 "practice": self.practice,
+                **({"ask": True} if self.ask else {}),
+                **({"consent": self._agreed} if self.consent else {}),
             }
+            if self._recruited is not None:
+                self._recruited.append({"join": entry["join"], **told})
             person = self._person(entry)
             self._log.append(entry)
             self._add(entry, person)
@@ -187,6 +224,10 @@ class People:
         """Let a person leave the practice room; refused as :meth:`act` is."""
         return self._turn(name, turn, {})
 
+    def answer(self, name: str, turn: int, edges: list[list[int]]) -> Answer:
+        """Take what a person says of a room; refused as :meth:`act` is."""
+        return self._turn(name, turn, {"edges": edges})
+
     def act(self, name: str, turn: int, action: int, reaction: int | None) -> Answer:
         """Carry out a person's action, after so many milliseconds if the page sends them.
 
@@ -201,7 +242,7 @@ class People:
         person = self._find(name)
         with person.lock:
             game = person.game
-            if turn != game.turn or not game.allows(what.get("action")):
+            if turn != game.turn or not _allows(game, what):
                 raise OutOfTurn(game.view())
             entry = {"of": person.number, "turn": turn, "at": self._clock(), **what}
             self._log.append(entry)  # first it is on file, then it is done, then it is answered
@@ -217,7 +258,8 @@ class People:
 
     def _person(self, entry: LogEntry) -> _Person:
         number = entry["join"]
-        return _Person(number, self._cell(number), entry["at"], entry["practice"])
+        ask = entry.get("ask", False)
+        return _Person(number, self._cell(number), entry["at"], entry["practice"], ask)
 
     def _add(self, entry: LogEntry, person: _Person) -> None:
         self._order.append(person)
@@ -247,21 +289,55 @@ class People:
             if is_join(entry) and entry["join"] == len(self._order) < MOST_PEOPLE:
                 self._add(entry, self._person(entry))
                 continue
-            if not is_turn(entry) or entry["of"] >= len(self._order):
+            if is_forgotten(entry) and entry["join"] == len(self._order) < MOST_PEOPLE:
+                self._order.append(None)
+                continue
+            known = is_turn(entry) and entry["of"] < len(self._order)
+            person = self._order[entry["of"]] if known else None
+            if person is None:
                 raise self._log.fault(number, "this line is no entry of a play")
-            game = self._order[entry["of"]].game
-            if entry["turn"] != game.turn:
+            if entry["turn"] != person.game.turn:
                 raise self._log.fault(number, "a turn is missing before this one")
-            if not game.allows(entry.get("action")):
+            if not _allows(person.game, entry):
                 raise self._log.fault(number, "this was not possible then")
-            self._order[entry["of"]].take(entry)
+            person.take(entry)
         self._log.entries = []
-        for person in self._order:
+        for person in self._there:
             done, ended = len(person.game.done), person.game.trials_over
             file = person.cell.file_name
             whole = rows_kept(self.store.folder / FOLDER / file) == done
             if whole and (not ended or self.store.check(person.cell) is None):
                 person.kept, person.kept_trials = done, ended
+
+    @property
+    def _there(self) -> list[_Person]:
+        """Those whose data have not been deleted."""
+        return [person for person in self._order if person is not None]
+
+    def forget(self, condition: str, subject: int) -> list[Path]:
+        """Delete everything that one person did, said and is called by; others stay as they are.
+
+        Returns the files that were deleted.
+
+        Raises:
+            StoreError: If there is no such person, or it cannot be written.
+        """
+        found = [
+            person for person in self._there
+            if (person.cell.condition.name, person.cell.first_subject) == (condition, subject)
+        ]  # fmt: skip
+        if not found:
+            raise StoreError(f"{self.store.folder} has no person {subject} in {condition}")
+        (person,) = found
+        with self._keeping, self._joining:
+            for log, mine in ((self._log, "join"), (self._recruited, "")):
+                if log is not None:
+                    entries, _ = log.read()
+                    log.rewrite(_without(entries, person.number, mine))
+            self._order[person.number] = None
+            self._people = {key: one for key, one in self._people.items() if one is not person}
+            self._declare()
+        return delete_files(self.store, person.cell.file_name)
 
     # -- the record -----------------------------------------------------------------------------
 
@@ -286,19 +362,26 @@ class People:
             folder = self.store.folder / FOLDER
             sweep(folder)
             written = False
-            for person in list(self._order):
+            for person in self._there:
                 with person.lock:
                     game = person.game
-                    if len(game.done) == person.kept:
+                    same = len(game.answers) == person.kept_answers
+                    if len(game.done) == person.kept and same:
                         continue
-                    if ended_only and game.trials_over == person.kept_trials:
+                    if ended_only and game.trials_over == person.kept_trials and same:
                         continue
+                    answers = list(game.answers)
                     done, record, trials = list(game.done), person.record(), game.trials_over
                 cell = person.cell
                 table = reactions_table(cell.condition.name, cell.first_subject, done)
                 write_reactions(folder / cell.file_name, table)
+                if answers:
+                    positions = person.game.session.brief.positions
+                    path = self.store.folder / STRUCTURES / cell.file_name
+                    write_answers(path, answers, positions)
                 if record.num_rows:
                     self.store.write(cell, record)
+                person.kept_answers = len(answers)
                 person.kept, person.kept_trials = len(done), trials
                 written = True
                 time.sleep(pause)
@@ -307,7 +390,7 @@ class People:
 
     def _declare(self) -> None:
         """List in ``experiment.json`` the cells that there are."""
-        cells = [person.cell for person in self._order if person.kept_trials]
+        cells = [person.cell for person in self._there if person.kept_trials]
         cells.sort(key=lambda cell: cell.name)
         many = max((cell.first_subject + 1 for cell in cells), default=1)
         (spec,) = self.experiment.learners
@@ -319,8 +402,33 @@ class People:
         try:
             self.keep()
         finally:
+            if self._recruited is not None:
+                self._recruited.close()
             self._log.close()
             self.store.close()
+
+
+def _allows(game: Game, what: LogEntry) -> bool:
+    return game.allows_answer(what["edges"]) if "edges" in what else game.allows(what.get("action"))
+
+
+def _without(entries: Sequence[LogEntry], number: int, join: str) -> list[LogEntry]:
+    """A log without one person; in the log of what people do, they leave a number."""
+    gone = {"join": number, "forgotten": True}
+    return [
+        gone if join and one.get("join") == number else one
+        for one in entries
+        if one.get("of") != number and (join or one.get("join") != number)
+    ]
+
+
+def delete_files(store: Store, name: str) -> list[Path]:
+    """Delete the files of this name in all folders that have one for each person."""
+    paths = [store.folder / folder / name for folder in ("cells", FOLDER, STRUCTURES)]
+    there = [path for path in paths if path.exists()]
+    for path in there:
+        path.unlink()
+    return there
 
 
 def _key(name: str) -> str:

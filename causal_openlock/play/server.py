@@ -47,11 +47,11 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.escaping import printable
-from causal_openlock.play.pages import geometry, static_files
-from causal_openlock.play.people import OutOfTurn, People, TooManyPeople, UnknownPerson
+from causal_openlock.play.pages import as_html, geometry, static_files
+from causal_openlock.play.people import NotAgreed, OutOfTurn, People, TooManyPeople, UnknownPerson
 from causal_openlock.world.room import positions_for
 
-MOST_BYTES = 1024
+MOST_BYTES = 2048
 """The longest body of a request."""
 MOST_CONNECTIONS = 512
 IDLE = 75
@@ -85,6 +85,8 @@ class PlayServer:
         people: The people who play.
         host: Address to listen on.
         port: Port to listen on; 0 for any that is free.
+        completion: Where people go when they have finished, such as the page of a recruiting
+            service; empty for nowhere.
         address: What people type, such as ``https://study.example.org``, if a reverse proxy passes
             their requests on; empty without one.
 
@@ -93,9 +95,15 @@ class PlayServer:
     """
 
     def __init__(
-        self, people: People, host: str = "127.0.0.1", port: int = 0, address: str = ""
+        self,
+        people: People,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        address: str = "",
+        completion: str = "",
     ) -> None:
         self.people = people
+        self.completion = _completion(completion)
         self.address = _checked(address)
         self._socket = _listening(host, port)
         self.host, self.port = host, int(self._socket.getsockname()[1])
@@ -204,7 +212,10 @@ class PlayServer:
                 _get("/brief", lambda request: self._brief()),
                 _get("/geometry/{size}", lambda request: geometry(_size(request))),
                 _get("/state", lambda request: people.view(_session(request))),
-                _post("/join", _Body, lambda request, sent: {"id": people.join()}),
+                _post("/join", _Join, lambda request, sent: {
+                    "id": people.join(sent.agreed, sent.recruited)}),
+                _post("/answer", _Answer, lambda request, sent: people.answer(
+                    _session(request), sent.turn, sent.edges)),
                 _post("/proceed", _Turn, lambda request, sent: people.proceed(
                     _session(request), sent.turn)),
                 _post("/act", _Action, lambda request, sent: people.act(
@@ -226,6 +237,9 @@ class PlayServer:
             "action_limit": max(map(entry.protocol.actions_for, schemas)),
             "attempt_limit": entry.protocol.attempt_limit,
             "practice": self.people.practice,
+            "consent": as_html(self.people.consent),
+            "recruiting": self.people.recruiting,
+            "completion": self.completion,
         }
 
 
@@ -296,6 +310,21 @@ def _checked(address: str) -> str:
     return f"{parts.scheme}://{parts.netloc.lower()}/" if address else ""
 
 
+def _completion(address: str) -> str:
+    """Where people go when they have finished, which must be a page of the web."""
+    try:
+        parts = urlsplit(address)
+        whole = parts.scheme in ("http", "https") and bool(parts.hostname)
+    except ValueError:
+        whole = False
+    if address and not whole:
+        raise OpenLockError(
+            f"{address!r} is no address of a page; give one such as "
+            "https://app.prolific.com/submissions/complete?cc=C0DE"
+        )
+    return address
+
+
 # -- answers --------------------------------------------------------------------------------------
 
 
@@ -337,6 +366,8 @@ async def _refused(request: Request, error: Exception) -> Response:
             return JSONResponse({"error": str(error)}, 404)
         case OutOfTurn():
             return JSONResponse({"error": str(error), "now": error.now}, 409)
+        case NotAgreed():
+            return JSONResponse({"error": str(error)}, 403)
         case TooManyPeople():
             return JSONResponse({"error": str(error)}, 429)
         case StoreError():
@@ -352,14 +383,28 @@ def _warn(error: Exception) -> None:
 # -- what is in a request -------------------------------------------------------------------------
 
 
+_Called = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.:-]{1,100}$")]
+
+
 class _Body(BaseModel):
     """The body of a request: a JSON object."""
 
     model_config = ConfigDict(strict=True)
 
 
+class _Join(_Body):
+    agreed: bool = False
+    recruited: Annotated[dict[_Called, _Called], Field(max_length=3)] = {}
+
+
 class _Turn(_Body):
     turn: Annotated[int, Field(ge=0, le=2**31)]
+
+
+class _Answer(_Turn):
+    edges: Annotated[
+        list[Annotated[list[int], Field(min_length=2, max_length=2)]], Field(max_length=200)
+    ]
 
 
 class _Action(_Turn):

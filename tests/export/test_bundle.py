@@ -152,6 +152,8 @@ def test_a_bundle_holds_everything_and_is_the_same_every_time(made: Path) -> Non
     results = {name.removeprefix("results/") for name in names if name.startswith("results/")}
     assert names - {f"results/{name}" for name in results} == {
         "README.md",
+        "DATA_CARD.md",
+        "croissant.json",
         "experiment.yaml",
         "requirements.txt",
         "a_bundled_learner.py",

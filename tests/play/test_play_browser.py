@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
+from causal_openlock.experiment.answers import read_answers
 from causal_openlock.experiment.store import Store
 from causal_openlock.play.reactions import read_reactions
 from support import browsers
@@ -295,3 +296,52 @@ def test_axe_finds_nothing_on_any_screen(page: Page, tmp_path: Path) -> None:
             if go_on:
                 page.click(go_on)
                 page.wait_for_selector(f"{READY}, #pause-go")
+
+
+def test_somebody_agrees_says_what_they_think_and_is_sent_back(page: Page, tmp_path: Path) -> None:
+    """With the keyboard alone, on pages that break no rule of accessibility."""
+    (tmp_path / "consent.md").write_text("# Taking part\n\nYou *may* stop <b>at any time</b>.")
+    words = ["--condition", "CC3", "--no-practice", "--ask-structure"]
+    words += ["--consent", str(tmp_path / "consent.md"), "--recruiting", "PID,STUDY"]
+    words += ["--completion", "http://127.0.0.1:1/done"]
+    with serving(tmp_path / "out", *words) as server:
+        page.goto(f"{server.url}?PID=p7&STUDY=s1&OTHER=no")
+        expect(page.locator("#consent-text h1")).to_have_text("Taking part")
+        expect(page.locator("#consent-text p")).to_have_text("You may stop <b>at any time</b>.")
+        assert violations(page) == []
+        assert page.is_disabled("#consent-go")
+        page.focus("#agree")
+        page.keyboard.press("Space")
+        page.focus("#consent-go")
+        page.keyboard.press("Enter")
+        page.click("#begin")
+        page.click("#pause-go")
+        levers = grey(page)
+        for first, second in permutations(levers, 2):
+            for action in (first, second, DOOR):
+                click(page, action)
+            if page.is_visible("#pause"):
+                break
+            page.wait_for_function("document.querySelector('#actions').textContent === '3'")
+        page.click("#pause-go")
+        page.wait_for_selector("#ask:not([hidden])")
+        boxes = page.locator("#ask-levers input")
+        assert boxes.count() == 9  # three levers: two others and the door for each
+        assert violations(page) == []
+        ticked = (levers[0], levers[2]), (levers[2], 7)
+        for lever, other in ticked:
+            page.focus(f'#ask-levers [data-lever="{lever}"][data-other="{other}"]')
+            page.keyboard.press("Space")
+        page.reload()  # the question is still there, and nothing is ticked yet
+        page.wait_for_selector("#ask:not([hidden])")
+        assert page.locator("#ask-levers input:checked").count() == 0
+        for lever, other in ticked:
+            page.check(f'#ask-levers [data-lever="{lever}"][data-other="{other}"]')
+        page.click("#ask-go")
+        page.wait_for_selector("#pause:not([hidden])")
+        assert "Room 2 of 5" in page.inner_text("#pause-title")
+        server.stop()
+    (said,) = read_answers(tmp_path / "out")
+    assert (said.visit, said.levers, said.edges) == (1, tuple(levers), frozenset(ticked))
+    told = (tmp_path / "out" / "recruited.jsonl").read_text()
+    assert '{"join":0,"PID":"p7","STUDY":"s1"}' in told

@@ -83,7 +83,10 @@ def beside(
     together = replace(
         experiments[0],
         learners=tuple(learners.values()),
-        conditions=tuple(conditions.values()),
+        # Whose rooms are on record belongs to the results that they are of.
+        conditions=tuple(
+            replace(one, rooms={}) if len(results) > 1 else one for one in conditions.values()
+        ),
         files=tuple(name for one in experiments for name in one.files),
         missing=tuple(name for one in experiments for name in one.missing),
         failures={name: why for one in experiments for name, why in one.failures.items()},

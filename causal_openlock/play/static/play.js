@@ -9,10 +9,10 @@ const STORED = "locked-room";
 const KEYS = ["Digit1", "Digit2", "Digit3", "Digit4", "Digit5", "Digit6", "Digit7", "Digit8", "Digit9", "Digit0", "Minus", "Equal"];
 const LONGEST = 24 * 60 * 60 * 1000; // the longest reaction that is told of
 const LOOK = 900; // milliseconds to look at how an attempt ended
-const SCREENS = ["intro", "play", "end", "trouble"];
+const SCREENS = ["consent", "intro", "ask", "play", "end", "trouble"];
 
 let session = null, brief = null, state = null, room = null;
-let busy = true, ready = 0;
+let busy = true, ready = 0, agreed = false;
 
 const wait = (time) => new Promise((done) => setTimeout(done, time));
 const count = (many, what) => `${many} ${what}${many === 1 ? "" : "s"}`;
@@ -56,6 +56,12 @@ function remember(id) {
   history.replaceState(null, "", id ? `#${id}` : location.pathname);
 }
 
+// What the recruiting service has added to the address.
+function recruited() {
+  const given = new URLSearchParams(location.search);
+  return Object.fromEntries(brief.recruiting.filter((name) => given.get(name)).map((name) => [name, given.get(name)]));
+}
+
 // -- screens ----------------------------------------------------------------------------------
 
 function screen(name) {
@@ -88,6 +94,34 @@ async function intro() {
   $("begin").textContent = state ? "Back to the room" : brief.practice ? "Go to the practice room" : "Go to the first room";
   if (!$("figure").childElementCount) drawFigure($("figure"), await geometry(brief.positions));
   screen("intro");
+}
+
+// What people agree to before they begin; only those who have not begun are asked.
+function consent() {
+  $("where").textContent = "";
+  if (!brief.consent || state || agreed) return intro();
+  $("consent-text").innerHTML = brief.consent; // made by the server of the study's own text
+  screen("consent");
+}
+
+// What the person thinks of the room that they have left: a box for each pair of levers.
+async function question() {
+  const names = (await geometry(state.positions)).names, door = state.positions;
+  const called = (place) => place === door ? "the lock of the door" : `lever ${place + 1} (${names[place]})`;
+  $("where").textContent = `Room ${state.ended.length} of ${state.trials}`;
+  $("ask-levers").replaceChildren(...state.levers.map((lever) => {
+    const group = document.createElement("fieldset");
+    const legend = Object.assign(document.createElement("legend"), { textContent: `Pushing ${called(lever)} made it possible to move` });
+    group.append(legend, ...[...state.levers, door].filter((other) => other !== lever).map((other) => {
+      const box = Object.assign(document.createElement("input"), { type: "checkbox" });
+      Object.assign(box.dataset, { lever, other });
+      const label = Object.assign(document.createElement("label"), { className: "toggle" });
+      label.append(box, ` ${called(other)}`);
+      return label;
+    }));
+    return group;
+  }));
+  screen("ask");
 }
 
 // The room with a word at everything that the instructions name.
@@ -154,6 +188,7 @@ function uncover() {
 // Show the state as it is, from nothing.
 async function enter() {
   uncover();
+  if (state.stage === "question") return question();
   if (state.stage === "end") return end();
   const plan = await geometry(state.positions);
   room = new Room($("room"), plan, act);
@@ -201,6 +236,8 @@ function end() {
     }
     return row;
   }));
+  $("back").hidden = !brief.completion;
+  if (brief.completion) $("back-link").href = brief.completion;
   screen("end");
 }
 
@@ -249,12 +286,14 @@ async function act(action) {
     await room.reset(state.room.observation);
     return begin(true);
   }
-  const left = said.solutions_left, last = state.stage === "end";
+  const left = said.solutions_left, asked = state.stage === "question";
+  const last = state.stage === "end" || (asked && state.ended.length === state.trials);
   await pause(
     left ? "No attempts are left" : "You found every combination!",
     left ? `${count(left, "combination")} stayed hidden. Never mind: on to what comes next.` : `It took you ${count(before.attempt, "attempt")}.`,
-    last ? "Finish" : "Next room",
+    asked ? "Go on" : last ? "Finish" : "Next room",
   );
+  if (asked) return question();
   if (last) return end();
   await room.reset(state.room.observation);
   return begin(false);
@@ -280,7 +319,7 @@ function lost() {
     "This session is not known here",
     "The page was opened with an address that belongs to no session, or to one that is kept elsewhere.",
     own && stored() ? "Go on where you were" : "Begin anew",
-    own && stored() ? () => location.reload() : intro,
+    own && stored() ? () => location.reload() : consent,
   );
 }
 
@@ -289,7 +328,7 @@ function lost() {
 $("begin").onclick = async () => {
   if (!state) {
     $("begin").disabled = true;
-    const { status, said } = await call("/join", {});
+    const { status, said } = await call("/join", { agreed, recruited: recruited() });
     $("begin").disabled = false;
     if (status !== 200) return trouble("Nobody else can join now", "Please tell the person who invited you.");
     remember(said.id);
@@ -300,6 +339,21 @@ $("begin").onclick = async () => {
 $("help").onclick = () => {
   busy = true;
   intro();
+};
+$("agree").onchange = () => { $("consent-go").disabled = !$("agree").checked; };
+$("consent-go").onclick = () => {
+  agreed = true;
+  intro();
+};
+$("ask-go").onclick = async () => {
+  $("ask-go").disabled = true;
+  const ticked = [...$("ask-levers").querySelectorAll("input:checked")];
+  const edges = ticked.map(({ dataset }) => [Number(dataset.lever), Number(dataset.other)]);
+  const { status, said } = await call("/answer", { turn: state.turn, edges });
+  $("ask-go").disabled = false;
+  if (status !== 200) return adopt(status, said);
+  state = said;
+  await enter();
 };
 $("proceed").onclick = async () => {
   if (busy && !state.room.over) return;
@@ -312,7 +366,9 @@ $("proceed").onclick = async () => {
 $("another").onclick = () => {
   remember(null);
   state = null;
-  intro();
+  agreed = $("agree").checked = false;
+  $("consent-go").disabled = true;
+  consent();
 };
 $("keys").onchange = () => room?.number($("keys").checked);
 document.addEventListener("keydown", (event) => {
@@ -326,7 +382,7 @@ document.addEventListener("keydown", (event) => {
 async function start() {
   session = location.hash.slice(1) || stored();
   brief = (await call("/brief")).said;
-  if (!session) return intro();
+  if (!session) return consent();
   const { status, said } = await call("/state");
   if (status !== 200) return lost();
   remember(session);

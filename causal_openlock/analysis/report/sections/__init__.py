@@ -26,6 +26,7 @@ from causal_openlock.analysis.results.standing import beside_people
 ORDER = (
     "learning_cost",
     "survival",
+    "waste",
     "human_likeness",
     "paper_findings",
     "transfer",

@@ -1,0 +1,160 @@
+"""The ideal observer in somebody else's place: what each of their attempts was worth.
+
+The observer knows the schema of the room, and that the grey levers are the active ones; which lever
+is which it learns from what somebody does. So at every moment it has a posterior over placements,
+and knows, by the dynamic programme of :mod:`causal_openlock.belief.optimal`, how many attempts are
+still to be expected with the best play, V, and if an action is taken now and the best play comes
+after it, Q. All of it is exact.
+
+* **Regret** of an action is Q - V, in attempts: what it costs on average, whatever luck there was.
+  The regrets of a trial and its luck add up to the attempts beyond V at its start, and luck is 0 on
+  average; so mean regret is the mean number of attempts beyond the ideal observer's.
+* **Information** expected of an action is the entropy of its outcome, since rooms in which levers
+  move surely add no noise; gained is the entropy of the posterior before less that after it.
+* **Useless** is an action of which the observer knew that it would change nothing, or one that came
+  when nothing in the rest of the attempt could help any more.
+"""
+
+from __future__ import annotations
+
+from functools import cache, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from causal_openlock.belief.optimal import Optimum, Point
+from causal_openlock.belief.placements import TooLargeError, placements
+from causal_openlock.belief.structure_schemas import structure_of
+from causal_openlock.belief.structures import Structures, merge
+from causal_openlock.world.room import Layout
+from causal_openlock.world.schema import Schema
+
+NO_DIFFERENCE = 1e-9
+"""Values that differ by less are the same but for rounding."""
+
+
+class Worth(NamedTuple):
+    """What an attempt was worth; all but ``used`` are sums over its actions.
+
+    Attributes:
+        used: How many actions it had.
+        regret: What the choices cost, in attempts.
+        expected: Bits of information that the actions were expected to give.
+        best: Bits that the best action at each of these moments was expected to give.
+        gained: Bits that were gained.
+        useless: How many actions were known to be useless.
+    """
+
+    used: int
+    regret: float
+    expected: float
+    best: float
+    gained: float
+    useless: int
+
+
+class Observer:
+    """The ideal observer of rooms of one schema.
+
+    Args:
+        schema: The schema; its levers move surely.
+        action_limit: Actions in an attempt.
+
+    Raises:
+        TooLargeError: If the exact answer would take too long, now or when it is asked.
+
+    Example:
+        In a room of CC3 the lever that frees the others is pushed first, then another, then the
+        door: as good as anything. The same again finds nothing.
+
+        >>> from causal_openlock import find_schema
+        >>> from causal_openlock.world.room import Layout
+        >>> observer = Observer(find_schema("CC3"), 3)
+        >>> worths = observer.trial(Layout((0, 1, 2)), [[0, 1, 14], [0, 1, 14]])
+        >>> [(round(worth.regret, 2), round(worth.gained, 2)) for worth in worths]
+        [(0.0, 1.58), (1.0, 0.0)]
+    """
+
+    def __init__(self, schema: Schema, action_limit: int) -> None:
+        self._schema, self._limit = schema, action_limit
+        own = placements(schema, action_limit)
+        self._placed = Structures(own.causes, own.threshold)
+        self._optimum = Optimum(own, np.ones(len(own)), action_limit)
+        self._optimum.attempts()
+        self._choice, self._entropy = cache(self._judged), cache(self._optimum.entropy)
+        self._attempt = cache(self._followed)
+        self._truth = cache(self._hypothesis)
+
+    def trial(self, layout: Layout, attempts: list[list[int]]) -> list[Worth]:
+        """What each attempt of a trial was worth, until everything is found.
+
+        Args:
+            layout: Where the levers are.
+            attempts: The actions of each attempt, by index in the room.
+        """
+        slots = self._slots(layout)
+        truth, point, worths = self._truth(layout.places), self._optimum.start, []
+        for actions in attempts:
+            if len(point.found) == len(self._schema.solutions):
+                break
+            worth, point = self._attempt(truth, point, tuple(map(slots.__getitem__, actions)))
+            worths.append(worth)
+        return worths
+
+    def _slots(self, layout: Layout) -> list[int]:
+        """The observer's action for each of the room's; -1 for those on levers that never move."""
+        levers, positions = len(layout.places), layout.positions
+        slot = {place: number for number, place in enumerate(sorted(layout.places))}
+        pushes = [slot.get(place, -1) for place in range(positions)]
+        pulls = [-1 if one < 0 else levers + one for one in pushes]
+        return [*pushes, *pulls, 2 * levers]
+
+    def _hypothesis(self, places: tuple[int, ...]) -> int:
+        """The hypothesis that is true of a layout, as a bit."""
+        order = np.argsort(np.argsort(places))
+        own = structure_of(self._schema).on_slots(order, len(places))
+        both = Structures.joined([self._placed, own])
+        _, group = merge(both.behaviour(self._limit))
+        return 1 << int(np.flatnonzero(group[:-1] == group[-1])[0])
+
+    def _followed(self, truth: int, point: Point, actions: tuple[int, ...]) -> tuple[Worth, Point]:
+        """An attempt, and the state that it leaves."""
+        regret = expected = best = gained = 0.0
+        useless = 0
+        for action in actions:
+            cost, bits, most, idle, outcomes = self._choice(point, action)
+            after = next(one for one in outcomes if one.possible & truth)
+            gained += self._entropy(point.possible) - self._entropy(after.possible)
+            regret, expected, best = regret + cost, expected + bits, best + most
+            useless += idle
+            point = after
+        worth = Worth(len(actions), regret, expected, best, gained, useless)
+        return worth, point._replace(pushed=0, left=self._limit)
+
+    def _judged(self, point: Point, action: int) -> tuple[float, float, float, bool, list[Point]]:
+        """An action's regret, its information and the most there is, whether it is useless."""
+        optimum, levers = self._optimum, len(self._schema.levers)
+        value, outcomes = optimum.value(point), optimum.after(point, action)
+        regret = sum(share * optimum.value(one) for share, one in outcomes) - value
+        gains = [_bits(optimum.after(point, one)) for one in range(2 * levers + 1)]
+        same = [(one.possible, one.found) == point[:2] for _, one in outcomes]
+        idle = all(same) and all(one.pushed == point.pushed or not one.left for _, one in outcomes)
+        lost = optimum.value(point._replace(left=0)) - value < NO_DIFFERENCE
+        regret = regret if regret > NO_DIFFERENCE else 0.0
+        return regret, _bits(outcomes), max(gains), idle or lost, [one for _, one in outcomes]
+
+
+def _bits(outcomes: list[tuple[float, Point]]) -> float:
+    share = np.array([one for one, _ in outcomes])
+    return float(-(share * np.log2(share)).sum()) + 0.0
+
+
+@lru_cache(maxsize=64)
+def observer_of(schema: Schema, action_limit: int) -> Observer | None:
+    """The observer of a schema's rooms; None where the exact answer is out of reach."""
+    if not schema.deterministic or action_limit < schema.least_action_limit:
+        return None
+    try:
+        return Observer(schema, action_limit)
+    except TooLargeError:
+        return None

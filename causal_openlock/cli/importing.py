@@ -1,0 +1,45 @@
+"""``causal-openlock import``: data from elsewhere as a results folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from causal_openlock.cli.options import Seed
+from causal_openlock.cli.terminal import say
+from causal_openlock.wording import counted
+
+
+def import_(
+    files: Annotated[
+        list[Path], typer.Argument(help="CSV (.csv, .csv.gz), or the JSON of jsPsych (.json).")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write; it must be new.")],
+    experiment: Annotated[
+        str | None,
+        typer.Option("--from", help="Experiment with conditions or protocols of one's own."),
+    ] = None,
+    protocol: Annotated[
+        str, typer.Option(help="The budgets, where the files do not name them.")
+    ] = "human",
+    seed: Seed = None,
+    learner: Annotated[
+        str, typer.Option("--learner", "-l", help="Label of who played, where files name none.")
+    ] = "person",
+) -> None:
+    """Make a results folder of data from elsewhere, which report and score read.
+
+    Every action is taken once more in its room; a row that could not have happened is named with
+    its file and line, and nothing is written.
+    """
+    from causal_openlock.importing.folder import import_files
+
+    made = import_files(
+        files, out, experiment=experiment, protocol=protocol, seed=seed or 0, learner=learner
+    )
+    subjects, attempts = counted(made.subjects, "subject"), counted(made.attempts, "attempt")
+    say(f"{out} written: {subjects}, {attempts}; causal-openlock report {out}")
+    for sentence in made.left_out:
+        say(f"warning: {sentence}", error=True)

@@ -1,0 +1,234 @@
+"""What a file tells, played again: every action is taken in its room, and what came of it compared.
+
+The machine of the room decides, not the file. So a record of imported data is one like any other,
+and a row that could not have happened is found where it stands: an attempt that went on after its
+last action, a trial after the last solution, a lever that moved while nothing enabled it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from causal_openlock.contract.learner import Step
+from causal_openlock.errors import LayoutError, StoreError
+from causal_openlock.experiment.protocol import Condition, Visit, plan
+from causal_openlock.experiment.session import Session
+from causal_openlock.experiment.stored import recorded_layout
+from causal_openlock.importing.deeds import Deed, ImportFault
+from causal_openlock.play.game import PlayedAction
+from causal_openlock.world.room import Layout, action_index, action_names, positions_for
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from causal_openlock.experiment.experiment import LearnerSpec
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """What one subject did, played again.
+
+    Attributes:
+        subject: Its number.
+        condition: What it played, with the rooms that it met where the file names them.
+        record: The attempts of the trials that are over.
+        deeds: All its actions, as the file tells of them.
+        done: The same, as they were taken.
+        left_out: How many of them are of a trial that is not over, which no record has.
+    """
+
+    subject: int
+    condition: Condition
+    record: pa.Table
+    deeds: Sequence[Deed]
+    done: Sequence[PlayedAction]
+    left_out: int
+
+
+def play_again(
+    deeds: Sequence[Sequence[Deed]],
+    numbers: Sequence[int],
+    condition: Condition,
+    spec: LearnerSpec,
+    experiment: str,
+    seed: int,
+) -> list[Checked]:
+    """Play again what some subjects of one learner did in one condition.
+
+    Args:
+        deeds: The actions of each subject, in the order of time.
+        numbers: The subjects' numbers.
+        condition: The condition; layouts that the file names replace those that are drawn.
+        spec: The learner, with its protocol and reward.
+        experiment: Name of the experiment.
+        seed: Its seed; rooms that are not named, and luck, are drawn from it.
+
+    Raises:
+        ImportFault: If an action could not have been taken then, or something else comes of it.
+    """
+    visits = plan(condition, spec.protocol, np.random.default_rng(0))
+    order = [_visits(own, visits, condition.name) for own in deeds]
+    given = zip(numbers, map(_rooms, deeds, order, [visits] * len(deeds)), strict=True)
+    placed = replace(condition, rooms={number: rooms for number, rooms in given if rooms})
+    session = Session(
+        placed,
+        spec.protocol,
+        numbers,
+        seed=seed,
+        reward=spec.reward,
+        learner=spec.name,
+        experiment=experiment,
+    )
+    actions = [_indices(own, session.brief.positions) for own in deeds]
+    faults: dict[int, ImportFault] = {}
+    layouts: list[dict[int, str]] = [{} for _ in numbers]
+    done: list[list[PlayedAction]] = [[] for _ in numbers]
+    whole = np.zeros((len(numbers), 2), dtype=np.int64)  # actions and attempts of ended trials
+    attempts = np.zeros(len(numbers), dtype=np.int64)
+    for moment, (acts, step) in enumerate(session.following(actions)):
+        attempts += step.attempt_over & acts
+        over = step.trial_over & acts
+        whole[over] = np.column_stack([np.full(len(numbers), moment + 1), attempts])[over]
+        moved = (step.outcome != step.view.observation).any(axis=1)
+        for row in np.flatnonzero(acts).tolist():
+            if row not in faults:
+                one = deeds[row][moment]
+                trial = int(step.view.trial[row])
+                why = _impossible(one, order[row][moment], step, row, bool(moved[row]))
+                if not why and one.layout != layouts[row].setdefault(trial, one.layout):
+                    why = "this trial has had another layout before; a trial has one"
+                if why:
+                    faults[row] = one.place.fault(why)
+                done[row].append(
+                    PlayedAction(
+                        trial,
+                        int(step.view.attempt[row]),
+                        int(step.action[row]),
+                        bool(moved[row]),
+                        one.reaction,
+                        one.time,
+                        bool(step.attempt_over[row]),
+                    )
+                )
+    record = session.record()
+    starts = np.searchsorted(record["subject"].to_numpy(), np.sort(numbers))
+    first = dict(zip(sorted(numbers), starts.tolist(), strict=True))
+    found = []
+    for row, number in enumerate(numbers):
+        kept = record.slice(first[number], int(whole[row, 1]))
+        if row not in faults and (fault := _different(kept, deeds[row], done[row])):
+            faults[row] = fault
+        left_out = len(deeds[row]) - int(whole[row, 0])
+        own = replace(placed, rooms={k: v for k, v in placed.rooms.items() if k == number})
+        found.append(Checked(number, own, kept, deeds[row], done[row], left_out))
+    if faults:
+        raise faults[min(faults, key=lambda row: _line(deeds[row], faults[row]))]
+    return found
+
+
+def _line(own: Sequence[Deed], fault: ImportFault) -> int:
+    """The line of a fault, to name the first one of a file."""
+    return next(one.place.line for one in own if str(fault).startswith(f"{one.place}:"))
+
+
+def _visits(own: Sequence[Deed], visits: Sequence[Visit], condition: str) -> list[int]:
+    """The number of each action's trial in the whole condition, from 1, as the file has it."""
+    known = {(one.phase, one.loop, one.trial): n for n, one in enumerate(visits, start=1)}
+    numbers = []
+    for one in own:
+        told = one.of_attempt
+        key = (told["phase"], told["loop"], one.trial) if "phase" in told else None
+        number = known.get(key, 0) if key else one.trial
+        if not 1 <= number <= len(visits):
+            raise one.place.fault(
+                f"{condition} has {len(visits)} trials under this protocol, and "
+                f"{' '.join(map(str, key)) if key else number} is none of them; declare others in "
+                "an experiment file, and name it with --from"
+            )
+        numbers.append(number)
+    return numbers
+
+
+def _rooms(
+    own: Sequence[Deed], order: Sequence[int], visits: Sequence[Visit]
+) -> tuple[Layout, ...]:
+    """The layouts that the file names, of each trial in order; none if it names none."""
+    named: dict[int, Deed] = {}
+    for one, number in zip(own, order, strict=True):
+        named.setdefault(number, one)
+    if not any(one.layout for one in named.values()):
+        return ()
+    layouts = []
+    for number in range(1, max(named) + 1):
+        one, schema = named.get(number, own[-1]), visits[number - 1].schema
+        if number not in named or not one.layout:
+            raise one.place.fault(
+                f"trial {number} has no layout and others have; name it in every row, or in none"
+            )
+        try:
+            layouts.append(recorded_layout(schema, one.layout, positions_for(schema)))
+        except (LayoutError, StoreError) as error:
+            raise one.place.fault(f"{error}".partition("; compare again")[0]) from None
+    return tuple(layouts)
+
+
+def _indices(own: Sequence[Deed], positions: int) -> np.ndarray:
+    """``[N]`` the actions by index."""
+    found = []
+    for one in own:
+        try:
+            found.append(action_index(one.action, positions))
+        except LayoutError as error:
+            raise one.place.fault(str(error)) from None
+    return np.array(found, dtype=np.int64)
+
+
+def _impossible(one: Deed, number: int, step: Step, row: int, moved: bool) -> str | None:
+    """Why an action could not have been taken then, or what else came of it."""
+    view = step.view
+    if not view.playing[row]:
+        return "all trials of this subject were over before this"
+    trial, attempt = int(view.trial[row]), int(view.attempt[row])
+    if (number, one.attempt) != (trial, attempt):
+        left = int(view.console.actions_left[row])
+        return (
+            f"this says trial {number}, attempt {one.attempt}, and after the rows before it the "
+            f"subject was in trial {trial}, attempt {attempt}, with actions left: {left}"
+        )
+    outcome = step.outcome[row]
+    came = {
+        "moved": moved,
+        "unlocked": bool(outcome[-2] == 0),
+        "opened": bool(outcome[-1] == 1),
+        "new_solution": bool(step.new_solution[row]),
+    }
+    for name, said in one.claims.items():
+        if came[name] != said:
+            names = action_names(view.observation.shape[1] // 2 - 1)
+            return (
+                f"{names[int(step.action[row])]} here leads to {name} = {int(came[name])}, and "
+                f"this row says {int(said)}"
+            )
+    return None
+
+
+def _different(
+    record: pa.Table, own: Sequence[Deed], done: Sequence[PlayedAction]
+) -> ImportFault | None:
+    """The first attempt of which a file says something else than what is on record."""
+    ends = [one for one, taken in zip(own, done, strict=True) if taken.attempt_over]
+    for one, row in zip(ends, record.to_pylist(), strict=False):
+        told = {"trial": one.trial, **one.of_attempt} if "phase" in one.of_attempt else {}
+        for name, said in told.items():
+            came = row[name]
+            same = abs(came - said) < 1e-6 if name == "reward" else came == said
+            if not same:
+                remedy = "; name the experiment with --from" if name == "reward" else ""
+                return one.place.fault(
+                    f"{name} of this attempt is {came}, and this row says {said}{remedy}"
+                )
+    return None

@@ -1,0 +1,119 @@
+"""CSV: this project's own, a row for each attempt, or any table with a row for each action.
+
+Which it is, its header says: the own form has the columns of a record
+(:func:`~causal_openlock.experiment.record.record_schema`), in which ``actions`` are several; a
+table of actions has a column ``action``. Columns that mean nothing here are passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.record import record_schema
+from causal_openlock.importing.deeds import Deed, Place, deed, seconds, text, truth, whole
+
+NEEDED = ("subject", "condition", "trial", "attempt", "action")
+"""The columns that a table of actions has to have."""
+_NUMBERS = ("solution", "solutions_found", "solutions")
+_TRUTHS = ("unlocked", "opened", "new_solution")
+
+
+def read_text(path: Path) -> str:
+    """The text of a file, perhaps compressed by gzip.
+
+    Raises:
+        OpenLockError: If it cannot be read, or is no text.
+    """
+    try:
+        content = path.read_bytes()
+        if path.suffix == ".gz":
+            content = gzip.decompress(content)
+        return content.decode("utf-8-sig")
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or "it is no text in UTF-8"
+        raise OpenLockError(f"{path} cannot be read ({why}); give a file of CSV or JSON") from None
+
+
+def table_deeds(path: Path) -> Iterator[Deed]:
+    """The actions that a CSV file tells of, in its order.
+
+    Raises:
+        OpenLockError: If it is none of the two forms, or a row is none.
+    """
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+    try:
+        header = [name.strip() for name in next(reader, [])]
+        own = {*record_schema().names} <= {*header}
+        if twice := {name for name in header if name and header.count(name) > 1}:
+            raise Place(path, 1).fault(f"the column {min(twice)} is there twice; remove one")
+        if not own and (missing := [name for name in NEEDED if name not in header]):
+            raise Place(path, 1).fault(
+                f"there is no column {missing[0]}; a table of actions has {', '.join(NEEDED)}, and "
+                "an export of this project the columns of a record"
+            )
+        for row in reader:
+            place = Place(path, reader.line_num)
+            if not row:
+                continue
+            if len(row) != len(header):
+                raise place.fault(
+                    f"there are {len(row)} cells and {len(header)} columns; is the file whole?"
+                )
+            values = dict(zip(header, map(str.strip, row), strict=True))
+            if own:
+                yield from _attempt(place, values)
+            else:
+                yield deed(place, values)
+    except csv.Error as error:
+        raise Place(path, reader.line_num).fault(f"this is no CSV ({error})") from None
+
+
+def experiment_of(path: Path) -> tuple[str, int] | None:
+    """The experiment's name and seed in the first row of an own CSV; None of another file."""
+    reader = csv.DictReader(io.StringIO(read_text(path), newline=""))
+    row = next(reader, {})
+    if not {*record_schema().names} <= row.keys():
+        return None
+    place = Place(path, reader.line_num)
+    return text(place, "experiment", row["experiment"]), whole(place, "seed", row["seed"], 0)
+
+
+def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[Deed]:
+    """The actions of an attempt; what came of it is told of its last one."""
+    actions, moved = row["actions"].split(), row["moved"].split()
+    if not actions or len(actions) != len(moved):
+        raise place.fault("actions and moved must be as many, and at least one")
+    told: dict[str, Any] = {name: truth(place, name, row[name]) for name in _TRUTHS}
+    # -1 is no solution.
+    told |= {name: whole(place, name, row[name].removeprefix("-"), 0) for name in _NUMBERS}
+    told["solution"] *= -1 if row["solution"].startswith("-") else 1
+    told |= {name: row[name] for name in ("phase", "schema", "layout", "category")}
+    told["loop"] = whole(place, "loop", row["loop"])
+    try:
+        told["reward"] = float(row["reward"])
+    except ValueError:
+        raise place.fault(f"reward must be a number, and this is {row['reward']!r}") from None
+    trial, attempt = (whole(place, name, row[name]) for name in ("trial", "attempt"))
+    last = len(actions) - 1
+    for number, (action, flag) in enumerate(zip(actions, moved, strict=True)):
+        yield Deed(
+            place,
+            text(place, "subject", row["subject"]),
+            text(place, "condition", row["condition"]),
+            trial,
+            attempt,
+            whole(place, "actions", action, 0),
+            row["learner"],
+            row["protocol"],
+            row["layout"],
+            claims={"moved": truth(place, "moved", flag)},
+            of_attempt=told,
+            time=seconds(place, "wall_time", row["wall_time"]) if number == last else None,
+        )

@@ -1,0 +1,248 @@
+"""Data in: what comes back is what went out, and what could not have happened is named."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from causal_openlock import Condition, Results, Session, find_schema, read_reactions
+from causal_openlock.contract.registry import create
+from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.experiment.store import Store
+from causal_openlock.export.as_csv import write_csv
+from causal_openlock.importing.folder import import_files
+from causal_openlock.scoring.teacher_forcing import score_actions
+from support.command import at_once
+from support.made_up_experiments import spec
+
+HUMAN = PROTOCOLS["human"]
+
+
+@pytest.fixture(scope="module")
+def record() -> Any:
+    """What two subjects did in a transfer that one of them did not solve."""
+    condition = Condition.named("CC3-CE4", find_schema)
+    session = Session(condition, HUMAN, [0, 1], seed=4, learner="mixed", experiment="out")
+    return session.play(create("win_stay"))
+
+
+def stored(record: Any, folder: Path) -> Store:
+    """A results folder of a record."""
+    store = Store(folder)
+    conditions = (Condition.named("CC3-CE4", find_schema),)
+    one = spec("mixed", subjects=2)
+    experiment = Experiment("out", "Out", 4, 2, conditions, (one,))
+    store.open(experiment)
+    (cell,) = experiment.cells()
+    store.write(cell, record)
+    store.close()
+    return store
+
+
+@pytest.fixture(scope="module")
+def own(record: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("own")
+    write_csv(stored(record, folder / "results"), folder / "own.csv")
+    return folder / "own.csv"
+
+
+def actions_of(record: Any) -> pd.DataFrame:
+    """A table of actions, in which the people and their rooms have names of their own."""
+    table = record.to_pandas()
+    first = table["phase"].astype(str) == "train"
+    table["trial"] = np.where(first, table["trial"], 6 + table["trial"])
+    table = table.explode(["actions", "moved"]).rename(columns={"actions": "action"})
+    table["subject"] = "P" + table["subject"].astype(str)
+    table["moved"] = table["moved"].astype(int)
+    return table[["subject", "condition", "trial", "attempt", "action", "layout", "moved"]]
+
+
+WITHOUT = ["experiment", "seed", "learner", "wall_time"]
+
+
+def same(record: Any, folder: Path) -> bool:
+    """Whether a folder has this record, but for who it is said to be of."""
+    found = Store(folder).record()[0].to_pandas().drop(columns=WITHOUT)
+    return found.equals(record.to_pandas().drop(columns=WITHOUT).astype(found.dtypes))
+
+
+def test_our_own_csv_comes_back_as_it_was(record: Any, own: Path, tmp_path: Path) -> None:
+    made = import_files([own], tmp_path / "in")
+    assert (made.subjects, made.attempts, made.left_out) == (2, record.num_rows, ())
+    back, experiment = Store(tmp_path / "in").record()
+    assert back.equals(record)
+    assert (experiment.name, experiment.seed) == ("out", 4)
+    assert same(record, tmp_path / "in")
+
+
+def test_a_table_of_actions_in_rooms_that_it_names_is_reported_and_scored(
+    record: Any, tmp_path: Path
+) -> None:
+    table = actions_of(record)
+    # In an order of rooms that no seed would draw: the trials of training, the last one first.
+    rows = dict(iter(table.groupby(["subject", "trial"])))
+    parts = []
+    for subject in ("P0", "P1"):
+        for trial, old in enumerate([6, 5, 4, 3, 2, 1, 7], start=1):
+            parts.append(rows[subject, old].assign(trial=trial))
+    table = pd.concat(parts)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    import_files([tmp_path / "data.csv"], tmp_path / "in", learner="visitor")
+    played, experiment = Store(tmp_path / "in").record()
+    told = table.drop_duplicates(["subject", "trial"])["layout"].tolist()
+    first = played.to_pandas().drop_duplicates(["subject", "phase", "trial"])
+    assert first["layout"].tolist() == told
+    scored = score_actions(played, experiment, spec("random", learner="random"))
+    assert len(scored) == len(table)
+    results = Results.read(tmp_path / "in")
+    assert results.learners == ("visitor",)
+    assert len(results.trials) == 14
+
+
+def test_what_jspsych_saves_is_read_with_its_times(record: Any, tmp_path: Path) -> None:
+    table = actions_of(record)
+    files = []
+    for subject, rows in table.groupby("subject"):
+        screens: list[dict[str, Any]] = [{"trial_type": "html-button-response", "rt": 900}]
+        for number, row in enumerate(rows.drop(columns="subject").to_dict("records")):
+            times = {"rt": 250 + number, "time_elapsed": 1000 * number, "response": {"x": [1]}}
+            screens.append({"trial_type": "openlock", **row, **times})
+        files.append(tmp_path / f"{subject}.json")
+        files[-1].write_text(json.dumps(screens, indent=random.Random(1).choice([None, 1])))
+    import_files(files, tmp_path / "in")
+    assert same(record, tmp_path / "in")
+    reactions = read_reactions(tmp_path / "in").to_pandas()
+    assert len(reactions) == len(table)
+    own = reactions[reactions["subject"] == 1]
+    assert own["reaction"].tolist() == pytest.approx([0.25 + n / 1000 for n in range(len(own))])
+    assert own["time"].tolist() == pytest.approx([float(n) for n in range(len(own))])
+
+
+def test_a_trial_that_is_not_over_is_left_out_and_said_to_be(record: Any, tmp_path: Path) -> None:
+    table = actions_of(record)
+    table[:-2].to_csv(tmp_path / "data.csv", index=False)
+    ended = at_once("import", f"{tmp_path / 'data.csv'}", "-o", f"{tmp_path / 'in'}")
+    assert ended.status == 0
+    assert f"data.csv:{len(table) - 1}: the last trial of subject P1 is not over" in ended.stderr
+    trials = Results.read(tmp_path / "in").trials
+    assert len(trials) == 13
+
+
+def changed(text: str, line: int, old: str, new: str) -> str:
+    lines = text.splitlines()
+    assert old in lines[line - 1], lines[line - 1]
+    lines[line - 1] = lines[line - 1].replace(old, new, 1)
+    return "\n".join(lines)
+
+
+def refused(content: str, folder: Path, name: str = "data.csv") -> str:
+    """The one sentence with which a file is refused; nothing is written for it."""
+    (folder / name).write_text(content)
+    with pytest.raises(OpenLockError) as caught:
+        import_files([folder / name], folder / "in")
+    assert [*folder.iterdir()] == [folder / name]
+    said = str(caught.value)
+    assert "\n" not in said
+    return said.replace(f"{folder}/", "")
+
+
+def test_a_row_that_could_not_have_happened_is_named(record: Any, tmp_path: Path) -> None:
+    text = actions_of(record).to_csv(index=False)
+    rows = [line.split(",") for line in text.splitlines()]
+    lines = text.splitlines()
+    lines[2] = f"{lines[2][:-1]}{1 - int(lines[2][-1])}"
+    said = refused("\n".join(lines), tmp_path)
+    assert said.startswith("data.csv:3: push_")
+    assert said.endswith(f"moved = {rows[2][6]}, and this row says {1 - int(rows[2][6])}")
+    late = next(n for n, row in enumerate(rows[1:], 2) if row[3] == "2")
+    said = refused(changed(text, late, ",2,", ",3,"), tmp_path)
+    assert said.startswith(f"data.csv:{late}: this says trial 1, attempt 3, and after the rows")
+    without = text.splitlines()
+    del without[3]
+    assert refused("\n".join(without), tmp_path).startswith("data.csv:4: this says trial 1, att")
+    last = text.splitlines()[-1]
+    said = refused(f"{text}{last}", tmp_path)
+    assert said == f"data.csv:{len(rows) + 1}: all trials of this subject were over before this"
+    said = refused(text.replace(f",{rows[1][5]},", ",trial8,"), tmp_path)
+    assert "the layout trial8 places 4 levers and CC3 has 3" in said
+    one = text.splitlines()[1].split(",")
+    one[4] = "push_UPER"
+    said = refused("\n".join([text.splitlines()[0], ",".join(one)]), tmp_path)
+    assert said.startswith("data.csv:2: there is no action 'push_UPER'; did you mean push_UPPER?")
+
+
+def test_an_attempt_of_ours_that_came_to_something_else_is_named(own: Path, tmp_path: Path) -> None:
+    text = own.read_text()
+    frame = pd.read_csv(own)
+    solved = int(np.flatnonzero(frame["opened"])[0])
+    row = text.splitlines()[solved + 1]
+    number = solved + 2
+    for old, new, what in [
+        (',"open1",', ',"open2",', "category of this attempt is open1, and this row says open2"),
+        (f",{frame['reward'][solved]:g},", ",7,", "name the experiment with --from"),
+        (',"train",', ',"test",', "places 3 levers and CE4 has 4"),
+    ]:
+        assert old in row
+        said = refused(changed(text, number, old, new), tmp_path)
+        assert said.startswith(f"data.csv:{number}: ")
+        assert what in said
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "what"),
+    [
+        ("data.csv", "", "there is no column subject"),
+        ("data.csv", "subject,subject,condition\n", "data.csv:1: the column subject is there"),
+        ("data.csv", "subject,condition,trial,attempt,action\n", "there is no trial that is over"),
+        ("data.csv", "subject,condition,trial,attempt,action\na,CC3,1\n", "3 cells and 5 columns"),
+        ("data.csv", "subject,condition,trial,attempt,action\na,CC3,x,1,0\n", "csv:2: trial must"),
+        ("data.csv", "subject,condition,trial,attempt,action\na,,1,1,0\n", "condition is missing"),
+        ("data.csv", "subject,condition,trial,attempt,action\na,CX9,1,1,0\n", "csv:2: "),
+        ("data.csv", "subject,condition,trial,attempt,action\na,CC3,9,1,0\n", "has 5 trials"),
+        (
+            "data.csv",
+            "subject,condition,trial,attempt,action,learner\na,CC3,1,1,0,../x\n",
+            "'../x' is no label",
+        ),
+        ("data.csv", 'subject,condition,trial,attempt,action\n"a,CC3', "this is no CSV"),
+        ("data.json", "[{", "data.json:1 (entry 1): this is no JSON; is the file whole?"),
+        ("data.json", '[\n{"a": 1},\n{"b": 2}', "does not end; is the file whole?"),
+        ("data.json", "[1, 2]", "this is no list of entries"),
+        ("data.json", '[{"a":1},\n{"action":3}]', "data.json:2 (entry 2): condition is missing"),
+        ("data.json", "[" * 5000, "this is no list"),
+    ],
+)
+def test_what_is_no_data_is_refused_in_a_sentence(
+    name: str, content: str, what: str, tmp_path: Path
+) -> None:
+    assert what in refused(content, tmp_path, name)
+
+
+def test_spoiled_bytes_are_refused_and_a_folder_is_not_overwritten(
+    own: Path, tmp_path: Path
+) -> None:
+    generator = random.Random(7)
+    whole = own.read_bytes()
+    for number in range(40):
+        spoiled = bytearray(whole[: generator.randrange(len(whole))] if number % 2 else whole)
+        for _ in range(8):
+            spoiled[generator.randrange(len(spoiled))] = generator.randrange(256)
+        path = tmp_path / "spoiled.csv"
+        path.write_bytes(spoiled)
+        try:
+            import_files([path], tmp_path / f"in{number}")
+        except OpenLockError:
+            assert not (tmp_path / f"in{number}").exists()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("kept")
+    with pytest.raises(OpenLockError, match="is there already; choose another folder"):
+        import_files([own], tmp_path / "mine")
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "kept"

@@ -1,0 +1,171 @@
+"""What a study needs: people are asked about rooms, agree, are recruited, and can be forgotten."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from causal_openlock import Results
+from causal_openlock.errors import StoreError
+from causal_openlock.experiment.answers import read_answers
+from causal_openlock.play.forgetting import forget_person
+from causal_openlock.play.people import NotAgreed, OutOfTurn
+from support.command import at_once
+from support.play_clients import asked, people, solving, walk_through
+
+
+def room_of(home, name: str):
+    truth = home._find(name).game.session.truth
+    return truth.rooms[int(truth.room[0])]
+
+
+def true_edges(room) -> list[list[int]]:
+    place = {**dict(zip(room.schema.levers, room.layout.places, strict=True)), "door": 7}
+    return [[place[cause], place[effect]] for cause, effect in room.schema.graph.edges]
+
+
+def answered(home, name: str, rooms: int = 99) -> None:
+    """Solve rooms, and say the truth of each."""
+    for _ in range(rooms):
+        if home.view(name)["stage"] == "end":
+            return
+        room = room_of(home, name)
+        walk_through(home, name, 1)
+        view = home.view(name)
+        assert view["stage"] == "question"
+        assert view["levers"] == sorted(room.layout.places)
+        assert "room" not in view
+        home.answer(name, view["turn"], true_edges(room))
+
+
+def test_people_are_asked_after_each_room_and_what_they_say_is_scored(tmp_path: Path) -> None:
+    home = people(tmp_path, "CC3-CE4", practice=False, ask=True, seed=2)
+    name = home.join()
+    answered(home, name, 2)
+    room = room_of(home, name)
+    walk_through(home, name, 1)
+    turn = home.view(name)["turn"]
+    grey = sorted(room.layout.places)
+    white = next(place for place in range(7) if place not in grey)
+    for edges in ([[white, 7]], [[grey[0], grey[0]]], [[grey[0], 8]], [[7, grey[0]]], [[1]], [3]):
+        with pytest.raises(OutOfTurn):
+            home.answer(name, turn, edges)
+    with pytest.raises(OutOfTurn):
+        home.act(name, turn, grey[0], None)
+    home.close()
+    again = people(tmp_path, "CC3-CE4", practice=False, ask=False, seed=2)  # who joined is asked on
+    again.answer(name, turn, [])
+    answered(again, name)
+    assert again.view(name)["stage"] == "end"
+    again.close()
+    told = read_answers(tmp_path)
+    assert [answer.visit for answer in told] == [1, 2, 3, 4, 5, 6, 7]
+    table = Results.read(tmp_path).understanding
+    assert table["shd"].tolist() == [0, 0, 4, 0, 0, 0, 0]
+    assert table["f1"].tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0]
+
+
+def test_nobody_joins_without_agreeing_and_what_they_agreed_to_is_kept(tmp_path: Path) -> None:
+    home = people(tmp_path, consent="# Yes\n*Really*", recruiting=["PID", "STUDY"])
+    with pytest.raises(NotAgreed):
+        home.join()
+    assert home.number == 0
+    home.join(agreed=True, recruited={"PID": "abc123", "OTHER": "secret"})
+    home.close()
+    (kept,) = tmp_path.glob("consent_*.md")
+    assert kept.read_text() == "# Yes\n*Really*"
+    assert kept.stem.removeprefix("consent_") in (tmp_path / "log.jsonl").read_text()
+    told = (tmp_path / "recruited.jsonl").read_text()
+    assert '"PID":"abc123"' in told
+    assert "secret" not in told
+    assert "abc123" not in (tmp_path / "log.jsonl").read_text()
+
+
+def test_what_one_person_did_is_deleted_and_others_go_on(tmp_path: Path) -> None:
+    options = {"practice": False, "ask": True, "recruiting": ["PID"]}
+    home = people(tmp_path, "CC3", "CE3", **options)
+    names = [home.join(recruited={"PID": f"person{number}"}) for number in range(4)]
+    for name in names:
+        answered(home, name, 2)
+    cells = [home._find(name).cell for name in names]
+    before = {name: home.view(name) for name in names}
+    home.close()
+    kept = {path.name: path.read_bytes() for path in tmp_path.rglob("*.parquet")}
+    gone = cells[1]
+    ended = at_once("forget", f"{tmp_path}", f"{gone.first_subject}", "-c", gone.condition.name)
+    assert (ended.status, ended.stderr) == (0, "")
+    assert "3 files" in ended.stdout
+    there = {path.name: path.read_bytes() for path in tmp_path.rglob("*.parquet")}
+    assert there == {name: held for name, held in kept.items() if name != gone.file_name}
+    everything = b"".join(path.read_bytes() for path in tmp_path.rglob("*") if path.is_file())
+    assert b"person1" not in everything
+    assert gone.file_name.encode() not in everything
+    assert b"person2" in everything
+    again = people(tmp_path, "CC3", "CE3", **options)
+    assert again.number == 4
+    assert [again.view(name) for name in (names[0], *names[2:])] == [
+        before[name] for name in (names[0], *names[2:])
+    ]
+    with pytest.raises(Exception, match="no such session"):
+        again.view(names[1])
+    answered(again, names[2])
+    fifth = again.join()
+    assert again._find(fifth).number == 4
+    again.close()
+    record = Results.read(tmp_path).trials
+    assert len(record) == 2 + 5 + 2
+    with pytest.raises(StoreError, match="has no person"):
+        forget_person(tmp_path, gone.first_subject, gone.condition.name)
+    with pytest.raises(StoreError, match="say which condition"):
+        forget_person(tmp_path, 0)
+
+
+def test_the_server_tells_of_consent_and_completion_and_takes_answers(tmp_path: Path) -> None:
+    import threading
+    import urllib.error
+
+    from causal_openlock.play.server import PlayServer
+
+    home = people(tmp_path, consent="*Yes* <script>", practice=False, ask=True, recruiting=["PID"])
+    server = PlayServer(home, completion="https://app.prolific.com/submissions/complete?cc=C0DE")
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        brief = asked(server.url, "brief")
+        assert brief["consent"] == "<p><em>Yes</em> &lt;script&gt;</p>\n"
+        assert brief["completion"].endswith("?cc=C0DE")
+        assert brief["recruiting"] == ["PID"]
+        for sent in ({"agreed": False}, {"agreed": True, "recruited": {"PID": "<b>"}}):
+            with pytest.raises(urllib.error.HTTPError) as caught:
+                asked(server.url, "join", **sent)
+            assert caught.value.code == (403 if not sent["agreed"] else 400)
+        me = asked(server.url, "join", agreed=True, recruited={"PID": "5f"})["id"]
+        for actions in solving(home, me):
+            for action in actions:
+                turn = home.view(me)["turn"]
+                after = asked(server.url, "act", id=me, turn=turn, action=action, reaction=5)
+        levers = after["next"]["levers"]
+        edges = [[levers[0], levers[1]], [levers[1], 7]]
+        now = asked(server.url, "answer", id=me, turn=after["next"]["turn"], edges=edges)
+        assert now["stage"] == "room"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.finish()
+    (said,) = read_answers(tmp_path)
+    assert said.edges == {tuple(pair) for pair in edges}
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--consent", "none.md"], "none.md cannot be read"),
+        (["--recruiting", "A,B,C,D"], "--recruiting takes up to three names"),
+        (["--completion", "javascript:x"], "is no address of a page"),
+    ],
+)
+def test_options_of_a_study_are_checked(words: list[str], what: str, tmp_path: Path) -> None:
+    ended = at_once("play", "--out", f"{tmp_path}", "--no-browser", "--port", "0", *words)
+    assert ended.status == 2
+    assert what in ended.stderr
