@@ -26,6 +26,7 @@ from causal_openlock.cli import (
     schema,
     score,
     status,
+    text,
 )
 from causal_openlock.cli.terminal import complain, say, write_anything
 from causal_openlock.errors import OpenLockError
@@ -54,6 +55,7 @@ for _command in (
     pictures.film,
     pictures.room,
     play.play,
+    text.text,
     notebook.notebook,
 ):
     app.command()(_command)
