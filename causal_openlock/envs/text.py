@@ -118,7 +118,7 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
         chosen = words.read(action)
         if chosen is None:
             self._text = words.no_action
-            return self._text, 0.0, False, False, self._info(None, {"console": self._console})
+            return self._text, 0.0, False, False, self._info(None, {})
         view, known = self._view(), self._console["solutions_found"]
         self._observation, reward, *ended, info = self._env.step(chosen)
         self._console, self._over = info["console"], any(ended)
@@ -145,8 +145,9 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
         return self._text if self.render_mode == "ansi" else None
 
     def _info(self, action: int | None, info: dict[str, Any]) -> dict[str, Any]:
-        none = {"information": 0.0} if self._informs else {}
-        return {**info, "action": action, "actions": tuple(self._words.choices), **none}
+        known = {**info, "console": dict(self._console), "action": action}
+        known["actions"] = tuple(self._words.choices)
+        return known | ({"information": 0.0} if self._informs else {})
 
     def _view(self) -> View:
         console = {key: np.array([value]) for key, value in self._console.items()}
