@@ -79,8 +79,9 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
         self._env = OpenLockEnv(
             schema, layout, reward, "trial", attempt_limit, action_limit, positions
         )
+        (bits,) = self._env.observation_space.shape or ()
         self._story, self._informs, self.render_mode = story, information, render_mode
-        self._positions = int(self._env.action_space.n) // 2
+        self._positions = bits // 2 - 1
         self._attempt_limit = attempt_limit
         texts = spaces.Text(LONGEST, min_length=0, charset=string.printable)
         self.observation_space, self.action_space = texts, texts
@@ -120,8 +121,8 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
             self._text = words.no_action
             return self._text, 0.0, False, False, self._info(None, {})
         view, known = self._view(), self._console["solutions_found"]
-        self._observation, reward, *ended, info = self._env.step(chosen)
-        self._console, self._over = info["console"], any(ended)
+        self._observation, reward, solved, spent, info = self._env.step(chosen)
+        self._console, self._over = info["console"], solved or spent
         outcome, attempt_over = info.get("outcome", self._observation), "outcome" in info
         self._attempt += attempt_over
         step = Step(
@@ -138,9 +139,9 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
         info = self._info(chosen, info)
         if self._observer is not None:
             info["information"] = self._observer.gained(step)
-        return self._text, reward, *ended, info
+        return self._text, reward, solved, spent, info
 
-    def render(self) -> str | None:  # type: ignore[override]
+    def render(self) -> str | None:
         """The last observation, with ``render_mode="ansi"``."""
         return self._text if self.render_mode == "ansi" else None
 
