@@ -19,6 +19,7 @@ import time
 from typing import Any
 from urllib.parse import urlsplit
 
+import httpx2
 import openai
 
 from causal_openlock.errors import LearnerError, in_short
@@ -30,13 +31,16 @@ _COUNTED = ("prompt", "completion")
 
 
 class _Client(openai.DefaultAsyncHttpxClient):
-    """A client whose requests end in time, with whatever has come by then."""
+    """A client whose requests end in time, whatever has come by then."""
 
     limit = 0.0
 
     async def send(self, *args: Any, **kwargs: Any) -> Any:
-        async with asyncio.timeout(self.limit):
-            return await super().send(*args, **kwargs)
+        try:
+            async with asyncio.timeout(self.limit):
+                return await super().send(*args, **kwargs)
+        except TimeoutError:
+            raise httpx2.ReadTimeout("the time limit") from None  # which is asked again
 
 
 class Server:
