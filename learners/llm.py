@@ -37,7 +37,6 @@ from causal_openlock.world.schema import DOOR
 from learners.language.answers import (
     HOW,
     HOW_IN_TEXT,
-    Answer,
     Message,
     act_tool,
     read_answer,
@@ -52,11 +51,6 @@ if TYPE_CHECKING:
 
 OURS = ("model", "messages", "tools", "response_format", "stream", "n", "temperature", "seed")
 """What the learner itself sends, so that ``settings`` cannot hold it."""
-COMPLAINTS = {
-    "malformed": "That was no action.",
-    "out of range": "There is no such action.",
-    "refused": "You gave no answer.",
-}
 
 
 @dataclass(frozen=True)
@@ -180,11 +174,9 @@ class LanguageModel(Learner):
 
     async def _answer(self, row: int, view: View) -> int:
         subject, where = self._subjects[row], _where(view, row)
-        answer = Answer({}, None, None)
         for again in range(self.parameters.ask_again + 1):
             if again:
-                assert answer.fault is not None
-                subject.tell(f"{COMPLAINTS[answer.fault]} {subject.words.no_action}")
+                subject.tell(subject.words.no_action)
             key, reply = await self._ask(subject, self._request(subject))
             answer = read_answer(reply["message"], reply["finish"], subject.words)
             subject.talk.append(answer.message)
@@ -269,6 +261,7 @@ class LanguageModel(Learner):
                 ) from None
             chosen = self.parameters
             self._server = Server(chosen.base_url, chosen.seconds, chosen.retries, chosen.requests)
+            self._loop.at_the_end.append(self._server.close)
         return self._server
 
     async def _ask_structure(self, row: int, step: Step) -> None:

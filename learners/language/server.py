@@ -112,6 +112,10 @@ class Server:
             except (LookupError, TypeError, ValueError, AttributeError):
                 raise self._failure("gives no chat completion") from None
 
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._client.close()
+
     def _without_key(self, text: str) -> str:
         return text.replace(self._key, "[key]") if self._key else text
 

@@ -9,10 +9,19 @@ from __future__ import annotations
 import asyncio
 import threading
 import weakref
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+
+
+def _go(
+    loop: asyncio.AbstractEventLoop, ends: list[Callable[[], Coroutine[Any, Any, None]]]
+) -> None:
+    loop.run_forever()
+    for end in ends:
+        loop.run_until_complete(end())
+    loop.close()
 
 
 class SideBySide:
@@ -20,7 +29,9 @@ class SideBySide:
 
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
-        threading.Thread(target=self._loop.run_forever, daemon=True).start()
+        self.at_the_end: list[Callable[[], Coroutine[Any, Any, None]]] = []
+        """What is still to be done when the loop ends, such as to close connections."""
+        threading.Thread(target=_go, args=(self._loop, self.at_the_end), daemon=True).start()
         weakref.finalize(self, self._loop.call_soon_threadsafe, self._loop.stop)
 
     def run(self, work: Sequence[Coroutine[Any, Any, T]]) -> list[T]:

@@ -265,9 +265,9 @@ def test_the_command_line_changes_what_the_file_says(tmp_path: Path) -> None:
 def test_the_default_experiment_plays_every_learner_in_the_six_conditions() -> None:
     experiment = read_experiment(find_experiment("default"))
     ours = {name for name, entry in registry().items() if entry.value.startswith("learners.")}
-    # Stable-Baselines3 is an extra, and the default comparison asks for nothing that is not there.
+    # These are extras, and the default comparison asks for nothing that is not there.
     rivals = {"theory_based", "posterior_sampling", "associative", "win_stay", "tabular_q"}
-    assert {entry.learner for entry in experiment.learners} == ours - {"sb3"} - rivals
+    assert {entry.learner for entry in experiment.learners} == ours - {"sb3", "llm"} - rivals
     assert tuple(condition.name for condition in experiment.conditions) == PAPER_CONDITIONS
     cheap = [entry for entry in experiment.learners if entry.protocol.name == "human"]
     assert all(entry.subjects >= 20 for entry in cheap)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import json
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,11 @@ import pytest
 
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
+from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
+from causal_openlock.export.bundle import write_bundle
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.render.words import Wording
 from causal_openlock.world.room import Layout
@@ -381,3 +385,35 @@ def test_an_answer_to_which_enables_which_that_cannot_be_read_is_none() -> None:
     for said in ("no", "[]", '{"enables": [{"cause": "oak", "effect": "moon"}]}', "{}", "7"):
         assert read_structure({"content": said}, words, nodes) is None
     assert read_answer({"content": ["odd"], "tool_calls": "odd"}, None, words).fault == "malformed"
+
+
+def test_what_was_said_is_in_the_results_and_in_their_bundle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(KEY, SECRET)
+    with scripted(lambda body, n: says("Hm.") if n == 0 else some_action(body, n)) as (_, url):
+        monkeypatch.setenv(TRUSTED, url)
+        (tmp_path / "words.yaml").write_text(
+            "{name: words, seed: 1, subjects: 3, cell_size: 2, conditions: [CC3], "
+            "protocols: {short: {based_on: human, attempt_limit: 1, baseline_trials: 1}}, "
+            "learners: [{learner: 'learners.llm:LanguageModel', name: llm, protocol: short, "
+            f"parameters: {{model: scripted, base_url: '{url}'}}}}]}}"
+        )
+        warned: list[str] = []
+        experiment = read_experiment(tmp_path / "words.yaml")
+        store = run(experiment, tmp_path / "out", workers=0, warn=warned.append)
+    assert len(warned) == 1
+    assert "llm: 1 answer was no action (1 malformed); 0 actions stayed" in warned[0]
+    out = tmp_path / "out"
+    lines = [
+        json.loads(line)
+        for path in sorted((out / "transcripts").iterdir())
+        for line in path.read_text().splitlines()
+    ]
+    assert [line["subject"] for line in lines if "names" in line] == [0, 1, 2]
+    assert sum(line.get("fault") == "malformed" for line in lines) == 1
+    assert all(SECRET.encode() not in path.read_bytes() for path in out.rglob("*.*"))
+    (out / "report.html").write_text("<html></html>")
+    write_bundle(store, tmp_path / "out.zip")
+    names = zipfile.ZipFile(tmp_path / "out.zip").namelist()
+    assert sum(name.startswith("words/results/transcripts/llm_CC3_") for name in names) == 2
