@@ -396,7 +396,7 @@ def test_what_was_said_is_in_the_results_and_in_their_bundle(
         (tmp_path / "words.yaml").write_text(
             "{name: words, seed: 1, subjects: 3, cell_size: 2, conditions: [CC3], "
             "protocols: {short: {based_on: human, attempt_limit: 1, baseline_trials: 1}}, "
-            "learners: [{learner: 'learners.llm:LanguageModel', name: llm, protocol: short, "
+            "learners: [{learner: llm, protocol: short, "
             f"parameters: {{model: scripted, base_url: '{url}'}}}}]}}"
         )
         warned: list[str] = []
