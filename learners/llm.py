@@ -309,7 +309,8 @@ class LanguageModel(Learner):
                 "faults": dict(Counter(subject.faults)),
                 "unanswered": subject.unanswered,
             }
-            transcripts.append([head, *subject.lines])
+            rest = {"told": subject.talk[subject.said :]}  # what came of the last answer
+            transcripts.append([head, *subject.lines, rest])
         faults = [fault for subject in self._subjects for fault in subject.faults]
         remarks = []
         if faults:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import doctest
 import json
 import sys
 import zipfile
@@ -21,6 +22,7 @@ from causal_openlock.export.bundle import write_bundle
 from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.render.words import Wording
 from causal_openlock.world.room import Layout
+from learners.language import answers
 from learners.language.answers import read_answer, read_structure
 from learners.language.replay import BUDGET, FOLDER
 from learners.language.server import KEY, TRUSTED
@@ -83,7 +85,7 @@ def actions(record: list[dict[str, Any]]) -> list[int]:
 
 def test_it_is_told_what_a_person_is_told_and_its_calls_are_its_actions() -> None:
     server, record, (said,), remarks = play(story="switches")
-    head, *lines = said
+    head, *lines, _ = said
     words = Wording(head["story"], tuple(head["names"]), tuple(head["order"]))
     asked = server.asked[0]
     assert words.instructions(3, 2) in asked["messages"][0]["content"]
@@ -112,7 +114,7 @@ def _called(line: dict[str, Any]) -> str:
 
 def test_all_is_kept_of_each_answer() -> None:
     _, _, (said,), _ = play()
-    head, *lines = said
+    head, *lines, _ = said
     assert head["tokens"] == [600, 30]
     assert head["model"] == "scripted"
     reply = lines[0]["reply"]
@@ -122,8 +124,9 @@ def test_all_is_kept_of_each_answer() -> None:
     assert reply["latency"] >= 0
     assert reply["retries"] == 0
     # The transcript is the whole conversation.
-    told = [message["content"] for line in lines for message in line["told"]]
-    assert len(told) == 6
+    told = [message["content"] for line in said[1:] for message in line["told"]]
+    assert len(told) == 7
+    assert told[-1].endswith(("stayed hidden.", "attempts."))
     assert told[0].startswith(("You", "Before"))
 
 
@@ -221,7 +224,7 @@ def test_trouble_passes_and_changes_nothing(trouble: Any) -> None:
     _, troubled, (said,), _ = play(script, seconds=0.3)
     _, plain, _, _ = play()
     assert troubled == plain
-    assert [line["reply"]["retries"] for line in said[1:]] == [1, 1, 0, 0, 0, 0]
+    assert [line["reply"]["retries"] for line in said[1:-1]] == [1, 1, 0, 0, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -417,3 +420,8 @@ def test_what_was_said_is_in_the_results_and_in_their_bundle(
     write_bundle(store, tmp_path / "out.zip")
     names = zipfile.ZipFile(tmp_path / "out.zip").namelist()
     assert sum(name.startswith("words/results/transcripts/llm_CC3_") for name in names) == 2
+
+
+def test_the_examples_come_out_as_shown() -> None:
+    failed, tried = doctest.testmod(answers)
+    assert (failed, tried > 0) == (0, True)
