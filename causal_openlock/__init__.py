@@ -3,7 +3,7 @@
 Everything that users need is a name of this package, such as ``causal_openlock.Schema`` or
 ``causal_openlock.run``; ``__init__.pyi`` lists them all. A name is loaded when it is first used, so
 that importing the package costs little more than importing Gymnasium. Importing it registers the
-environments ``causal_openlock/OpenLock-v0`` and ``causal_openlock/MixedRooms-v0`` and, where
+environments ``causal_openlock/OpenLock-v0``, ``OpenLockText-v0`` and ``MixedRooms-v0`` and, where
 IPython runs, what notebooks show.
 
 >>> from causal_openlock import find_schema
@@ -24,6 +24,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 ENV_ID = "causal_openlock/OpenLock-v0"
 MIXED_ID = "causal_openlock/MixedRooms-v0"
+TEXT_ID = "causal_openlock/OpenLockText-v0"
 
 if ENV_ID not in registry:
     register(
@@ -32,6 +33,7 @@ if ENV_ID not in registry:
         vector_entry_point="causal_openlock.envs:OpenLockVectorEnv",
     )
     register(id=MIXED_ID, entry_point="causal_openlock.envs:MixedRoomsEnv")
+    register(id=TEXT_ID, entry_point="causal_openlock.envs:OpenLockTextEnv")
 
 if "IPython" in sys.modules:
     from causal_openlock.notebook import register_formatters

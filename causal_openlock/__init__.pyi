@@ -62,6 +62,7 @@ from .experiment.store import Store as Store
 
 # Environments
 from .envs.single import OpenLockEnv as OpenLockEnv
+from .envs.text import OpenLockTextEnv as OpenLockTextEnv
 from .envs.vector import OpenLockVectorEnv as OpenLockVectorEnv
 
 # Beliefs

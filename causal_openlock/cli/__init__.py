@@ -27,6 +27,7 @@ from causal_openlock.cli import (
     schema,
     score,
     status,
+    text,
 )
 from causal_openlock.cli.terminal import complain, say, write_anything
 from causal_openlock.errors import OpenLockError
@@ -56,6 +57,7 @@ for _command in (
     pictures.room,
     play.play,
     play.forget,
+    text.text,
     notebook.notebook,
 ):
     app.command()(_command)

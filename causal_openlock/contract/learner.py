@@ -153,6 +153,19 @@ class Structure:
 
 
 @dataclass(frozen=True)
+class Account:
+    """What a learner leaves beside the record when its cell is over.
+
+    Attributes:
+        transcripts: For each subject, what was said, as plain data: a line of JSON each.
+        remarks: Sentences for whoever runs the comparison.
+    """
+
+    transcripts: tuple[list[dict[str, Any]], ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class NoParameters:
     """The parameters of a learner that has none."""
 
@@ -236,6 +249,10 @@ class Learner(ABC):
         """Continue from a checkpoint, without changing it; called after :meth:`begin`."""
         if state:
             raise LearnerError(f"{type(self).__name__} keeps no state and cannot load any")
+
+    def account(self) -> Account:
+        """What is kept of it beside the record; asked for once, when its cell is over."""
+        return Account()
 
     def metrics(self) -> dict[str, float]:
         """Values to watch while it learns, by name; means over the subjects.

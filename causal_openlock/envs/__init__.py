@@ -19,6 +19,8 @@ With ``physics=True`` a single room is simulated: an action is a whole movement 
 :class:`MixedRoomsEnv` has rooms of several kinds, one of them in each trial, as exported data sets
 of transfers need.
 
+:class:`OpenLockTextEnv` has a room in words, as ``causal_openlock/OpenLockText-v0``.
+
 :func:`~causal_openlock.envs.playable.room` gives a room to try out by hand.
 
 ``reset(seed=...)`` and ``reset(options={"new_trial": True})`` always begin a new trial. ``info``
@@ -31,6 +33,7 @@ from __future__ import annotations
 
 from causal_openlock.envs.mixed import MixedRoomsEnv
 from causal_openlock.envs.single import OpenLockEnv
+from causal_openlock.envs.text import OpenLockTextEnv
 from causal_openlock.envs.vector import OpenLockVectorEnv
 
-__all__ = ["MixedRoomsEnv", "OpenLockEnv", "OpenLockVectorEnv"]
+__all__ = ["MixedRoomsEnv", "OpenLockEnv", "OpenLockTextEnv", "OpenLockVectorEnv"]

@@ -6,6 +6,7 @@
       experiment.json       everything that determines the results, and the names of cells' files
       cells/                one file a cell; its name ends with the cell's identity. While the cell
                             is played, also its checkpoint and its progress
+      transcripts/          what was said in a cell, of learners that speak: a line of JSON each
       code/                 source of learners that a notebook or a script defined
       report.html  summary.csv  figures/
       errors/               a file for each failed cell: a sentence and the traceback
@@ -58,6 +59,7 @@ AWAITED = ".awaited-"
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
 """Files beside a cell's file while it is played; see
 :mod:`causal_openlock.experiment.checkpoint`."""
+TRANSCRIPTS = "transcripts"
 LOG = "log.jsonl"
 """The actions of people, in a folder of ``play``; see :mod:`causal_openlock.play.log`."""
 _SOURCE = re.compile(r"[\w.]{1,200}\.py [0-9a-f]{16}")
@@ -425,6 +427,26 @@ class Store:
             write_bytes(path, table_bytes(record, metadata))
         except OpenLockError as error:
             raise _unusable(path, in_short(error.__cause__ or error)) from None
+
+    def write_transcripts(
+        self, cell: Cell, transcripts: Sequence[Sequence[Mapping[str, Any]]]
+    ) -> None:
+        """Save what was said in a cell, by subject, each line with its number; nothing for none.
+
+        Raises:
+            OpenLockError: If it cannot be written.
+        """
+        lines = [
+            json.dumps({"subject": subject, **line})
+            for subject, said in enumerate(transcripts, start=cell.first_subject)
+            for line in said
+        ]
+        if lines:
+            write_bytes(self.transcript(self.path(cell)), "\n".join([*lines, ""]).encode())
+
+    def transcript(self, record: Path) -> Path:
+        """Where the transcripts of a cell are, by the path of its record."""
+        return self.folder / TRANSCRIPTS / f"{record.stem}.jsonl"
 
     def record(
         self, columns: Sequence[str] | None = None, *, small: bool = False

@@ -90,7 +90,8 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
                 except NotAwaitedError:
                     checkpoint.keep(session, learner, now=True)
                     raise
-        record = session.record()
+        record, account = session.record(), learner.account()
+        store.write_transcripts(cell, account.transcripts)
     except NotAwaitedError:
         raise
     except (Exception, SystemExit) as error:
@@ -100,7 +101,8 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
     store.write(cell, record)
     store.clear(cell)
     store.clear_failure(cell)
-    return [f"{cell.spec.name}: {warning}" for warning in checkpoint.warnings]
+    warnings = [*checkpoint.warnings, *account.remarks]
+    return [f"{cell.spec.name}: {warning}" for warning in warnings]
 
 
 def record_failure(store: Store, cell: Cell, error: BaseException) -> str:

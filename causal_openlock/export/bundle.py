@@ -11,7 +11,8 @@ A bundle is a ZIP file with one folder in it::
       my_learner.py, ...     learners that come with no package, and modules that these import
       files/                 files that learners' parameters name
       requirements.txt       versions of the packages that it was run with
-      results/               the results folder: the record, cell by cell, and the report
+      results/               the results folder: the record, cell by cell, transcripts of what
+                             was said, and the report
 
 Equal results give equal bundles, byte for byte. Whether its experiment is the one that was run is
 checked when it is made.
@@ -116,6 +117,7 @@ def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]
     results += [store.folder / name for name in files_of(report)]
     results += [store.folder / part / one.name for part in BESIDE for one in cells]
     results += sorted(store.folder.glob("consent_*.md"))
+    results += map(store.transcript, cells)
     for one in filter(Path.is_file, results):
         contents[f"results/{one.relative_to(store.folder).as_posix()}"] = one.read_bytes()
     contents["DATA_CARD.md"] = data_card(experiment, who, contents, licence).encode()

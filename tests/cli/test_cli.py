@@ -476,3 +476,19 @@ def test_what_a_learner_changes_in_its_process_stays_with_its_cell(
         told.append([store.read(path)["actions"].to_pylist() for path in store.files()[0]])
     assert told[0] == told[1]
     assert told[0][0] == told[0][1] == told[0][2]
+
+
+def test_a_room_is_played_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    typed = io.StringIO("hello\npush the door\n\nquit\npush the door\n")
+    monkeypatch.setattr(sys, "stdin", typed)
+    done = at_once("text", "CC3", "--story", "levers", cwd=tmp_path)
+    assert done.status == 0
+    assert "You are in a room with 7 levers and a door" in done.stdout
+    assert done.stdout.count("That is no action, and nothing was done.") == 2
+    assert "> Nothing moved." in done.stdout
+    assert "3 actions in this attempt" in done.stdout
+    assert "2 actions in this attempt" in done.stdout
+    assert typed.read() == "push the door\n"  # after quit
+    done = at_once("text", "CC3", "--story", "cars", cwd=tmp_path)
+    assert (done.status, done.stderr.count("\n")) == (2, 1)
+    assert "there is no story 'cars'" in done.stderr

@@ -6,6 +6,7 @@ import random
 import sys
 import tomllib
 import unittest
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -22,6 +23,7 @@ from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams, generators
 from support.places import ROOT
+from support.scripted_server import scripted
 
 
 class TestRandom(LearnerContract):
@@ -203,6 +205,26 @@ class TestStableBaselinesOffPolicy(TestStableBaselines):
         "settings": {"learning_starts": 10, "batch_size": 8, "buffer_size": 100, "train_freq": 1},
         "episode": "trial",
     }
+
+
+class TestLanguageModel(LearnerContract):
+    """Its model answers by what it is asked, so everything that it is told shows."""
+
+    learner = "llm"
+    schemas = ("CC3",)
+    subjects = 2
+
+    @pytest.fixture(autouse=True)
+    def _served(
+        self, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+    ) -> Iterator[None]:
+        # One folder for all tests: what was asked in one of them is not asked in the next.
+        folder = tmp_path_factory.getbasetemp() / "llm_contract"
+        monkeypatch.setenv("OPENLOCK_LLM_REPLAY", str(folder))
+        with scripted() as (_, url):
+            kind = type(self)
+            monkeypatch.setattr(kind, "parameters", {"model": "scripted", "base_url": url})
+            yield
 
 
 def test_every_learner_of_this_package_is_tested() -> None:

@@ -265,8 +265,8 @@ def test_the_command_line_changes_what_the_file_says(tmp_path: Path) -> None:
 def test_the_default_experiment_plays_every_learner_in_the_six_conditions() -> None:
     experiment = read_experiment(find_experiment("default"))
     ours = {name for name, entry in registry().items() if entry.value.startswith("learners.")}
-    # Stable-Baselines3 is an extra, and the default comparison asks for nothing that is not there.
-    assert {entry.learner for entry in experiment.learners} == ours - {"sb3"}
+    # These are extras, and the default comparison asks for nothing that is not there.
+    assert {entry.learner for entry in experiment.learners} == ours - {"sb3", "llm"}
     assert tuple(condition.name for condition in experiment.conditions) == PAPER_CONDITIONS
     cheap = [entry for entry in experiment.learners if entry.protocol.name == "human"]
     assert all(entry.subjects >= 10 for entry in cheap)

@@ -1,0 +1,57 @@
+"""``causal-openlock text``: play in words, in the terminal, as language models do."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from causal_openlock.cli.options import ConditionName, SubjectNumber
+from causal_openlock.cli.terminal import say
+
+STOP = ("quit", "exit")
+
+
+def text(
+    condition: ConditionName,
+    story: Annotated[
+        str, typer.Option(help="levers, switches, symbols, or any: one is drawn.")
+    ] = "any",
+    protocol: Annotated[str, typer.Option(help="human or rl: the budgets.")] = "human",
+    subject: SubjectNumber = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of rooms and words.")] = 0,
+) -> None:
+    """Play in words, in the terminal: what a language model is told, and how it answers."""
+    import numpy as np
+
+    from causal_openlock.experiment.protocol import Condition, find_protocol
+    from causal_openlock.experiment.session import Session
+    from causal_openlock.formats.schema_file import find_schema
+    from causal_openlock.render.words import Wording, room_now, told
+
+    session = Session(
+        Condition.named(condition, find_schema),
+        find_protocol(protocol),
+        [subject],
+        seed=seed,
+        learner="text",
+    )
+    brief = session.brief
+    words = Wording.draw(brief.positions, brief.generators[0], story)  # type: ignore[arg-type]
+    say(words.instructions(brief.action_limit, brief.attempt_limit))
+    say(f"- `{STOP[0]}` ends the game.")
+    say(f"\n{room_now(words, session.view, 0, brief.trials)}")
+    while not session.over:
+        say("> ", end="")
+        try:
+            answer = input()
+        except EOFError:
+            say()
+            return
+        if answer.strip().lower() in STOP:
+            return
+        action = words.read(answer)
+        if action is None:
+            say(words.no_action)
+            continue
+        say(told(words, session.step(np.array([action])), 0, brief.trials))

@@ -1,0 +1,189 @@
+"""One room as a Gymnasium environment of words, for agents that read and write.
+
+Observations and actions are texts (:mod:`causal_openlock.render.words`), an episode is a trial, and
+the rules are those of :class:`~causal_openlock.envs.single.OpenLockEnv`. A text that names no
+action does nothing and costs nothing: the observation says so and lists the actions.
+"""
+
+from __future__ import annotations
+
+import os
+import string
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+
+from causal_openlock.contract.learner import Brief, Console, Step, View
+from causal_openlock.envs.settings import ATTEMPT_LIMIT
+from causal_openlock.envs.single import OpenLockEnv
+from causal_openlock.render.words import ANY, StoryName, Wording, room_now, told
+from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
+from causal_openlock.world.room import RANDOM_LAYOUT, Layout, action_names
+
+if TYPE_CHECKING:
+    from causal_openlock.world.schema import Schema
+
+LONGEST = 4000
+"""Characters of an observation or an action."""
+
+
+class OpenLockTextEnv(gymnasium.Env[str, str]):
+    """One room in words; an episode is a trial.
+
+    Args:
+        schema: As for :class:`~causal_openlock.envs.single.OpenLockEnv`, and so are the following.
+        layout: The positions of the levers, or ``random``.
+        reward: The reward of each action.
+        attempt_limit: Attempts in a trial.
+        action_limit: Actions in an attempt.
+        positions: Number of positions.
+        story: ``levers``, ``switches``, ``symbols``, or ``any``. ``reset(seed=...)`` draws the
+            names of positions and their order, and the story if it is ``any``; they stay the same
+            until the next seed.
+        information: Whether ``info["information"]`` holds the bits that an ideal Bayesian observer
+            gained from the last action, with the same prior in every trial. They can be negative:
+            an unlikely outcome can leave it less certain than it was.
+
+    ``info`` also holds ``action``, the index of the last action or ``None`` if the text was none,
+    ``actions``, the texts of all actions in the order in which they are listed, and ``console``.
+
+    Example:
+        >>> env = OpenLockTextEnv("CC3", layout="trial1", story="levers")
+        >>> text, info = env.reset(seed=0)
+        >>> print(text.splitlines()[-1])
+        The door is locked and closed.
+        >>> text, *_, info = env.step("open sesame")
+        >>> text.split(":")[0], info["action"]
+        ('That is no action, and nothing was done. The actions are', None)
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}  # noqa: RUF012
+
+    def __init__(
+        self,
+        schema: str | os.PathLike[str] | Mapping[str, Any] | Schema = "CC3",
+        layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
+        reward: RewardForm = BASIC_REWARD,
+        attempt_limit: int = ATTEMPT_LIMIT,
+        action_limit: int | None = None,
+        positions: int | None = None,
+        story: StoryName = ANY,
+        information: bool = True,
+        render_mode: str | None = None,
+    ) -> None:
+        self._env = OpenLockEnv(
+            schema, layout, reward, "trial", attempt_limit, action_limit, positions
+        )
+        (bits,) = self._env.observation_space.shape or ()
+        self._story, self._informs, self.render_mode = story, information, render_mode
+        self._positions = bits // 2 - 1
+        self._attempt_limit = attempt_limit
+        texts = spaces.Text(LONGEST, min_length=0, charset=string.printable)
+        self.observation_space, self.action_space = texts, texts
+        self._words = Wording.draw(self._positions, np.random.default_rng(0), story)
+        self._text = ""
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[str, dict[str, Any]]:
+        """Begin a new trial; the observation begins with the instructions.
+
+        Args:
+            seed: Seeds the environment and draws another wording.
+            options: None are known.
+        """
+        super().reset(seed=seed)
+        if seed is not None or not self._text:
+            self._words = Wording.draw(self._positions, self.np_random, self._story)
+        self._observation, info = self._env.reset(seed=seed)
+        self._console, self._attempt, self._over = info["console"], 1, False
+        rules = self._words.instructions(self._console["actions_left"], self._attempt_limit)
+        self._text = f"{rules}\n\n{room_now(self._words, self._view(), 0, trials=1)}"
+        self._observer = _Observer(self._view(), self._attempt_limit) if self._informs else None
+        return self._text, self._info(None, info)
+
+    def step(self, action: str) -> tuple[str, float, bool, bool, dict[str, Any]]:
+        """Take the action that a text names; its last line counts.
+
+        Raises:
+            ResetNeeded: Before the first reset, and after the end of an episode.
+        """
+        if not self._text or self._over:
+            raise ResetNeeded("call reset() before step(), and after the end of every episode")
+        words = self._words
+        chosen = words.read(action)
+        if chosen is None:
+            self._text = words.no_action
+            return self._text, 0.0, False, False, self._info(None, {})
+        view, known = self._view(), self._console["solutions_found"]
+        self._observation, reward, solved, spent, info = self._env.step(chosen)
+        self._console, self._over = info["console"], solved or spent
+        outcome, attempt_over = info.get("outcome", self._observation), "outcome" in info
+        self._attempt += attempt_over
+        step = Step(
+            view=view,
+            action=np.array([chosen]),
+            outcome=outcome[None],
+            reward=np.array([reward]),
+            attempt_over=np.array([attempt_over]),
+            trial_over=np.array([self._over]),
+            new_solution=np.array([self._console["solutions_found"] > known]),
+            next=self._view(),
+        )
+        self._text = told(self._words, step, 0, trials=1)
+        info = self._info(chosen, info)
+        if self._observer is not None:
+            info["information"] = self._observer.gained(step)
+        return self._text, reward, solved, spent, info
+
+    def render(self) -> str | None:
+        """The last observation, with ``render_mode="ansi"``."""
+        return self._text if self.render_mode == "ansi" else None
+
+    def _info(self, action: int | None, info: dict[str, Any]) -> dict[str, Any]:
+        known = {**info, "console": dict(self._console), "action": action}
+        known["actions"] = tuple(self._words.choices)
+        return known | ({"information": 0.0} if self._informs else {})
+
+    def _view(self) -> View:
+        console = {key: np.array([value]) for key, value in self._console.items()}
+        return View(
+            observation=self._observation[None],
+            console=Console(**console),
+            trial=np.ones(1, dtype=np.int64),
+            attempt=np.array([self._attempt]),
+            playing=np.array([not self._over]),
+        )
+
+
+class _Observer:
+    """An ideal Bayesian observer of one trial."""
+
+    def __init__(self, view: View, attempt_limit: int) -> None:
+        from causal_openlock.belief.beliefs import Beliefs
+        from causal_openlock.belief.knowledge import Prior
+
+        positions = view.observation.shape[1] // 2 - 1
+        names, generators = action_names(positions), (np.random.default_rng(0),)
+        actions = int(view.console.actions_left[0])
+        brief = Brief(1, positions, names, actions, attempt_limit, 1, generators)
+        self._beliefs = Beliefs(brief, Prior(), generators)
+        self._beliefs.enter(view)
+
+    @property
+    def _entropy(self) -> float:
+        belief = self._beliefs.of[0]
+        assert belief is not None, "it never leaves the room"
+        return belief.entropy
+
+    def gained(self, step: Step) -> float:
+        """The bits that it gained from an action."""
+        before = self._entropy
+        # The end of the trial would make it forget the room.
+        self._beliefs.update(replace(step, trial_over=np.zeros(1, dtype=bool)))
+        return before - self._entropy

@@ -1,0 +1,309 @@
+"""A room in words: what a person gets in the browser, for whoever reads and writes.
+
+The same room can be told in several *stories*: levers and a door, switches and a lamp, neutral
+symbols. A :class:`Wording` is one telling: a story, a name for each position, and the order in
+which positions are listed. Names and order are drawn at random, so nothing that was read about this
+room elsewhere can be recited. Everything that was perceived is told, and nothing latent.
+
+The environment ``causal_openlock/OpenLockText-v0``, ``causal-openlock text`` and the learner
+``llm`` use the same words.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from causal_openlock.contract.learner import Step, View
+from causal_openlock.errors import OpenLockError
+from causal_openlock.wording import counted, joined, nearest
+
+StoryName = Literal["levers", "switches", "symbols", "any"]
+ANY: Literal["any"] = "any"
+"""Instead of a story's name: one of them is drawn."""
+
+
+@dataclass(frozen=True)
+class Story:
+    """The vocabulary of a telling.
+
+    Attributes:
+        scene: What there is and what is to be found out; ``{many}`` stands for its levers.
+        place: What holds them, such as a room.
+        thing: What a lever is called.
+        push: The verb for pushing it, and ``pull`` for pulling it.
+        pushed: Its state when pushed, and ``pulled`` when pulled.
+        grey: Its look when active, and ``white`` when inactive.
+        finish: The last action: the push of the door.
+        goal: What the door is called.
+        locked: Its state, and ``unlocked``; ``closed`` and ``open`` likewise.
+        names: What positions can be called, twelve at least, with blanks between.
+    """
+
+    scene: str
+    place: str
+    thing: str
+    push: str
+    pull: str
+    pushed: str
+    pulled: str
+    grey: str
+    white: str
+    finish: str
+    goal: str
+    locked: str
+    unlocked: str
+    closed: str
+    open: str
+    names: str
+
+
+STORIES = {
+    "levers": Story(
+        "You are in a room with {many} and a door, which is locked. A mechanism connects some of "
+        "the levers to the lock. Your task is to find out how to open the door.",
+        *("room", "lever", "push", "pull", "pushed", "pulled", "grey", "white"),
+        *("push the door", "the door", "locked", "unlocked", "closed", "open"),
+        "ash birch cedar elm fir hazel larch maple oak pine rowan willow yew",
+    ),
+    "switches": Story(
+        "You stand before a board with {many} and a lamp, which has no current. Wires that you "
+        "cannot see connect some of the switches to the lamp. Your task is to find out how to "
+        "light the lamp.",
+        *("board", "switch", "turn on", "turn off", "on", "off", "amber", "blue"),
+        *("press the lamp", "the lamp", "without current", "under current", "dark", "lit"),
+        "bread cheese honey milk mint olive pepper rice salt sugar tea vanilla",
+    ),
+    "symbols": Story(
+        "Before you is a page with {many} and a seal, which is fixed. A rule that you do not know "
+        "connects some of the symbols to the seal. Your task is to find out how to break the seal.",
+        *("page", "symbol", "raise", "lower", "high", "low", "round", "square"),
+        *("strike the seal", "the seal", "fixed", "loose", "whole", "broken"),
+        "ba do fe gu ki lo mu ne pa ri su ta vo we",
+    ),
+}
+_RULES = """\
+- Each {thing} is {pulled} or {pushed}, and looks {grey} or {white}. `{push} NAME` makes it \
+{pushed}, `{pull} NAME` makes it {pulled}. Not every {thing} can always be moved; some never can.
+- {Goal} is {locked} or {unlocked}. When it is {unlocked}, `{finish}` makes it {open}.
+- You have {actions} in each attempt. Every action counts as one, also when nothing moves, and \
+`{finish}` counts too. After that the {place} goes back to where it began, and the next attempt \
+starts.
+- A {place} can have several combinations after which {goal} can be made {open}. You are done with \
+a {place} when you have found all of them, or after {attempts}.
+- You are always told how many combinations, attempts and actions are left.
+- The actions are: {choices}."""
+
+
+class Counters(NamedTuple):
+    """The console beside the room; numbers of trials and attempts count from 1."""
+
+    solutions_left: int
+    attempts_left: int
+    actions_left: int
+    attempt: int
+    trial: int = 1
+    trials: int = 1
+
+
+@dataclass(frozen=True)
+class Wording:
+    """One telling of rooms with P positions.
+
+    Attributes:
+        story: Name of the story.
+        names: ``P`` the name of each position.
+        order: ``P`` the positions in the order in which they are listed.
+
+    Example:
+        >>> words = Wording("levers", ("oak", "elm", "fir"), (2, 0, 1))
+        >>> words.actions
+        ('push oak', 'push elm', 'push fir', 'pull oak', 'pull elm', 'pull fir', 'push the door')
+        >>> words.read("**Push fir.**"), words.read("I would rather not")
+        (2, None)
+        >>> words.outcome([0, 0, 0, 1, 1, 0, 1, 0], [1, 0, 0, 1, 1, 0, 1, 0])
+        'Oak is pushed now.'
+    """
+
+    story: str
+    names: tuple[str, ...]
+    order: tuple[int, ...]
+
+    @classmethod
+    def draw(
+        cls, positions: int, generator: np.random.Generator, story: StoryName = ANY
+    ) -> Wording:
+        """A telling drawn at random, in one story or in any.
+
+        Raises:
+            OpenLockError: If there is no such story.
+        """
+        if story != ANY and story not in STORIES:
+            raise OpenLockError(f"there is no story {story!r}; {nearest(story, [ANY, *STORIES])}")
+        drawn = [*STORIES][int(generator.integers(len(STORIES)))]  # drawn in any case
+        chosen = drawn if story == ANY else story
+        pool = STORIES[chosen].names.split()
+        names = [pool[i] for i in generator.permutation(len(pool))[:positions].tolist()]
+        return cls(chosen, tuple(names), tuple(generator.permutation(positions).tolist()))
+
+    @property
+    def _told(self) -> Story:
+        return STORIES[self.story]
+
+    @cached_property
+    def actions(self) -> tuple[str, ...]:
+        """``2P + 1`` the actions by index."""
+        moves = [
+            f"{verb} {name}" for verb in (self._told.push, self._told.pull) for name in self.names
+        ]
+        return (*moves, self._told.finish)
+
+    @property
+    def choices(self) -> list[str]:
+        """The actions in the order in which they are listed."""
+        many = len(self.names)
+        places = [*self.order, *(many + place for place in self.order), 2 * many]
+        return [self.actions[place] for place in places]
+
+    def read(self, text: str) -> int | None:
+        """The index of an action that somebody wrote; ``None`` if it is none.
+
+        The last line with any text counts. It has to be an action and nothing else, apart from
+        signs and ``action:`` before it.
+        """
+        lines = [line for line in map(_plain, text.splitlines()) if line]
+        last = lines[-1].removeprefix("action ") if lines else ""
+        return self._indices.get(last)
+
+    @cached_property
+    def _indices(self) -> dict[str, int]:
+        return {action: index for index, action in enumerate(self.actions)}
+
+    def instructions(self, action_limit: int, attempt_limit: int) -> str:
+        """What is told before the first room."""
+        told = self._told
+        rules = _RULES.format(
+            **{**vars(told), "Goal": _capital(told.goal)},
+            actions=counted(action_limit, "action"),
+            attempts=counted(attempt_limit, "attempt"),
+            choices=", ".join(self.choices),
+        )
+        many = f"{told.thing}es" if told.thing.endswith("ch") else None
+        return f"{told.scene.format(many=counted(len(self.names), told.thing, many))}\n\n{rules}"
+
+    @property
+    def no_action(self) -> str:
+        """What is told to somebody who wrote something that is no action."""
+        listed = ", ".join(self.choices)
+        return f"That is no action, and nothing was done. The actions are: {listed}."
+
+    def room(self, observation: ArrayLike, now: Counters) -> str:
+        """What is seen of a room, and the console."""
+        bits, many, told = _bits(observation), len(self.names), self._told
+        things = "; ".join(
+            f"{self.names[place]}: {told.grey if bits[many + place] else told.white}, "
+            f"{told.pushed if bits[place] else told.pulled}"
+            for place in self.order
+        )
+        where = f"{_capital(told.place)} {now.trial} of {now.trials}, attempt {now.attempt}"
+        return (
+            f"{where}. Left: {counted(now.solutions_left, 'combination')}, "
+            f"{counted(now.attempts_left, 'attempt')}, {counted(now.actions_left, 'action')} in "
+            f"this attempt.\n{things}.\n{_capital(self._state(bits))}."
+        )
+
+    def _state(self, bits: Sequence[int]) -> str:
+        told = self._told
+        lock = told.locked if bits[-2] else told.unlocked
+        return f"{told.goal} is {lock} and {told.open if bits[-1] else told.closed}"
+
+    def outcome(self, before: ArrayLike, after: ArrayLike, new_solution: bool = False) -> str:
+        """What an action did, from the observations before it and right after it."""
+        old, new, told = _bits(before), _bits(after), self._told
+        if new[-1] and not old[-1]:
+            found = "a new combination!" if new_solution else "one that you had found before."
+            return f"{_capital(told.goal)} is {told.open}, by {found}"
+        moved = [
+            f"{self.names[place]} is {told.pushed if new[place] else told.pulled} now"
+            for place in self.order
+            if new[place] != old[place]
+        ]
+        if new[-2] != old[-2]:
+            moved.append(f"{told.goal} is {told.locked if new[-2] else told.unlocked} now")
+        return f"{_capital(joined(moved))}." if moved else "Nothing moved."
+
+    def ending(self, attempt: int, trial_over: bool, solutions_left: int) -> str:
+        """What is told at the end of an attempt, after the outcome of its last action.
+
+        Args:
+            attempt: Its number in the trial.
+            trial_over: Whether the trial ended with it.
+            solutions_left: Solutions still to be found.
+        """
+        if not trial_over:
+            return f"The attempt is over; the {self._told.place} goes back to where it began."
+        if solutions_left:
+            left = counted(solutions_left, "combination")
+            return f"No attempts are left; {left} stayed hidden."
+        return f"You found every combination! It took you {counted(attempt, 'attempt')}."
+
+    def question(self) -> str:
+        """The question after a room: what enables what."""
+        told = self._told
+        return (
+            f"You have left this {told.place}. Which {told.thing} had to be {told.pushed} before "
+            f"another one could be moved, and which made {told.goal} {told.unlocked}? List every "
+            f"pair of a cause and its effect that you believe in; an effect is a {told.thing} or "
+            f"`{told.goal}`."
+        )
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """``P + 1`` what can be an effect: the names of the positions, and the goal."""
+        return (*self.names, self._told.goal)
+
+
+def room_now(words: Wording, view: View, subject: int, trials: int) -> str:
+    """What a subject sees of its room, and the console, from a learner's view."""
+    console = view.console
+    now = Counters(
+        solutions_left=int(console.solutions_left[subject]),
+        attempts_left=int(console.attempts_left[subject]),
+        actions_left=int(console.actions_left[subject]),
+        attempt=int(view.attempt[subject]),
+        trial=int(view.trial[subject]),
+        trials=trials,
+    )
+    return words.room(view.observation[subject], now)
+
+
+def told(words: Wording, step: Step, subject: int, trials: int) -> str:
+    """What a subject is told after an action: what it did, what ended, and what comes next."""
+    new, trial_over = bool(step.new_solution[subject]), bool(step.trial_over[subject])
+    lines = [words.outcome(step.view.observation[subject], step.outcome[subject], new)]
+    if step.attempt_over[subject]:
+        left = int(step.view.console.solutions_left[subject]) - new
+        lines.append(words.ending(int(step.view.attempt[subject]), trial_over, left))
+    if step.next.playing[subject]:
+        lines.append(room_now(words, step.next, subject, trials))
+    return "\n".join(lines)
+
+
+def _bits(observation: ArrayLike) -> list[int]:
+    bits: list[int] = np.asarray(observation).astype(int).tolist()
+    return bits
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _plain(line: str) -> str:
+    """A line without signs and capitals, its words one blank apart."""
+    return " ".join(re.sub(r"[^\w\s]", " ", line.lower()).split())

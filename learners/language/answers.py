@@ -1,0 +1,150 @@
+"""What a language model is offered to answer with, and what its answers mean.
+
+An action is a call of the tool ``act``; where a model calls none, the last line of its text counts.
+What is neither is not guessed at: it is a *fault*, which has a name.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+from causal_openlock.render.words import Wording
+
+Fault = Literal["malformed", "refused", "out of range"]
+Message = dict[str, Any]
+"""A message of a chat, as it is sent."""
+
+HOW = (
+    "Answer with one action at a time: call the tool `act` with it. If you cannot call tools, end "
+    "your answer with a line that holds the action and nothing else."
+)
+HOW_IN_TEXT = "Answer with one action at a time, on a last line that holds it and nothing else."
+
+
+class Answer(NamedTuple):
+    """What a reply means.
+
+    Attributes:
+        message: The reply as the conversation goes on with it: a proper call, or text.
+        action: The index of the action, or ``None``.
+        fault: Why there is no action.
+    """
+
+    message: Message
+    action: int | None
+    fault: Fault | None
+
+
+def act_tool(words: Wording) -> dict[str, Any]:
+    """The tool ``act(action)``, which takes one of the actions in words."""
+    action = {"type": "string", "enum": words.choices, "description": "The action to take."}
+    return {
+        "type": "function",
+        "function": {
+            "name": "act",
+            "description": "Take one action.",
+            "parameters": {
+                "type": "object",
+                "properties": {"action": action},
+                "required": ["action"],
+                "additionalProperties": False,
+            },
+        },
+    }
+
+
+def read_answer(reply: Message, finish: str | None, words: Wording) -> Answer:
+    r"""What a model's message means.
+
+    Args:
+        reply: The message as the server gave it.
+        finish: Why it ended, as the server gave it.
+        words: What actions are called.
+
+    Example:
+        >>> words = Wording("levers", ("oak", "elm", "fir"), (0, 1, 2))
+        >>> read_answer({"content": "I try the first one.\nPush oak."}, "stop", words).action
+        0
+        >>> read_answer({"content": "", "refusal": "I cannot."}, "stop", words).fault
+        'refused'
+    """
+    calls, text = _calls(reply), _text(reply)
+    if len(calls) == 1 and (action := _argument(calls[0])) is not None:
+        chosen = words.read(action)
+        call = {
+            "id": str(calls[0].get("id") or "call"),
+            "type": "function",
+            "function": {"name": "act", "arguments": json.dumps({"action": action})},
+        }
+        message = {"role": "assistant", "content": text, "tool_calls": [call]}
+        return Answer(message, chosen, None if chosen is not None else "out of range")
+    # What is no proper call goes on as text: servers refuse calls that they cannot read.
+    said = "\n".join([text, *(json.dumps(call) for call in calls)]).strip()
+    message = {"role": "assistant", "content": said}
+    if reply.get("refusal") or finish == "content_filter":
+        message["content"] = said or str(reply.get("refusal") or "")
+        return Answer(message, None, "refused")
+    chosen = words.read(text) if not calls else None
+    return Answer(message, chosen, None if chosen is not None else "malformed")
+
+
+def _calls(reply: Message) -> list[dict[str, Any]]:
+    calls = reply.get("tool_calls")
+    return [one for one in calls if isinstance(one, dict)] if isinstance(calls, list) else []
+
+
+def _text(reply: Message) -> str:
+    content = reply.get("content")
+    return content if isinstance(content, str) else ""
+
+
+def _argument(call: dict[str, Any]) -> str | None:
+    """The action that a call of ``act`` names, if it is one."""
+    function = call.get("function")
+    if not isinstance(function, dict) or function.get("name") != "act":
+        return None
+    try:
+        action = json.loads(function["arguments"])["action"]
+    except (KeyError, TypeError, ValueError):
+        return None
+    return action if isinstance(action, str) else None
+
+
+def structure_format(words: Wording) -> dict[str, Any]:
+    """The form of the answer to which enables which: pairs of a cause and an effect."""
+    pair = {
+        "type": "object",
+        "properties": {
+            "cause": {"type": "string", "enum": list(words.names)},
+            "effect": {"type": "string", "enum": list(words.nodes)},
+        },
+        "required": ["cause", "effect"],
+        "additionalProperties": False,
+    }
+    schema = {
+        "type": "object",
+        "properties": {"enables": {"type": "array", "items": pair}},
+        "required": ["enables"],
+        "additionalProperties": False,
+    }
+    wanted = {"name": "structure", "strict": True, "schema": schema}
+    return {"type": "json_schema", "json_schema": wanted}
+
+
+def read_structure(reply: Message, words: Wording, nodes: Sequence[str]) -> list[list[str]] | None:
+    """The pairs that a model named, by ``nodes``: positions and the door; ``None`` if unreadable.
+
+    >>> words = Wording("levers", ("oak", "elm", "fir"), (0, 1, 2))
+    >>> said = '{"enables": [{"cause": "oak", "effect": "the door"}]}'
+    >>> read_structure({"content": said}, words, ("P0", "P1", "P2", "door"))
+    [['P0', 'door']]
+    """
+    known = dict(zip(words.nodes, nodes, strict=True))
+    try:
+        pairs = json.loads(_text(reply))["enables"]
+        named = [[known[pair["cause"]], known[pair["effect"]]] for pair in pairs]
+    except (KeyError, TypeError, ValueError):
+        return None
+    return named if all(cause != nodes[-1] for cause, _ in named) else None

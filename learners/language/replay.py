@@ -1,0 +1,127 @@
+"""The replies that models gave, kept by all that they depend on, so that none is asked for twice.
+
+A comparison that is repeated finds every reply here: it needs no server and gives the same, byte
+for byte. One that was interrupted asks only for what is missing. The key of a reply is a hash of
+the request (model, settings and transcript) and of the subject's seed, whether or not that was
+sent; where the server is does not count.
+
+The folder is the environment variable ``OPENLOCK_LLM_REPLAY``, by default
+``~/.cache/causal_openlock/llm``. It holds files of lines of JSON, one for each process that asked;
+a line that a kill has cut off is ignored. A transcript in a results folder has the same lines, so
+``OPENLOCK_LLM_REPLAY=results/transcripts`` repeats a comparison from its results.
+
+``OPENLOCK_LLM_BUDGET`` is the most tokens that the folder may come to hold.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from causal_openlock.errors import LearnerError
+
+FOLDER, BUDGET = "OPENLOCK_LLM_REPLAY", "OPENLOCK_LLM_BUDGET"
+"""Environment variables: they decide nothing about results, so they are no parameters."""
+
+Reply = dict[str, Any]
+"""What was answered: ``message``, ``finish``, ``model``, ``server``, ``fingerprint``, ``tokens``,
+``latency`` and ``retries``."""
+
+
+def key_of(request: dict[str, Any], seed: int) -> str:
+    """The key of a request, in which there is no address and no secret."""
+    text = json.dumps({"request": request, "seed": seed}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def replay() -> Replay:
+    """The kept replies of the folder that the environment names, as they are now."""
+    default = Path.home() / ".cache" / "causal_openlock" / "llm"
+    kept = _replay(Path(os.environ.get(FOLDER) or default))
+    kept.refresh()
+    return kept
+
+
+@cache
+def _replay(folder: Path) -> Replay:
+    return Replay(folder)
+
+
+class Replay:
+    """The kept replies in a folder; other processes may add to them at the same time."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._replies: dict[str, Reply] = {}
+        self._read: dict[Path, int] = {}
+        self._own = folder / f"{secrets.token_hex(8)}.jsonl"
+
+    def refresh(self) -> None:
+        """Read what has been added since the last time."""
+        for path in sorted(self.folder.glob("*.jsonl")):
+            with path.open("rb") as file:
+                file.seek(self._read.get(path, 0))
+                for line in file:
+                    if not line.endswith(b"\n"):
+                        break  # it is being written, or was cut off
+                    self._read[path] = self._read.get(path, 0) + len(line)
+                    self._take(line)
+
+    def _take(self, line: bytes) -> None:
+        try:
+            kept = json.loads(line)
+            key, reply = kept["key"], kept["reply"]
+            whole = isinstance(reply["message"], dict) and reply["tokens"] is not None
+        except (KeyError, TypeError, ValueError):
+            return  # a line of another kind, or a damaged one
+        if whole:
+            self._replies.setdefault(key, reply)
+
+    def get(self, key: str) -> Reply | None:
+        """The reply to a request, if it was ever given."""
+        return self._replies.get(key)
+
+    def put(self, key: str, reply: Reply) -> None:
+        """Keep a reply.
+
+        Raises:
+            LearnerError: If it cannot be written.
+        """
+        self._replies[key] = reply
+        line = json.dumps({"key": key, "reply": reply}) + "\n"
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with self._own.open("ab") as file:
+                file.write(line.encode())
+        except OSError as error:
+            raise LearnerError(
+                f"{self._own} cannot be written ({error.strerror}); name another folder in {FOLDER}"
+            ) from None
+
+    @property
+    def spent(self) -> int:
+        """The tokens of all kept replies and of what they answer."""
+        return sum(sum(reply["tokens"]) for reply in self._replies.values())
+
+    def require_budget(self) -> None:
+        """Make sure that not all tokens are spent.
+
+        Raises:
+            LearnerError: If they are, or the budget is no number.
+        """
+        budget = os.environ.get(BUDGET)
+        if not budget:
+            return
+        if not budget.isdecimal():
+            raise LearnerError(f"{BUDGET} is a number of tokens, and this is {budget!r}")
+        self.refresh()
+        if (spent := self.spent) >= int(budget):
+            raise LearnerError(
+                f"the budget is spent: {spent:,} of {int(budget):,} tokens ({BUDGET}); nothing is "
+                "lost, set a larger one and give the same command again"
+            )

@@ -1,0 +1,130 @@
+"""Requests to a server that has the OpenAI-compatible chat interface, hosted or local.
+
+The package ``openai`` repeats a request after 408, 409, 429, 5xx and cut connections, with growing
+pauses or after as long as the server asks for. Every request has a time limit as a whole, so that a
+server that stalls, or sends a byte now and then, is asked again. No more requests are under way at
+a time than the limit.
+
+The key is ``OPENAI_API_KEY`` of the environment. It is sent only to the server that
+``OPENAI_BASE_URL`` names, by default OpenAI's: an experiment file can name any server, and may be
+from anybody. It is blotted out of everything that a server says.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import time
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx2
+import openai
+
+from causal_openlock.errors import LearnerError, in_short
+from learners.language.replay import Reply
+
+OPENAI = "https://api.openai.com/v1"
+KEY, TRUSTED = "OPENAI_API_KEY", "OPENAI_BASE_URL"
+_COUNTED = ("prompt", "completion")
+
+
+class _Client(openai.DefaultAsyncHttpxClient):
+    """A client whose requests end in time, whatever has come by then."""
+
+    limit = 0.0
+
+    async def send(self, *args: Any, **kwargs: Any) -> Any:
+        try:
+            async with asyncio.timeout(self.limit):
+                return await super().send(*args, **kwargs)
+        except TimeoutError:
+            raise httpx2.ReadTimeout("the time limit") from None  # which is asked again
+
+
+class Server:
+    """A server that models are asked at.
+
+    Args:
+        base_url: Its address.
+        seconds: The time limit of a request.
+        retries: How often a request is repeated that fails.
+        requests: How many are made at the same time.
+
+    Raises:
+        LearnerError: If there is no key for OpenAI's server.
+    """
+
+    def __init__(self, base_url: str, seconds: float, retries: int, requests: int) -> None:
+        self.base_url = base_url
+        trusted = _place(base_url) == _place(os.environ.get(TRUSTED) or OPENAI)
+        self._key = os.environ.get(KEY, "") if trusted else ""
+        if _place(base_url) == _place(OPENAI) and not self._key:
+            raise LearnerError(
+                f"{base_url} asks for a key; set {KEY} in the environment, or name another server "
+                "in base_url"
+            )
+        http = _Client()
+        http.limit = seconds
+        self._client = openai.AsyncOpenAI(
+            api_key=self._key or "none",
+            base_url=base_url,
+            max_retries=retries,
+            timeout=seconds,
+            http_client=http,
+        )
+        if not trusted:
+            self._client.organization = self._client.project = None
+        self._free = asyncio.Semaphore(requests)
+
+    async def ask(self, request: dict[str, Any]) -> Reply:
+        """Make a request, as soon as fewer than the limit are under way.
+
+        Raises:
+            LearnerError: If the server refuses it, or fails however often it is asked.
+        """
+        async with self._free:
+            began = time.perf_counter()
+            try:
+                raw = await self._client.chat.completions.with_raw_response.create(**request)
+                latency = time.perf_counter() - began
+                said = json.loads(self._without_key(raw.http_response.text))
+                choice, usage = said["choices"][0], said.get("usage") or {}
+                return {
+                    "message": dict(choice["message"]),
+                    "finish": choice.get("finish_reason"),
+                    "model": said.get("model"),
+                    "server": raw.headers.get("server"),
+                    "fingerprint": said.get("system_fingerprint"),
+                    "tokens": [int(usage.get(f"{of}_tokens") or 0) for of in _COUNTED],
+                    "latency": round(latency, 3),
+                    "retries": raw.retries_taken,
+                }
+            except openai.APIStatusError as error:
+                raise self._failure(f"refuses ({in_short(error)})") from None
+            except openai.APITimeoutError:
+                raise self._failure("did not answer in time") from None
+            except openai.OpenAIError as error:
+                cause = error.__cause__ or error
+                why = in_short(cause) or type(cause).__name__
+                raise self._failure(f"cannot be asked ({why})") from None
+            except (LookupError, TypeError, ValueError, AttributeError):
+                raise self._failure("gives no chat completion") from None
+
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._client.close()
+
+    def _without_key(self, text: str) -> str:
+        return text.replace(self._key, "[key]") if self._key else text
+
+    def _failure(self, what: str) -> LearnerError:
+        again = "what was said is kept, so give the same command again once that is mended"
+        return LearnerError(self._without_key(f"the server at {self.base_url} {what}; {again}"))
+
+
+def _place(url: str) -> tuple[str, str | None, int | None]:
+    """Scheme, host and port of an address."""
+    parts = urlsplit(url)
+    return parts.scheme, parts.hostname, parts.port

@@ -1,0 +1,427 @@
+"""A language model as a subject, over a server whose model follows a script."""
+
+from __future__ import annotations
+
+import builtins
+import doctest
+import json
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from causal_openlock.contract.registry import create
+from causal_openlock.errors import LearnerError
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.runner import run
+from causal_openlock.experiment.session import Session
+from causal_openlock.export.bundle import write_bundle
+from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.render.words import Wording
+from causal_openlock.world.room import Layout
+from learners.language import answers
+from learners.language.answers import read_answer, read_structure
+from learners.language.replay import BUDGET, FOLDER
+from learners.language.server import KEY, TRUSTED
+from support.scripted_server import (
+    Body,
+    Cut,
+    Drip,
+    Script,
+    Status,
+    call,
+    choices,
+    says,
+    scripted,
+    some_action,
+)
+
+CC3 = find_schema("CC3")
+LAYOUT = Layout.of(CC3, "trial1")
+ONE_ROOM = Condition("room", (Trials(CC3, (LAYOUT,)),))
+TWO_ROOMS = Condition("rooms", (Trials(CC3, (LAYOUT, Layout.of(CC3, "trial2")), shuffle=False),))
+SECRET = "sk-very-secret-0123"
+SOON = {"retry_after_ms": "1"}
+
+
+@pytest.fixture(autouse=True)
+def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(FOLDER, str(tmp_path / "replay"))
+    for name in (KEY, TRUSTED, BUDGET):
+        monkeypatch.delenv(name, raising=False)
+    # Pauses between tries are the library's; here they only cost time.
+    monkeypatch.setattr("openai._base_client.INITIAL_RETRY_DELAY", 0.001)
+
+
+def protocol(attempts: int = 2, trials: int = 1) -> Protocol:
+    return Protocol("t", attempts, stop_when_solved=True, baseline_trials=trials)
+
+
+def play(
+    script: Script = some_action,
+    *,
+    subjects: Any = 1,
+    attempts: int = 2,
+    condition: Condition = ONE_ROOM,
+    **parameters: Any,
+) -> tuple[Any, Any, list[Any], tuple[str, ...]]:
+    """The server, the record as rows, the transcripts and the remarks."""
+    trials = 2 if condition is TWO_ROOMS else 1
+    with scripted(script) as (server, url):
+        given = {"model": "scripted", "base_url": url, **parameters}
+        learner = create("learners.llm:LanguageModel", given)
+        session = Session(condition, protocol(attempts, trials), subjects, learner="llm")
+        record = session.play(learner).drop_columns(["wall_time"]).to_pylist()
+    account = learner.account()
+    return server, record, [*account.transcripts], account.remarks
+
+
+def actions(record: list[dict[str, Any]]) -> list[int]:
+    return [action for row in record for action in row["actions"]]
+
+
+def test_it_is_told_what_a_person_is_told_and_its_calls_are_its_actions() -> None:
+    server, record, (said,), remarks = play(story="switches")
+    head, *lines, _ = said
+    words = Wording(head["story"], tuple(head["names"]), tuple(head["order"]))
+    asked = server.asked[0]
+    assert words.instructions(3, 2) in asked["messages"][0]["content"]
+    assert choices(asked) == words.choices
+    assert (asked["model"], asked["temperature"], asked["seed"]) == (
+        "scripted", 1.0, head["seed"],
+    )  # fmt: skip
+    done = [
+        choices(body).index(_called(line)) for body, line in zip(server.asked, lines, strict=True)
+    ]
+    named = [words.actions.index(words.choices[place]) for place in done]
+    assert actions(record) == named
+    assert len(named) == 6
+    assert not remarks
+    # A call is followed by its result, which says what it did.
+    first, call_, result = server.asked[1]["messages"]
+    assert first["role"] == "user"
+    assert call_["tool_calls"][0]["id"] == result["tool_call_id"]
+    assert "Left:" in result["content"]
+
+
+def _called(line: dict[str, Any]) -> str:
+    function = line["reply"]["message"]["tool_calls"][0]["function"]
+    return json.loads(function["arguments"])["action"]
+
+
+def test_all_is_kept_of_each_answer() -> None:
+    _, _, (said,), _ = play()
+    head, *lines, _ = said
+    assert head["tokens"] == [600, 30]
+    assert head["model"] == "scripted"
+    reply = lines[0]["reply"]
+    assert (reply["model"], reply["server"], reply["fingerprint"]) == (
+        "scripted-1", "Scripted/1", "fp_7",
+    )  # fmt: skip
+    assert reply["latency"] >= 0
+    assert reply["retries"] == 0
+    # The transcript is the whole conversation.
+    told = [message["content"] for line in said[1:] for message in line["told"]]
+    assert len(told) == 7
+    assert told[-1].endswith(("stayed hidden.", "attempts."))
+    assert told[0].startswith(("You", "Before"))
+
+
+def test_names_and_order_and_stories_differ_between_subjects() -> None:
+    _, _, said, _ = play(subjects=12, attempts=1)
+    heads = [head for head, *_ in said]
+    assert {head["story"] for head in heads} == {"levers", "switches", "symbols"}
+    assert len({tuple(head["names"]) for head in heads}) == 12
+    assert len({tuple(head["order"]) for head in heads}) == 12
+
+
+def test_text_is_read_where_no_tool_is_called() -> None:
+    def text(body: Body, number: int) -> Body:
+        return says(f"Let me see.\n\n**{choices(body)[0]}**")
+
+    server, record, (said,), remarks = play(text)
+    head = said[0]
+    assert set(actions(record)) == {head["order"][0]}
+    assert not remarks
+    assert server.asked[1]["messages"][1]["content"].startswith("Let me see.")
+
+
+def test_without_tools_none_is_offered() -> None:
+    server, record, _, _ = play(lambda body, _: says("push the door"), tools=False, story="levers")
+    assert "tools" not in server.asked[0]
+    assert set(actions(record)) == {14}
+
+
+BAD: dict[str, tuple[Any, str]] = {
+    "prose": (says("I would rather not say."), "malformed"),
+    "nothing": (says(None), "malformed"),
+    "two calls": (
+        says("", tool_calls=[*call("push oak")["tool_calls"], *call("push elm")["tool_calls"]]),
+        "malformed",
+    ),
+    "another tool": (call("push oak", name="open"), "malformed"),
+    "no arguments": (
+        says(None, tool_calls=[{"id": "1", "type": "function",
+                                "function": {"name": "act", "arguments": "{oak"}}]),
+        "malformed",
+    ),
+    "another lever": (call("push the moon"), "out of range"),
+    "refused": (says(None, refusal="I cannot help with locks."), "refused"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_what_is_no_action_is_named_and_asked_again(bad: str) -> None:
+    message, fault = BAD[bad]
+
+    def script(body: Body, number: int) -> Body:
+        return message if number == 0 else some_action(body, number)
+
+    server, record, (said,), remarks = play(script)
+    assert [line["fault"] for line in said[1:3]] == [fault, None]
+    assert said[0]["faults"] == {fault: 1}
+    assert said[0]["unanswered"] == 0
+    assert remarks == (f"1 answer was no action (1 {fault}); 0 actions stayed unanswered, and each "
+                       "was spent on what changes nothing",)  # fmt: skip
+    assert len(actions(record)) == 6
+    complaint = server.asked[1]["messages"][-1]["content"]
+    assert "The actions are:" in complaint
+    # A call that is no proper one goes back as text, which every server takes.
+    if fault != "out of range":
+        assert "tool_calls" not in server.asked[1]["messages"][1]
+
+
+def test_an_unanswered_action_changes_nothing_and_says_so() -> None:
+    def script(body: Body, number: int) -> Body:
+        return says("Hm.") if number < 3 else some_action(body, number)
+
+    server, record, (said,), remarks = play(script, ask_again=2)
+    spent = next(line for line in said if "unanswered" in line and "asked" not in line
+                 and "tokens" not in line)  # fmt: skip
+    assert record[0]["moved"][0] is False
+    assert spent["unanswered"].startswith("pull_")
+    assert "this one is spent" in server.asked[3]["messages"][-1]["content"]
+    assert "1 action stayed unanswered" in remarks[0]
+
+
+def test_too_many_unanswered_actions_are_an_error_that_counts_them() -> None:
+    with pytest.raises(LearnerError, match=r"left 2 actions unanswered .*\(4 malformed\)"):
+        play(lambda *_: says("Hm."), ask_again=1, unanswered=1)
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [Status(429, **SOON), Status(503), Status(500, "<html>"), Cut(), Drip()],
+    ids=["429", "503", "500", "cut", "drip"],
+)
+def test_trouble_passes_and_changes_nothing(trouble: Any) -> None:
+    def script(body: Body, number: int) -> Any:
+        return trouble if number in (0, 2) else some_action(body, number)
+
+    _, troubled, (said,), _ = play(script, seconds=0.3)
+    _, plain, _, _ = play()
+    assert troubled == plain
+    assert [line["reply"]["retries"] for line in said[1:-1]] == [1, 1, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("trouble", "why"),
+    [
+        (Status(401, f'{{"error": {{"message": "no: {SECRET}"}}}}'), r"refuses .*\[key\]"),
+        (Status(429, **SOON), "refuses"),
+        (Cut(), "cannot be asked"),
+        (Drip(), "did not answer in time"),
+        (says("x", role=7) | {"content": SECRET}, None),
+    ],
+)
+def test_trouble_that_stays_is_one_sentence_without_the_key(
+    trouble: Any, why: str | None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(KEY, SECRET)
+    with scripted(lambda *_: trouble) as (server, url):
+        monkeypatch.setenv(TRUSTED, url)
+        given = {"model": "m", "base_url": url, "retries": 1, "seconds": 0.2, "unanswered": 0}
+        learner = create("learners.llm:LanguageModel", given)
+        with pytest.raises(LearnerError, match=why or "unanswered") as raised:
+            Session(ONE_ROOM, protocol(), 1).play(learner)
+    assert server.keys[0] == f"Bearer {SECRET}"
+    assert SECRET not in str(raised.value)
+    kept = json.dumps(learner.account().transcripts)
+    kept += "".join(path.read_text() for path in tmp_path.rglob("*.jsonl"))
+    assert SECRET not in kept
+
+
+def test_the_key_goes_only_where_the_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(KEY, SECRET)
+    server, *_ = play()
+    assert not any(SECRET in str(key) for key in server.keys)
+
+
+def test_there_is_no_server_without_a_key_or_a_model() -> None:
+    session = Session(ONE_ROOM, protocol(), 1)
+    with pytest.raises(LearnerError, match="set OPENAI_API_KEY in the environment"):
+        session.play(create("learners.llm:LanguageModel", {"model": "m"}))
+    with pytest.raises(LearnerError, match="needs the name of a model"):
+        session.play(create("learners.llm:LanguageModel", {}))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "why"),
+    [
+        ({"base_url": "http://me:key@host/v1"}, "cannot hold a key"),
+        ({"base_url": "host"}, "is the address of a server"),
+        ({"settings": {"messages": []}}, "cannot hold 'messages'"),
+    ],
+)
+def test_parameters_that_cannot_be(parameters: dict[str, Any], why: str) -> None:
+    with pytest.raises(LearnerError, match=why):
+        create("learners.llm:LanguageModel", parameters)
+
+
+def test_a_repetition_asks_nobody_and_is_the_same_byte_for_byte(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def luck(body: Body, number: int) -> Body:  # a model at a high temperature
+        return call(choices(body)[number % 15])
+
+    _, record, said, _ = play(luck, subjects=3)
+    real = builtins.__import__
+
+    def absent(name: str, *rest: Any, **named: Any) -> Any:
+        if name.startswith(("openai", "learners.language.server")):
+            raise ImportError(name)
+        return real(name, *rest, **named)
+
+    monkeypatch.delitem(sys.modules, "learners.language.server")
+    monkeypatch.setattr(builtins, "__import__", absent)
+    server, again, told, _ = play(subjects=3)
+    assert not server.asked
+    assert again == record
+    for one in (said, told):
+        for head, *_ in one:
+            del head["base_url"]  # which has another port
+    assert json.dumps(told) == json.dumps(said)
+    # Another setting is another question, and there the package is needed.
+    with pytest.raises(LearnerError, match=r"pip install 'causal-openlock\[llm\]'"):
+        play(temperature=0.5)
+
+
+def test_a_transcript_of_results_is_a_replay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, record, said, _ = play(subjects=2)
+    folder = tmp_path / "transcripts"
+    folder.mkdir()
+    lines = [json.dumps({"subject": 0, **line}) for one in said for line in one]
+    (folder / "cell.jsonl").write_text("\n".join([*lines, '{"cut off']))
+    monkeypatch.setenv(FOLDER, str(folder))
+    server, again, *_ = play(subjects=2)
+    assert (again, server.asked) == (record, [])
+
+
+def test_a_budget_stops_between_attempts_and_a_larger_one_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, whole, _, _ = play(attempts=4, temperature=0.2)
+    monkeypatch.setenv(BUDGET, str(12 * 105 + 400))  # the first play's, and four answers more
+    with scripted() as (server, url):
+        given = {"model": "scripted", "base_url": url, "temperature": 0.3}
+        learner = create("learners.llm:LanguageModel", given)
+        session = Session(ONE_ROOM, protocol(4), 1, learner="llm")
+        with pytest.raises(LearnerError, match=r"1,890 of 1,660 tokens \(OPENLOCK_LLM_BUDGET\)"):
+            session.play(learner)
+    assert len(server.asked) == 6  # two whole attempts
+    monkeypatch.setenv(BUDGET, "100000")
+    server, record, _, _ = play(attempts=4, temperature=0.3)
+    assert len(server.asked) == 6  # the other two
+    assert len(actions(record)) == len(actions(whole)) == 12
+    monkeypatch.setenv(BUDGET, "much")
+    with pytest.raises(LearnerError, match="is a number of tokens, and this is 'much'"):
+        play(temperature=0.4)
+
+
+def test_no_more_requests_than_the_limit_are_under_way() -> None:
+    import time
+
+    def slow(body: Body, number: int) -> Body:
+        time.sleep(0.02)
+        return some_action(body, number)
+
+    server, *_ = play(slow, subjects=6, attempts=1, requests=3)
+    assert server.most == 3
+
+
+def test_it_is_reminded_of_recent_answers_alone() -> None:
+    server, *_ = play(attempts=3, recent=2)
+    lengths = [len(body["messages"]) for body in server.asked]
+    assert lengths == [1, 3, 5, 5, 5, 5, 5, 5, 5]
+    last = server.asked[-1]["messages"]
+    assert "left out" in last[0]["content"]
+    roles = [message["role"] for message in last]
+    assert roles == ["user", "assistant", "tool", "assistant", "tool"]
+
+
+def test_it_is_asked_which_enables_which_and_plays_as_if_it_were_not() -> None:
+    def script(body: Body, number: int) -> Body:
+        if "response_format" not in body:
+            return some_action({k: v for k, v in body.items() if k != "seed"}, 0)
+        pair = body["response_format"]["json_schema"]["schema"]["properties"]["enables"]["items"]
+        cause, effect = (pair["properties"][of]["enum"] for of in ("cause", "effect"))
+        return says(json.dumps({"enables": [{"cause": cause[0], "effect": effect[-1]}]}))
+
+    _, plain, _, _ = play(script, condition=TWO_ROOMS)
+    server, asked, (said,), _ = play(script, condition=TWO_ROOMS, ask_structure=True)
+    assert plain == asked
+    answers = [line for line in said if line.get("asked") == "structure"]
+    assert [line["trial"] for line in answers] == [1, 2]
+    assert answers[0]["enables"] == [["UPPERRIGHT", "door"]]
+    assert "another one could be moved" in answers[0]["told"][0]["content"]
+    question = next(body for body in server.asked if "response_format" in body)
+    assert question["tool_choice"] == "none"
+
+
+def test_an_answer_to_which_enables_which_that_cannot_be_read_is_none() -> None:
+    words, nodes = Wording("levers", ("oak", "elm"), (0, 1)), ("P0", "P1", "door")
+    for said in ("no", "[]", '{"enables": [{"cause": "oak", "effect": "moon"}]}', "{}", "7"):
+        assert read_structure({"content": said}, words, nodes) is None
+    assert read_answer({"content": ["odd"], "tool_calls": "odd"}, None, words).fault == "malformed"
+
+
+def test_what_was_said_is_in_the_results_and_in_their_bundle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(KEY, SECRET)
+    with scripted(lambda body, n: says("Hm.") if n == 0 else some_action(body, n)) as (_, url):
+        monkeypatch.setenv(TRUSTED, url)
+        (tmp_path / "words.yaml").write_text(
+            "{name: words, seed: 1, subjects: 3, cell_size: 2, conditions: [CC3], "
+            "protocols: {short: {based_on: human, attempt_limit: 1, baseline_trials: 1}}, "
+            "learners: [{learner: llm, protocol: short, "
+            f"parameters: {{model: scripted, base_url: '{url}'}}}}]}}"
+        )
+        warned: list[str] = []
+        experiment = read_experiment(tmp_path / "words.yaml")
+        store = run(experiment, tmp_path / "out", workers=0, warn=warned.append)
+    assert len(warned) == 1
+    assert "llm: 1 answer was no action (1 malformed); 0 actions stayed" in warned[0]
+    out = tmp_path / "out"
+    lines = [
+        json.loads(line)
+        for path in sorted((out / "transcripts").iterdir())
+        for line in path.read_text().splitlines()
+    ]
+    assert [line["subject"] for line in lines if "names" in line] == [0, 1, 2]
+    assert sum(line.get("fault") == "malformed" for line in lines) == 1
+    assert all(SECRET.encode() not in path.read_bytes() for path in out.rglob("*.*"))
+    (out / "report.html").write_text("<html></html>")
+    write_bundle(store, tmp_path / "out.zip")
+    names = zipfile.ZipFile(tmp_path / "out.zip").namelist()
+    assert sum(name.startswith("words/results/transcripts/llm_CC3_") for name in names) == 2
+
+
+def test_the_examples_come_out_as_shown() -> None:
+    failed, tried = doctest.testmod(answers)
+    assert (failed, tried > 0) == (0, True)
