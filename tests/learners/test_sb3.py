@@ -32,6 +32,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "PPO": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
     "A2C": {},
     "DQN": {"learning_starts": 10, "batch_size": 8, "buffer_size": 100, "train_freq": 1},
+    "TRPO": {"n_steps": 16, "batch_size": 8},
     "RecurrentPPO": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
 }
 
