@@ -10,8 +10,8 @@ The library draws from NumPy's, torch's and Python's global generators, and seed
 swapped whenever a model runs: each model continues with global generators of its own, and everyone
 else finds them as they were.
 
-A model in the midst of ``learn`` cannot be saved. Everything that it was given is saved, and a new
-model is brought to the same point with it.
+A model in the midst of ``learn`` cannot be saved. Everything that it was given is saved, a few
+bytes for each action, and a new model is brought to the same point with it.
 """
 
 from __future__ import annotations
@@ -220,8 +220,13 @@ class StableBaselines(Learner):
         most = brief.trials * brief.attempt_limit * brief.action_limit
         self._total = self.parameters.total_actions or most
         self._seeds = [int(generator.integers(2**31 - 1)) for generator in brief.generators]
-        # The feedback of every step so far, packed; and by subject, what its model has yet to get.
-        self._history: list[tuple[NDArray[Any], ...]] = []
+        # What was seen first, and the feedback of every step so far; and by subject, what its model
+        # has yet to get.
+        bits = ("u1", -(-brief.observation_size // 8))
+        flags = [(name, "?") for name in ("terminated", "truncated", "playing")]
+        self._kept = np.dtype([("outcome", *bits), ("next", *bits), ("reward", "f8"), *flags])
+        self._first: NDArray[np.uint8] | None = None
+        self._history = bytearray()
         self._pending: list[Feedback | None] = []
         self._actions: IntArray = np.zeros(brief.subjects, dtype=np.int64)
         self._make_models(kind)
@@ -246,14 +251,14 @@ class StableBaselines(Learner):
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the action of each model."""
-        if not self._history:
+        if self._first is None:
             self._begin_with(view.observation.copy())
         self._act(view.playing)
         return self._actions.copy()
 
     def _begin_with(self, observation: NDArray[np.int8]) -> None:
         self._pending = [Feedback(row, 0.0, False, False, row) for row in observation]
-        self._history.append((_packed(observation),))
+        self._first = _packed(observation)
 
     def _act(self, playing: BoolArray) -> None:
         for subject in np.flatnonzero(playing):
@@ -271,35 +276,45 @@ class StableBaselines(Learner):
             terminated, truncated = step.trial_over & solved, step.trial_over & ~solved
             over = step.trial_over[:, None]
             outcome = np.where(over, step.outcome, step.next.observation)
-        self._record(
-            outcome, step.next.observation, step.reward, terminated, truncated, step.view.playing
-        )
+        kept = np.empty(self.brief.subjects, self._kept)
+        kept["outcome"], kept["next"] = _packed(outcome), _packed(step.next.observation)
+        kept["reward"], kept["playing"] = step.reward, step.view.playing
+        kept["terminated"], kept["truncated"] = terminated, truncated
+        self._history += kept.tobytes()
+        self._take(kept)
 
-    def _record(self, *feedback: NDArray[Any]) -> None:
-        outcome, following, *rest = (part.copy() for part in feedback)
-        self._history.append((_packed(outcome), _packed(following), *rest))
-        reward, terminated, truncated, playing = (part.tolist() for part in rest)
-        for subject in np.flatnonzero(playing):
+    def _take(self, kept: NDArray[np.void]) -> None:
+        outcome, following = self._unpacked(kept["outcome"]), self._unpacked(kept["next"])
+        reward, terminated, truncated = (
+            kept[name].tolist() for name in ("reward", "terminated", "truncated")
+        )
+        for subject in np.flatnonzero(kept["playing"]):
             flags = reward[subject], terminated[subject], truncated[subject]
             self._pending[subject] = Feedback(outcome[subject], *flags, following[subject])
 
     def state_dict(self) -> dict[str, Any]:
         """The models' seeds and all feedback that they were given."""
         asked = [feedback is None for feedback in self._pending]
-        return {"seeds": list(self._seeds), "history": list(self._history), "asked": asked}
+        history = np.frombuffer(bytes(self._history), np.uint8)
+        return {
+            "seeds": list(self._seeds),
+            "first": self._first,
+            "history": history,
+            "asked": asked,
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Bring new models to the same point, which takes as long as it did then."""
         _Model.end_all(self._models)
-        self._seeds, self._history = list(state["seeds"]), []
+        self._seeds, self._first = list(state["seeds"]), None
+        self._history = bytearray(state["history"].tobytes())
         self._make_models(find_algorithm(self.parameters.algorithm))
-        if not state["history"]:
+        if state["first"] is None:
             return
-        first, *later = state["history"]
-        self._begin_with(self._unpacked(first[0]))
-        for outcome, following, *rest in later:
-            self._act(rest[-1])
-            self._record(self._unpacked(outcome), self._unpacked(following), *rest)
+        self._begin_with(self._unpacked(state["first"]))
+        for kept in np.frombuffer(bytes(self._history), self._kept).reshape(-1, len(self._seeds)):
+            self._act(kept["playing"])
+            self._take(kept)
         self._act(np.array(state["asked"]))
 
     def _unpacked(self, bits: NDArray[np.uint8]) -> NDArray[np.int8]:

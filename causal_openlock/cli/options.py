@@ -31,7 +31,7 @@ ResultsFolder = Annotated[
 SubjectNumber = Annotated[int, typer.Option("--subject", min=0, help="Number of the subject.")]
 Seed = Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Seed of all randomness.")]
 ProtocolName = Annotated[
-    str | None, typer.Option(help="human, rl, or one that the experiment declares.")
+    str | None, typer.Option(help="human, rl, rl_2020, or one that the experiment declares.")
 ]
 ExperimentName = Annotated[
     str,

@@ -1,11 +1,11 @@
 """Tables of a study as figures, in which every unit can be seen.
 
 A study names under ``figures`` which of its tables are drawn. Where the columns are the parts of a
-course a panel has a thin line for each unit and a thick one for their mean; otherwise a panel for
-each column has a dot for each unit of a row, and their mean with its interval. Of distances from
-people the figure has people's means and the nearest learner's. A figure stands in the study's
-folder beside what it was made from, and holds a mark of that: so a figure of other units is found
-without drawing it anew.
+course a panel has a thin line for each unit and a thick one for their mean, and of a curve a dashed
+one for what AAAI 2020 published of the same algorithm; otherwise a panel for each column has a dot
+for each unit of a row, and their mean with its interval. Of distances from people the figure has
+people's means and the nearest learner's. A figure stands in the study's folder beside what it was
+made from, and holds a mark of that: so a figure of other units is found without drawing it anew.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,7 @@ from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.derived import beside_people
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.stored import UNITS
-from causal_openlock.evidence.study import OF_ALL, PUBLISHED, Selection, Table
+from causal_openlock.evidence.study import BLOCK, OF_ALL, PUBLISHED, RL_2020, Selection, Table
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import mean_of
 
@@ -37,6 +37,7 @@ FORM = 1
 _MARK = re.compile(r"<!-- made from ([0-9a-f]+) -->")
 _PART = re.compile(r"part (\d+)$")
 _UNIT, _PUBLISHED = "#1F6F9F", "#777777"
+_DASHES = (0, (4, 2))
 
 
 def figure_path(evidence: Evidence, name: str) -> Path:
@@ -117,7 +118,7 @@ def draw_dots(evidence: Evidence, table: Table, figure: Any) -> None:
                     _dots_of_row(axes, place, found)
             for row in (row for row in rows if row in PUBLISHED):
                 if (found := _units(evidence, table, row, column)) is not None:
-                    axes.axvline(float(found.values.mean()), color=_PUBLISHED, lw=1, ls=(0, (4, 2)))
+                    axes.axvline(float(found.values.mean()), color=_PUBLISHED, lw=1, ls=_DASHES)
                     axes.annotate(
                         _name(row), (float(found.values.mean()), 1), xytext=(2, 1),
                         xycoords=("data", "axes fraction"), textcoords="offset points",
@@ -153,19 +154,41 @@ def draw_course(evidence: Evidence, table: Table, figure: Any) -> None:
     from causal_openlock.analysis.plots.panels import in_rows, panels
 
     rows = _rows(evidence, table)
-    names = list(dict.fromkeys(row.split()[0] for row in rows))
+    names = list(dict.fromkeys(_panel(row) for row in rows))
+    colours = _colours(row.split()[1] for row in rows)
+    by_fifties = evidence.study.file.measured == "curve"
     with panels(figure, len(names), in_rows(len(names), 4, 1.75)) as at:
         for axes, name in zip(at.axes, names, strict=True):
             style.panel_title(axes, _name(name))
-            for row in (row for row in rows if row.split()[0] == name):
-                _lines_of_row(axes, list(_parts(evidence, table, row)), row)
-            axes.set_xticks([float(_part(column)) for column in table.columns])
-            axes.set_xlabel("part of the training")
+            for row in (row for row in rows if _panel(row) == name):
+                parts = list(_parts(evidence, table, row))
+                x = [BLOCK * (part - 0.5) if by_fifties else part for part, _ in parts]
+                _lines_of_row(axes, x, [found for _, found in parts], row, colours)
+            if not by_fifties:
+                axes.set_xticks([float(_part(column)) for column in table.columns])
+            axes.set_xlabel("trial" if by_fifties else "part of the training")
             axes.set_ylim(*_limits(evidence, table))
         at.label_y(_measure(table))
-        conditions = dict.fromkeys(row.split()[1] for row in rows)
-        colours = [(one, style.current().trained(one)) for one in conditions]
-        at.legend([Line2D([], [], color=colour, lw=2, label=one) for one, colour in colours])
+        keys = [Line2D([], [], color=colour, lw=2, label=one) for one, colour in colours.items()]
+        if any(row.split()[0] in RL_2020 for row in rows):
+            keys.append(Line2D([], [], color=_PUBLISHED, lw=1.2, ls=_DASHES, label="published"))
+        at.legend(keys)
+
+
+def _panel(row: str) -> str:
+    """The panel of a row: a published curve is in that of its algorithm."""
+    name = row.split()[0]
+    return name.removeprefix("paper_") if name in RL_2020 else name
+
+
+def _colours(conditions: Iterable[str]) -> dict[str, str]:
+    from causal_openlock.analysis.plots import style
+
+    each, now = list(dict.fromkeys(conditions)), style.current()
+    own = [now.trained(one) for one in each]
+    if len(set(own)) < len(own):
+        own = [now.other(number) for number in range(len(each))]
+    return dict(zip(each, own, strict=True))
 
 
 def _part(column: str) -> int:
@@ -180,17 +203,20 @@ def _parts(evidence: Evidence, table: Table, row: str) -> Iterator[tuple[int, Se
             yield _part(column), found
 
 
-def _lines_of_row(axes: Axes, parts: list[tuple[int, Selected]], row: str) -> None:
-    from causal_openlock.analysis.plots import style
-
-    colour = style.current().trained(row.split()[1])
-    x = [part for part, _ in parts]
-    if row.split()[0] not in PUBLISHED:
-        for unit in parts[0][1].units:
-            own = [found.only(np.array([unit])).values for _, found in parts]
+def _lines_of_row(
+    axes: Axes, x: list[float], parts: list[Selected], row: str, colours: Mapping[str, str]
+) -> None:
+    learner, condition = row.split()[:2]
+    means, colour = [found.values.mean() for found in parts], colours[condition]
+    if learner in RL_2020:
+        axes.plot(x, means, color=colour, lw=1.2, ls=_DASHES, marker="s", ms=2.5)
+        return
+    if learner not in PUBLISHED:
+        for unit in parts[0].units:
+            own = [found.only(np.array([unit])).values for found in parts]
             if all(len(one) for one in own):
                 axes.plot(x, np.concatenate(own), color=colour, lw=0.6, alpha=0.45)
-    axes.plot(x, [found.values.mean() for _, found in parts], color=colour, lw=2, marker="o", ms=3)
+    axes.plot(x, means, color=colour, lw=2, marker="o", ms=3)
 
 
 # -- distances from people -----------------------------------------------------------------------

@@ -1,9 +1,9 @@
 """Published results in the form of units, so that studies compare and show them as learners.
 
-``people`` and ``published_model`` have attempts in the trials that the papers report, and
-``paper_ddqn`` the shares of the paper's Figures 6 and 7. These are means without units; means of
-attempts have a standard error (``error``); of those of the figures
-none is known, and they are taken as they are.
+``people`` and ``published_model`` have attempts in the trials that the papers report,
+``paper_ddqn`` the shares of the paper's Figures 6 and 7, and ``paper_ppo`` and its like the curves
+of AAAI 2020. These are means without units; those of people and the published model have a standard
+error (``error``); of the others none is known, and they are taken as they are.
 """
 
 from __future__ import annotations
@@ -13,8 +13,13 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.results.people.published import model, paper_ddqn, people
-from causal_openlock.evidence.study import PUBLISHED
+from causal_openlock.analysis.results.people.published import (
+    model,
+    paper_ddqn,
+    people,
+    rl_2020,
+)
+from causal_openlock.evidence.study import BLOCK, PUBLISHED, RL_2020
 from causal_openlock.experiment.protocol import PROTOCOLS
 
 
@@ -57,5 +62,16 @@ def published_units() -> pd.DataFrame:
             learner="paper_ddqn", protocol="rl", judged=shares["block"] == last
         )
     )
+    curves = rl_2020()
+    last = curves.groupby(["condition", "phase"])["trial"].transform("max")
+    parts.append(
+        curves.rename(columns={"mean": "attempts"}).assign(
+            learner=curves["learner"].map({name: ours for ours, name in RL_2020.items()}),
+            part=curves["trial"] // BLOCK + 1,
+            protocol="rl_2020",
+            judged=(curves["phase"] == "test") | (curves["trial"] == last),
+            error=0.0,
+        ).dropna(subset="learner").drop(columns="trial")
+    )  # fmt: skip
     units = pd.concat(parts, ignore_index=True).assign(unit=0).drop(columns="se")
     return units.assign(subjects=units["subjects"].fillna(1).astype(int))

@@ -48,17 +48,23 @@ FILE = "study.yaml"
 OF_ALL = "derived"
 """The name of the table that is computed from all units."""
 
-PUBLISHED = ("people", "published_model", "paper_ddqn")
-"""Published results by the names under which studies compare and show them."""
+RL_2020 = {f"paper_{name.lower()}": name for name in ("DQN", "A2C", "TRPO", "PPO", "MAML")}
+"""The published curves of AAAI 2020 by the names under which studies compare and show them."""
+
+PUBLISHED = ("people", "published_model", "paper_ddqn", *RL_2020)
+"""All published results by these names."""
 
 TRIALS = ("attempts", "first_solution", "solved", "found")
 COURSE = ("opens", "finds_all", "found", "unlocks", "else")
 """What is measured of each trial, and of each part of a course."""
 
+BLOCK = 50
+"""Trials in a part of a curve: each point of a published curve seems to be a mean of so many."""
+
 ATTEMPTS = ("attempts", "first_solution")
 """Those of all measures that are numbers of attempts; the others are shares."""
 
-MEASURED: Mapping[str, Sequence[str]] = {"trials": TRIALS, "course": COURSE}
+MEASURED: Mapping[str, Sequence[str]] = {"trials": TRIALS, "course": COURSE, "curve": TRIALS}
 
 Measure = Literal[
     "attempts", "first_solution", "solved", "found", "opens", "finds_all", "else", "unlocks"
@@ -195,8 +201,11 @@ class StudyFile(StrictModel):
         Field(pattern=r"^[^\x00]+$", description="Its file, as seen from the study's folder."),
     ]
     measured: Annotated[
-        Literal["trials", "course"],
-        Field(description="Each trial of people's protocol, or parts of a long course."),
+        Literal["trials", "course", "curve"],
+        Field(
+            description="Each trial of people's protocol, parts of a long course, or the trials of "
+            "one by fifties."
+        ),
     ] = "trials"
     derived: Annotated[
         Literal["distances_from_people", "learning_costs"] | None,

@@ -6,9 +6,9 @@ the unit, and its subjects are averaged.
 
 Columns of ``units.parquet``: ``learner``, ``condition``, ``protocol``, ``phase``; ``trial`` (of
 people's protocol) or ``part`` (of a long course, see
-:mod:`~causal_openlock.analysis.results.deep.visits`); ``judged``, whether a condition is judged by
-this row; ``unit``, the number of the subject or of the network, ``subjects``, how many were
-averaged; and the measures:
+:mod:`~causal_openlock.analysis.results.deep.visits`; of a curve, fifty trials); ``judged``,
+whether a condition is judged by this row; ``unit``, the number of the subject or of the network,
+``subjects``, how many were averaged; and the measures:
 
 - ``attempts``, ``first_solution``: attempts to find every solution and the first one; a trial that
   was not solved counts as its limit.
@@ -29,7 +29,7 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.deep.visits import shares
 from causal_openlock.errors import EvidenceError
-from causal_openlock.evidence.study import ATTEMPTS, COURSE, TRIALS, Selection
+from causal_openlock.evidence.study import ATTEMPTS, BLOCK, COURSE, TRIALS, Selection
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.wording import joined
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
@@ -42,17 +42,19 @@ def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        measured: ``"trials"`` or ``"course"``.
+        measured: ``"trials"``, ``"course"`` or ``"curve"``.
     """
     if measured == "course":
         when, measures, table = "part", [*COURSE], shares(trials)
     else:
-        when, measures = "trial", [*TRIALS]
+        when, measures = "part" if measured == "curve" else "trial", [*TRIALS]
         each = trials.assign(
             solved=trials["solved"].astype(float),
             found=trials["solutions_found"] / trials["solutions"],
         )
-        by = [*KEYS, "trial", *SUBJECT]
+        if when == "part":
+            each["part"] = each.groupby([*KEYS, *SUBJECT], observed=True).cumcount() // BLOCK + 1
+        by = [*KEYS, when, *SUBJECT]
         table = each.groupby(by, observed=True, sort=True)[measures].mean().reset_index()
     table = table.rename(columns={"subject": "unit"}).assign(subjects=1)
     table["judged"] = _judged(table, when)

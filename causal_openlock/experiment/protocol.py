@@ -15,6 +15,9 @@ all solutions are found, how many trials there are and how often they are repeat
   trials (paper, "Model Results"). Figure 6 shows 150,000 attempts for each schema and Figure 7
   18,000 for each case, where these loops give 15,000 each. These protocols follow the text; the
   numbers of loops are parameters.
+* ``rl_2020``: the one of *Theory-based Causal Transfer* (Edmonds et al., AAAI 2020) for learners by
+  reinforcement: 700 attempts; a trial ends when everything is found; 200 loops over 5 trials, or
+  over 6 training trials and then 5 test trials. It belongs with the reward ``unique_solutions``.
 """
 
 from __future__ import annotations
@@ -134,6 +137,15 @@ PROTOCOLS = {
         baseline_loops=10,
         train_loops=100,
         test_loops=10,
+    ),
+    "rl_2020": Protocol(
+        "rl_2020",
+        attempt_limit=700,
+        stop_when_solved=True,
+        test_trials=5,
+        baseline_loops=200,
+        train_loops=200,
+        test_loops=200,
     ),
 }
 

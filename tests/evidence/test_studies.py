@@ -342,6 +342,40 @@ def test_a_figure_of_a_course_has_a_line_for_each_unit(root: Path) -> None:
     assert own == [[1, 2, 5]] * 2 * (3 + 1)  # of each condition the subjects, and their mean
 
 
+def test_a_curve_has_means_of_fifty_trials_and_the_published_curve_in_its_panel(root: Path) -> None:
+    folder = root / "small"
+    (folder / "experiment.yaml").write_text(
+        "name: small\nsubjects: 3\nconditions: [CC4, CC3-CC4]\n"
+        "learners: [{learner: oracle, name: a2c}]\n"
+        "protocol: short\nprotocols:\n"
+        "  short: {based_on: rl_2020, baseline_loops: 21, train_loops: 1, test_loops: 20}\n"
+    )
+    (folder / "study.yaml").write_text(
+        "title: A curve\nexperiment: experiment.yaml\nmeasured: curve\nhours: 0.01\n"
+        "tables:\n  CC4:\n    measure: attempts\n    columns: [part 1, part 2, part 3]\n"
+        "    rows: {a2c CC4: A, a2c CC3-CC4 test: B, paper_a2c CC4: C, paper_a2c CC3-CC4 test: D}\n"
+    )
+    run(root)
+    evidence = Evidence(read_study(folder))
+    units = evidence.own_units
+    parts = units.groupby(["condition", "phase"])["part"].unique().map(list)
+    assert parts.to_dict() == {
+        ("CC4", "train"): [1, 2, 3],  # the last one of five trials
+        ("CC3-CC4", "train"): [1],
+        ("CC3-CC4", "test"): [1, 2],
+    }
+    assert (units.loc[units["phase"] == "test", "attempts"] == 3).all()
+    figure = Figure()
+    draw_course(evidence, evidence.study.file.tables["CC4"], figure)
+    (axes,) = figure.axes
+    own = [line for line in axes.lines if line.get_linestyle() == "-"]
+    assert [line.get_xdata().tolist() for line in own] == [[25, 75, 125]] * 4 + [[25, 75]] * 4
+    baseline, transfer = (line for line in axes.lines if line.get_linestyle() == "--")
+    assert (baseline.get_xdata().tolist(), baseline.get_ydata().tolist()) == ([25, 125], [632, 307])
+    assert transfer.get_ydata().tolist() == [120, 61]
+    assert baseline.get_color() != transfer.get_color()
+
+
 def test_a_figure_of_no_table_is_refused(root: Path) -> None:
     (root / "small" / "study.yaml").write_text(STUDY + "figures: [attemps]\n")
     with pytest.raises(FileError, match="there is no table attemps; did you mean attempts"):

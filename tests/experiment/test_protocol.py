@@ -68,6 +68,15 @@ def test_people_have_30_attempts_and_stop_when_everything_is_found() -> None:
         assert [visit.schema.name for visit in visits] == [name[:3]] * 6 + [name[4:]]
 
 
+def test_the_protocol_of_2020_has_700_attempts_and_200_loops_over_the_rooms() -> None:
+    protocol = PROTOCOLS["rl_2020"]
+    assert (protocol.attempt_limit, protocol.stop_when_solved) == (700, True)
+    assert len(visits_of("CC4", protocol)) == 200 * 5
+    loops = loops_of(visits_of("CC3-CC4", protocol))
+    assert {phase: len(visits) for (phase, _), visits in loops.items()} == {"train": 6, "test": 5}
+    assert len(loops) == 400
+
+
 def test_reinforcement_learners_have_300_attempts_in_every_trial_and_many_loops() -> None:
     assert (RL.attempt_limit, RL.stop_when_solved) == (300, False)
     loops = loops_of(visits_of("CE4", RL))

@@ -32,6 +32,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "PPO": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
     "A2C": {},
     "DQN": {"learning_starts": 10, "batch_size": 8, "buffer_size": 100, "train_freq": 1},
+    "TRPO": {"n_steps": 16, "batch_size": 8},
     "RecurrentPPO": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
 }
 
@@ -60,8 +61,8 @@ class Watched(OpenLockEnv):
 def alone(algorithm: str, seed: int, steps: int, total: int, episode: Any) -> list[int]:
     """What the library does by itself, in our environment."""
     room = Watched(schema="CC3", layout="trial1", reward="basic", episode=episode)
-    recurrent = algorithm.startswith("Recurrent")
-    library, policy = (sb3_contrib, "MlpLstmPolicy") if recurrent else (sb3, "MlpPolicy")
+    library = sb3 if hasattr(sb3, algorithm) else sb3_contrib
+    policy = "MlpLstmPolicy" if algorithm.startswith("Recurrent") else "MlpPolicy"
     model = getattr(library, algorithm)(policy, room, seed=seed, device="cpu", **QUICK[algorithm])
     before = GlobalRandomness.now()
     model.learn(total)

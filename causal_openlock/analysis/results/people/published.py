@@ -10,6 +10,8 @@ where they differ, no published result is shown.
 
 Of the paper's own DDQN the categories of attempts are published (Figures 6 and 7).
 
+Of the learners by reinforcement of AAAI 2020 the curves of attempts are published (its Figure 4).
+
 How people trained in three-lever rooms before the test is published in a third paper, *Decomposing
 Human Causal Learning* (Edmonds et al., CogSci 2019, Figure 4), with a model of its own.
 """
@@ -128,6 +130,29 @@ def paper_ddqn() -> pd.DataFrame:
         for category, count in block.items()
     ]
     return pd.DataFrame(rows, columns=["condition", "phase", "block", "category", "count", "until"])
+
+
+def rl_2020() -> pd.DataFrame:
+    """Attempts in a trial of AAAI 2020's learners by reinforcement (protocol ``rl_2020``).
+
+    >>> rl_2020().query("learner == 'A2C' and condition == 'CC3-CC4'")["mean"].tolist()
+    [120, 61, 58, 40, 33, 36, 34]
+
+    Returns:
+        One row for each ``learner``, ``condition``, ``phase`` and ``trial`` (from 1: the first of
+        the fifty trials that the value seems to be the ``mean`` of). That rooms of the same
+        kind of schema came before a transfer is inferred.
+    """
+    facts = reference.results()["aaai2020"]["rl"]
+    rows = [
+        (learner, f"{schema[:2]}3-{schema}" if phase == "transfer" else schema,
+         "test" if phase == "transfer" else "train", trial + 1, mean)
+        for learner, by_phase in facts["curves"].items()
+        for phase, by_schema in by_phase.items()
+        for schema, values in by_schema.items()
+        for trial, mean in zip(facts["trials"], values["mean"], strict=True)
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=["learner", *POINT, "mean"])
 
 
 def comparable(experiment: Experiment) -> Pairs:
