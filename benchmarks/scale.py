@@ -3,8 +3,8 @@
 Measures what a comparison costs as subjects, levers, attempts on record and workers grow, and
 draws it. Costs are seconds of the processor, which a busy machine changes little; of workers wall
 time is measured, too. A measurement that is expected to take longer than ``--patience`` is left
-out, and so are larger ones. Beside the figure, with the same name, are the CSV of its numbers, and what
-they were measured on. Costs against hypotheses are those that ``belief_scaling.py`` has measured.
+out, and so are larger ones. Beside the figure, with the same name, are the CSV of its numbers, and
+what they were measured on. Costs against hypotheses are those of ``belief_scaling.py``.
 """
 
 from __future__ import annotations
@@ -258,9 +258,14 @@ def draw(costs: list[Cost], path: Path) -> None:
                     *zip(*line, strict=True),
                     color=COLOURS[index], marker=MARKERS[index], ms=4, lw=1.2, label=of,
                 )  # fmt: skip
-            axes.set(xscale="linear" if grows == "levers" else "log", yscale="log", xlabel=title)
+            axes.set(xscale="linear" if grows == "levers" else "log", yscale="log")
+            if grows in ("levers", "workers"):
+                ticks = sorted({cost.size for cost in here})
+                axes.set_xticks(ticks, ticks, minor=False)
+                axes.minorticks_off()
             axes.set_ylabel("Seconds")
-            axes.legend(fontsize=7)
+            below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12)}
+            axes.legend(fontsize=7, ncols=2, handlelength=1.4, columnspacing=1.0, **below)
             style.panel_title(axes, title, about)
         panels[-1].axis("off")
         style.save(figure, path.with_suffix(""))

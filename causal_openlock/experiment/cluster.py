@@ -200,7 +200,8 @@ def _started(workers: int) -> Iterator[Any]:
             threads_per_worker=1,
             processes=True,
             memory_limit=0,  # as with processes of this machine, the system decides
-            dashboard_address=None,
+            dashboard_address=":0",  # the usual port may be that of another comparison
+            scheduler_kwargs={"dashboard": False},
             silence_logs=logging.CRITICAL,
             preload=[__name__],
         ) as cluster,

@@ -20,7 +20,7 @@ from causal_openlock.analysis.results.summary import summary_table, write_table
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment import runner
 from causal_openlock.experiment import store as store_module
-from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import compact
 from causal_openlock.experiment.store import Store
@@ -84,6 +84,26 @@ def test_what_is_done_is_not_done_again(experiment: Experiment, tmp_path: Path) 
     play(experiment, tmp_path / "out", done=lambda cell, before: seen.append(before))
     assert seen == [True] * len(list(experiment.cells()))
     assert {path: path.stat().st_mtime_ns for path in first.cells.iterdir()} == times
+
+
+def test_long_cells_come_first_once_all_learners_have_some_subjects(
+    quick: Experiment, tmp_path: Path
+) -> None:
+    first, last = quick.learners
+    longer = dataclasses.replace(last.protocol, name="longer", attempt_limit=3)
+    learners = (first, dataclasses.replace(last, protocol=longer))
+    played: list[Cell] = []
+    runner.run(
+        dataclasses.replace(quick, learners=learners),
+        tmp_path / "out",
+        workers=0,
+        done=lambda cell, _: played.append(cell),
+    )
+    order = [(cell.first_subject, cell.spec.name) for cell in played]
+    assert (
+        order
+        == [(0, "oracle")] * 2 + [(0, "random")] * 2 + [(2, "oracle")] * 2 + [(2, "random")] * 2
+    )
 
 
 def test_a_missing_cell_alone_is_run(experiment: Experiment, tmp_path: Path) -> None:
