@@ -41,6 +41,18 @@ def test_subjects_in_an_hour_follow_from_the_largest_cell(
     assert f"| {learner} | {' | '.join(hour)} |" in page
 
 
+def test_workers_cost_what_the_page_says(
+    page: str, measured: dict[tuple[str, str, int], float]
+) -> None:
+    for kind in ("processes", "Dask"):
+        for many in (1, 2):
+            seconds = measured["workers", f"{kind}, processor", many]
+            assert f"| {kind} | {many} | {seconds:.0f} |" in page
+        assert f"| {1000 * measured['workers', f'{kind}, own time a cell', 1]:.2g} ms |" in page
+    bound = 60 / measured["workers", "Dask, own time a cell", 1]
+    assert f"Dask that is {rounded(bound)} workers" in page
+
+
 def test_the_record_costs_what_the_page_says(
     page: str, measured: dict[tuple[str, str, int], float]
 ) -> None:
