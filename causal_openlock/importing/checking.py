@@ -18,7 +18,7 @@ from causal_openlock.errors import LayoutError, StoreError
 from causal_openlock.experiment.protocol import Condition, Visit, plan
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.stored import recorded_layout
-from causal_openlock.importing.deeds import Deed, ImportFault
+from causal_openlock.importing.actions import ActionEntry, ImportFault
 from causal_openlock.play.game import PlayedAction
 from causal_openlock.world.room import Layout, action_index, action_names, positions_for
 
@@ -36,7 +36,7 @@ class Checked:
         subject: Its number.
         condition: What it played, with the rooms that it met where the file names them.
         record: The attempts of the trials that are over.
-        deeds: All its actions, as the file tells of them.
+        entries: All its actions, as the file tells of them.
         done: The same, as they were taken.
         left_out: How many of them are of a trial that is not over, which no record has.
     """
@@ -44,13 +44,13 @@ class Checked:
     subject: int
     condition: Condition
     record: pa.Table
-    deeds: Sequence[Deed]
+    entries: Sequence[ActionEntry]
     done: Sequence[PlayedAction]
     left_out: int
 
 
 def play_again(
-    deeds: Sequence[Sequence[Deed]],
+    entries: Sequence[Sequence[ActionEntry]],
     numbers: Sequence[int],
     condition: Condition,
     spec: LearnerSpec,
@@ -60,7 +60,7 @@ def play_again(
     """Play again what some subjects of one learner did in one condition.
 
     Args:
-        deeds: The actions of each subject, in the order of time.
+        entries: The actions of each subject, in the order of time.
         numbers: The subjects' numbers.
         condition: The condition; layouts that the file names replace those that are drawn.
         spec: The learner, with its protocol and reward.
@@ -71,8 +71,8 @@ def play_again(
         ImportFault: If an action could not have been taken then, or something else comes of it.
     """
     visits = plan(condition, spec.protocol, np.random.default_rng(0))
-    order = [_visits(own, visits, condition.name) for own in deeds]
-    given = zip(numbers, map(_rooms, deeds, order, [visits] * len(deeds)), strict=True)
+    order = [_visits(own, visits, condition.name) for own in entries]
+    given = zip(numbers, map(_rooms, entries, order, [visits] * len(entries)), strict=True)
     placed = replace(condition, rooms={number: rooms for number, rooms in given if rooms})
     session = Session(
         placed,
@@ -83,7 +83,7 @@ def play_again(
         learner=spec.name,
         experiment=experiment,
     )
-    actions = [_indices(own, session.brief.positions) for own in deeds]
+    actions = [_indices(own, session.brief.positions) for own in entries]
     faults: dict[int, ImportFault] = {}
     layouts: list[dict[int, str]] = [{} for _ in numbers]
     done: list[list[PlayedAction]] = [[] for _ in numbers]
@@ -96,7 +96,7 @@ def play_again(
         moved = (step.outcome != step.view.observation).any(axis=1)
         for row in np.flatnonzero(acts).tolist():
             if row not in faults:
-                one = deeds[row][moment]
+                one = entries[row][moment]
                 trial = int(step.view.trial[row])
                 why = _impossible(one, order[row][moment], step, row, bool(moved[row]))
                 if not why and one.layout != layouts[row].setdefault(trial, one.layout):
@@ -120,28 +120,28 @@ def play_again(
     found = []
     for row, number in enumerate(numbers):
         kept = record.slice(first[number], int(whole[row, 1]))
-        if row not in faults and (fault := _different(kept, deeds[row], done[row])):
+        if row not in faults and (fault := _different(kept, entries[row], done[row])):
             faults[row] = fault
-        left_out = len(deeds[row]) - int(whole[row, 0])
+        left_out = len(entries[row]) - int(whole[row, 0])
         own = replace(placed, rooms={k: v for k, v in placed.rooms.items() if k == number})
-        found.append(Checked(number, own, kept, deeds[row], done[row], left_out))
+        found.append(Checked(number, own, kept, entries[row], done[row], left_out))
     if faults:
-        raise faults[min(faults, key=lambda row: _line(deeds[row], faults[row]))]
+        raise faults[min(faults, key=lambda row: _line(entries[row], faults[row]))]
     return found
 
 
-def _line(own: Sequence[Deed], fault: ImportFault) -> int:
+def _line(own: Sequence[ActionEntry], fault: ImportFault) -> int:
     """The line of a fault, to name the first one of a file."""
     return next(one.place.line for one in own if str(fault).startswith(f"{one.place}:"))
 
 
-def _visits(own: Sequence[Deed], visits: Sequence[Visit], condition: str) -> list[int]:
+def _visits(own: Sequence[ActionEntry], visits: Sequence[Visit], condition: str) -> list[int]:
     """The number of each action's trial in the whole condition, from 1, as the file has it."""
     known = {(one.phase, one.loop, one.trial): n for n, one in enumerate(visits, start=1)}
     numbers = []
     for one in own:
-        told = one.of_attempt
-        key = (told["phase"], told["loop"], one.trial) if "phase" in told else None
+        stated = one.of_attempt
+        key = (stated["phase"], stated["loop"], one.trial) if "phase" in stated else None
         number = known.get(key, 0) if key else one.trial
         if not 1 <= number <= len(visits):
             raise one.place.fault(
@@ -154,10 +154,10 @@ def _visits(own: Sequence[Deed], visits: Sequence[Visit], condition: str) -> lis
 
 
 def _rooms(
-    own: Sequence[Deed], order: Sequence[int], visits: Sequence[Visit]
+    own: Sequence[ActionEntry], order: Sequence[int], visits: Sequence[Visit]
 ) -> tuple[Layout, ...]:
     """The layouts that the file names, of each trial in order; none if it names none."""
-    named: dict[int, Deed] = {}
+    named: dict[int, ActionEntry] = {}
     for one, number in zip(own, order, strict=True):
         named.setdefault(number, one)
     if not any(one.layout for one in named.values()):
@@ -176,7 +176,7 @@ def _rooms(
     return tuple(layouts)
 
 
-def _indices(own: Sequence[Deed], positions: int) -> np.ndarray:
+def _indices(own: Sequence[ActionEntry], positions: int) -> np.ndarray:
     """``[N]`` the actions by index."""
     found = []
     for one in own:
@@ -187,7 +187,7 @@ def _indices(own: Sequence[Deed], positions: int) -> np.ndarray:
     return np.array(found, dtype=np.int64)
 
 
-def _impossible(one: Deed, number: int, step: Step, row: int, moved: bool) -> str | None:
+def _impossible(one: ActionEntry, number: int, step: Step, row: int, moved: bool) -> str | None:
     """Why an action could not have been taken then, or what else came of it."""
     view = step.view
     if not view.playing[row]:
@@ -217,13 +217,13 @@ def _impossible(one: Deed, number: int, step: Step, row: int, moved: bool) -> st
 
 
 def _different(
-    record: pa.Table, own: Sequence[Deed], done: Sequence[PlayedAction]
+    record: pa.Table, own: Sequence[ActionEntry], done: Sequence[PlayedAction]
 ) -> ImportFault | None:
     """The first attempt of which a file says something else than what is on record."""
     ends = [one for one, taken in zip(own, done, strict=True) if taken.attempt_over]
     for one, row in zip(ends, record.to_pylist(), strict=False):
-        told = {"trial": one.trial, **one.of_attempt} if "phase" in one.of_attempt else {}
-        for name, said in told.items():
+        stated = {"trial": one.trial, **one.of_attempt} if "phase" in one.of_attempt else {}
+        for name, said in stated.items():
             came = row[name]
             same = abs(came - said) < 1e-6 if name == "reward" else came == said
             if not same:

@@ -18,10 +18,10 @@ from causal_openlock.experiment.protocol import Condition, find_protocol
 from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.importing.actions import ActionEntry
 from causal_openlock.importing.checking import Checked, play_again
-from causal_openlock.importing.deeds import Deed
-from causal_openlock.importing.jspsych import jspsych_deeds
-from causal_openlock.importing.tables import experiment_of, table_deeds
+from causal_openlock.importing.jspsych import jspsych_actions
+from causal_openlock.importing.tables import experiment_of, table_actions
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER, reactions_table, write_reactions
 from causal_openlock.wording import counted
@@ -89,7 +89,7 @@ def import_files(
     for called in (name, learner):
         if not re.fullmatch(NAME_FORM, called):
             raise OpenLockError(f"{called!r} cannot be a name here; it must be {NAME_IN_WORDS}")
-    groups = _grouped((one for path in paths for one in _deeds(path)), learner, protocol)
+    groups = _grouped((one for path in paths for one in _actions_of(path)), learner, protocol)
     in_condition: dict[str, dict[str, None]] = defaultdict(dict)
     for (_, called, _), subjects in groups.items():
         in_condition[called].update(dict.fromkeys(subjects))
@@ -122,7 +122,7 @@ def import_files(
         sum(one.record.num_rows > 0 for _, one in found),
         sum(one.record.num_rows for _, one in found),
         tuple(
-            f"{one.deeds[-1].place}: the last trial of subject {one.deeds[-1].subject} is not "
+            f"{one.entries[-1].place}: the last trial of subject {one.entries[-1].subject} is not "
             f"over, and left out ({counted(one.left_out, 'action')})"
             for _, one in found
             if one.left_out
@@ -130,16 +130,16 @@ def import_files(
     )
 
 
-def _deeds(path: Path) -> Iterator[Deed]:
-    return jspsych_deeds(path) if path.suffix == ".json" else table_deeds(path)
+def _actions_of(path: Path) -> Iterator[ActionEntry]:
+    return jspsych_actions(path) if path.suffix == ".json" else table_actions(path)
 
 
 def _grouped(
-    deeds: Iterable[Deed], learner: str, protocol: str
-) -> dict[tuple[str, str, str], dict[str, list[Deed]]]:
+    entries: Iterable[ActionEntry], learner: str, protocol: str
+) -> dict[tuple[str, str, str], dict[str, list[ActionEntry]]]:
     """Actions by learner, condition and protocol, by subject."""
-    groups: dict[tuple[str, str, str], dict[str, list[Deed]]] = defaultdict(dict)
-    for one in deeds:
+    groups: dict[tuple[str, str, str], dict[str, list[ActionEntry]]] = defaultdict(dict)
+    for one in entries:
         if one.learner and not re.fullmatch(NAME_FORM, one.learner):
             raise one.place.fault(f"{one.learner!r} is no label; one is {NAME_IN_WORDS}")
         group = groups[one.learner or learner, one.condition, one.protocol or protocol]
@@ -183,7 +183,7 @@ def _write(
     for _, one in found:
         own = one.condition.rooms.get(one.subject, ())
         if rooms[one.condition.name].setdefault(one.subject, own) != own:
-            raise one.deeds[0].place.fault(
+            raise one.entries[0].place.fault(
                 f"subject {one.subject} of two learners has met different rooms; call the subjects "
                 "differently"
             )
@@ -208,7 +208,7 @@ def _write(
             cell = Cell(name, seed, spec, one.condition, one.subject, 1)
             ends = [taken.time for taken in one.done if taken.attempt_over]
             store.write(cell, with_times(one.record, ends[: one.record.num_rows]))
-            if any(deed.reaction is not None for deed in one.deeds):
+            if any(entry.reaction is not None for entry in one.entries):
                 table = reactions_table(one.condition.name, one.subject, one.done)
                 write_reactions(store.folder / FOLDER / cell.file_name, table)
             cells.append(cell)

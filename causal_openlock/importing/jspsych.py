@@ -15,14 +15,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.importing.deeds import Deed, Place, deed, seconds
+from causal_openlock.importing.actions import ActionEntry, Place, action_entry, seconds
 from causal_openlock.importing.tables import read_text
 
 _BETWEEN = re.compile(r"[\s,]*")
 _MILLISECONDS = {"rt": "reaction", "time_elapsed": "time"}
 
 
-def jspsych_deeds(path: Path) -> Iterator[Deed]:
+def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
     """The actions that a file of jsPsych tells of, in its order.
 
     Raises:
@@ -35,7 +35,7 @@ def jspsych_deeds(path: Path) -> Iterator[Deed]:
         for name, meaning in _MILLISECONDS.items():
             if entry.get(name) is not None:
                 row.setdefault(meaning, seconds(place, name, entry[name], 1e-3))
-        yield deed(place, row)
+        yield action_entry(place, row)
 
 
 def _entries(path: Path) -> Iterator[tuple[Place, dict[str, Any]]]:

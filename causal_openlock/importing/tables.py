@@ -17,7 +17,15 @@ from typing import Any
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import record_schema
-from causal_openlock.importing.deeds import Deed, Place, deed, seconds, text, truth, whole
+from causal_openlock.importing.actions import (
+    ActionEntry,
+    Place,
+    action_entry,
+    seconds,
+    text,
+    truth,
+    whole,
+)
 
 NEEDED = ("subject", "condition", "trial", "attempt", "action")
 """The columns that a table of actions has to have."""
@@ -41,7 +49,7 @@ def read_text(path: Path) -> str:
         raise OpenLockError(f"{path} cannot be read ({why}); give a file of CSV or JSON") from None
 
 
-def table_deeds(path: Path) -> Iterator[Deed]:
+def table_actions(path: Path) -> Iterator[ActionEntry]:
     """The actions that a CSV file tells of, in its order.
 
     Raises:
@@ -70,7 +78,7 @@ def table_deeds(path: Path) -> Iterator[Deed]:
             if own:
                 yield from _attempt(place, values)
             else:
-                yield deed(place, values)
+                yield action_entry(place, values)
     except csv.Error as error:
         raise Place(path, reader.line_num).fault(f"this is no CSV ({error})") from None
 
@@ -85,25 +93,25 @@ def experiment_of(path: Path) -> tuple[str, int] | None:
     return text(place, "experiment", row["experiment"]), whole(place, "seed", row["seed"], 0)
 
 
-def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[Deed]:
-    """The actions of an attempt; what came of it is told of its last one."""
+def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[ActionEntry]:
+    """The actions of an attempt; what came of is stated of its last one."""
     actions, moved = row["actions"].split(), row["moved"].split()
     if not actions or len(actions) != len(moved):
         raise place.fault("actions and moved must be as many, and at least one")
-    told: dict[str, Any] = {name: truth(place, name, row[name]) for name in _TRUTHS}
+    stated: dict[str, Any] = {name: truth(place, name, row[name]) for name in _TRUTHS}
     # -1 is no solution.
-    told |= {name: whole(place, name, row[name].removeprefix("-"), 0) for name in _NUMBERS}
-    told["solution"] *= -1 if row["solution"].startswith("-") else 1
-    told |= {name: row[name] for name in ("phase", "schema", "layout", "category")}
-    told["loop"] = whole(place, "loop", row["loop"])
+    stated |= {name: whole(place, name, row[name].removeprefix("-"), 0) for name in _NUMBERS}
+    stated["solution"] *= -1 if row["solution"].startswith("-") else 1
+    stated |= {name: row[name] for name in ("phase", "schema", "layout", "category")}
+    stated["loop"] = whole(place, "loop", row["loop"])
     try:
-        told["reward"] = float(row["reward"])
+        stated["reward"] = float(row["reward"])
     except ValueError:
         raise place.fault(f"reward must be a number, and this is {row['reward']!r}") from None
     trial, attempt = (whole(place, name, row[name]) for name in ("trial", "attempt"))
     last = len(actions) - 1
     for number, (action, flag) in enumerate(zip(actions, moved, strict=True)):
-        yield Deed(
+        yield ActionEntry(
             place,
             text(place, "subject", row["subject"]),
             text(place, "condition", row["condition"]),
@@ -114,6 +122,6 @@ def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[Deed]:
             row["protocol"],
             row["layout"],
             claims={"moved": truth(place, "moved", flag)},
-            of_attempt=told,
+            of_attempt=stated,
             time=seconds(place, "wall_time", row["wall_time"]) if number == last else None,
         )

@@ -43,7 +43,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Deed:
+class ActionEntry:
     """An action, as a file tells of it.
 
     Attributes:
@@ -79,7 +79,7 @@ class Deed:
     time: float | None = None
 
 
-def deed(place: Place, row: Mapping[str, Any]) -> Deed:
+def action_entry(place: Place, row: Mapping[str, Any]) -> ActionEntry:
     """A row of a table, or an entry of a list, that tells of one action.
 
     Args:
@@ -96,7 +96,7 @@ def deed(place: Place, row: Mapping[str, Any]) -> Deed:
     action = given["action"]
     if not isinstance(action, str) or action.isdecimal():
         action = whole(place, "action", action, 0)
-    return Deed(
+    return ActionEntry(
         place,
         text(place, "subject", given["subject"]),
         text(place, "condition", given["condition"]),
