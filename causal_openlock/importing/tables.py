@@ -94,7 +94,7 @@ def experiment_of(path: Path) -> tuple[str, int] | None:
 
 
 def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[ActionEntry]:
-    """The actions of an attempt; what came of is stated of its last one."""
+    """The actions of an attempt; what came of it stands with its last one."""
     actions, moved = row["actions"].split(), row["moved"].split()
     if not actions or len(actions) != len(moved):
         raise place.fault("actions and moved must be as many, and at least one")
