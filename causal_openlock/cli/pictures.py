@@ -90,7 +90,7 @@ def film(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.render.film import check_suffix, save_film
     from causal_openlock.render.filmed_trial import play_trial, recorded_trial
-    from causal_openlock.render.room import STILLS
+    from causal_openlock.render.suffixes import STILLS
 
     path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))
     if recorded is None:
@@ -145,11 +145,12 @@ def trace(
     ] = None,
 ) -> None:
     """Describe a trial: what a subject did, saw and learned, and what it believes."""
-    from causal_openlock.analysis.plots.belief import check_suffix, save_trace_figure
+    from causal_openlock.analysis.plots.belief import save_trace_figure
     from causal_openlock.belief.trace import trace_text, trace_trial
+    from causal_openlock.render.suffixes import path_of_picture
 
     who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
-    path = check_suffix(out or Path(f"trace_{who[1].name}.svg"))
+    path = path_of_picture(out or Path(f"trace_{who[1].name}.svg"))
     traced = trace_trial(*who, **how)
     for line in trace_text(traced, attempts):
         say(line)

@@ -117,6 +117,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self._kept_choices = KEPT_CHOICES
         self._started = False
         self._observations = Spare((num_envs, 2 * settings.positions + 2), np.dtype(np.int8))
+        self._luck = Spare((num_envs,), np.dtype(np.float64))
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -134,9 +135,9 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if mask is None or not self._started:
             mask = np.ones(self.num_envs, dtype=bool)
             # Here, since numba takes a while to load.
-            from causal_openlock.world.kernel import all_below
+            from causal_openlock.world.kernel import all_below, drawn
 
-            self._all_below = all_below
+            self._all_below, self._drawn = all_below, drawn
             self._started = True
         begun = np.flatnonzero(mask)
         self._begin_trials(begun)
@@ -164,15 +165,15 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if settings.layout is not None:
             return np.repeat(self._stacked([settings.layout]), many)
         levers, positions = len(settings.schema.levers), settings.positions
-        order = self.np_random.random((many, positions)).argsort(axis=1)[:, :levers]
-        codes = order @ positions ** np.arange(levers)
         if self._tables.rows * self._tables.actions > self._kept_choices:
             self._forget()
-        at = np.searchsorted(self._codes, codes)
-        unknown = np.flatnonzero(np.append(self._codes, -1)[at] != codes)
+        numbers = self.np_random.random((many, positions))
+        codes, at = self._drawn(numbers, levers, self._codes)
+        unknown = np.flatnonzero(at < 0)
         if len(unknown):
-            new, first = np.unique(codes[unknown], return_index=True)
-            layouts = [Layout(tuple(order[unknown[i]].tolist()), positions) for i in first]
+            new = np.unique(codes[unknown])
+            places = new[:, None] // positions ** np.arange(levers) % positions
+            layouts = [Layout(tuple(own), positions) for own in places.tolist()]
             where = np.searchsorted(self._codes, new)
             self._rooms = np.insert(self._rooms, where, self._stacked(layouts))
             self._codes = np.insert(self._codes, where, new)
@@ -212,17 +213,27 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         """
         if not self._started:
             raise ResetNeeded("call reset() before step()")
-        actions = self._checked(actions)
-        batch, due = self._batch, self._due
-        luck = self.np_random.random(self.num_envs) if self._tables.stochastic else None
-        if len(due):
-            self._begin_trials(due)
-            actions = actions.copy()
-            actions[due] = self._tables.wait
-            self._due = _NONE
+        actions, legal = self._plain(actions), self._tables.actions
+        batch, due, luck = self._batch, self._due, None
+        if len(due) or self._tables.stochastic:
+            # Nothing may be drawn or begun for actions that are refused.
+            if not self._all_below(actions, legal):
+                raise self._outside()
+            legal = 0
+            if self._tables.stochastic:
+                luck = self._luck.array()
+                self.np_random.random(out=luck)
+            if len(due):
+                self._begin_trials(due)
+                actions = actions.copy()
+                actions[due] = self._tables.wait
+                self._due = _NONE
         # Where an attempt is over, the step resets the room: that is the reset of NEXT_STEP.
         seen = self._observations.array()
-        taken = batch.step(actions, luck, seen)
+        try:
+            taken = batch.step(actions, luck, seen, legal)
+        except IndexError:
+            raise self._outside() from None
         terminated = taken.trial_over if self._whole_trial else taken.attempt_over
         truncated = np.zeros(self.num_envs, np.bool_)
         # Until the reset, an attempt that has just ended counts as left.
@@ -244,7 +255,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             shown = self._attempts_left
         return seen, taken.reward, terminated, truncated, self._info(taken.actions_left, shown)
 
-    def _checked(self, actions: Any) -> NDArray[np.int64]:
+    def _plain(self, actions: Any) -> NDArray[np.int64]:
         actions = np.asarray(actions)
         if actions.shape != self._shape or actions.dtype.kind not in "iu":
             raise InvalidAction(
@@ -253,11 +264,12 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             )
         if actions.dtype is not _INT64 or not actions.flags.carray:
             actions = actions.astype(np.int64)  # always a plain array, for the compiled step
-        if not self._all_below(actions, self._tables.actions):
-            raise InvalidAction(
-                f"an action is outside the space; actions are 0 to {self._tables.actions - 1}"
-            )
         return actions
+
+    def _outside(self) -> InvalidAction:
+        return InvalidAction(
+            f"an action is outside the space; actions are 0 to {self._tables.actions - 1}"
+        )
 
     def _info(
         self, actions_left: NDArray[np.uint8], attempts_left: NDArray[np.int32]

@@ -19,8 +19,9 @@ from causal_openlock.physics.world import STEP, Pose
 from causal_openlock.render.filmed_trial import FilmedAttempt, FilmedTrial
 from causal_openlock.render.panel import Panel, ShownAction, draw
 from causal_openlock.render.raster import Bytes
-from causal_openlock.render.room import STILLS, save_still
+from causal_openlock.render.room import save_still
 from causal_openlock.render.scene import Look
+from causal_openlock.render.suffixes import STILLS
 from causal_openlock.render.video import load_ffmpeg, write_gif, write_mp4
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.room import Room, action_names, published_layouts

@@ -13,17 +13,16 @@ from typing import TYPE_CHECKING, Any
 import networkx as nx
 import numpy as np
 
-from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import replacing
 from causal_openlock.render.arrange import RADIUS, Arrangement, arrange
-from causal_openlock.wording import counted, nearest
+from causal_openlock.render.suffixes import path_of_picture
+from causal_openlock.wording import counted
 from causal_openlock.world.schema import DOOR, Schema
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 INCHES, LARGEST = 0.62, 18.0  # a unit in a figure of its own; the widest and highest such figure
-SUFFIXES = (".pdf", ".png", ".svg")
 
 
 def draw_schema(schema: Schema, ax: Axes | None = None) -> Axes:
@@ -69,12 +68,8 @@ def save_schema_figure(schema: Schema, path: Path | str) -> None:
     """
     import matplotlib as mpl
 
-    path = Path(path)
+    path = path_of_picture(path)
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise OpenLockError(
-            f"{path}: a figure cannot be saved as {suffix!r}; {nearest(suffix, SUFFIXES)}"
-        )
     figure: Any = draw_schema(schema).figure
     dates: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     settings: Any = {"svg.fonttype": "none", "svg.hashsalt": schema.name, "pdf.fonttype": 42}

@@ -14,18 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import replacing, write_text
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import Pose
 from causal_openlock.render.panel import Panel, draw
 from causal_openlock.render.raster import Bytes
 from causal_openlock.render.scene import Look, bits_of
+from causal_openlock.render.suffixes import STILLS, path_of_picture
 from causal_openlock.render.svg import room_svg
-from causal_openlock.wording import nearest
 from causal_openlock.world.room import Room, position_coordinates
-
-STILLS = (".png", ".svg")
 
 
 def draw_room(
@@ -79,13 +76,8 @@ def save_still(
     Raises:
         OpenLockError: If the suffix is another or the file cannot be written.
     """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in STILLS:
-        raise OpenLockError(
-            f"{path}: a picture of a room cannot be saved as {suffix!r}; {nearest(suffix, STILLS)}"
-        )
-    if suffix == ".svg":
+    path = path_of_picture(path, STILLS, "a picture of a room")
+    if path.suffix.lower() == ".svg":
         write_text(path, room_svg(look, panel, title or "An OpenLock room"))
         return
     from PIL import Image

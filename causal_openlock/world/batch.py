@@ -28,7 +28,7 @@ from causal_openlock.world.tables import RoomTables
 
 _NO_LUCK: FloatArray = np.zeros(0)
 _NO_ROWS: IntArray = np.zeros(0, np.int64)
-_UNSEEN: NDArray[np.uint64] = np.zeros((0, 2), np.uint64)
+_UNSEEN: NDArray[np.int8] = np.zeros((0, 16), np.int8)
 KEPT_REWARDS = 1 << 20
 """The most rewards that depend on the past to keep in memory: 8 MB."""
 
@@ -208,6 +208,7 @@ class RoomBatch:
         action: IntArray,
         luck: FloatArray | None = None,
         seen: NDArray[np.int8] | None = None,
+        legal: int = 0,
     ) -> BatchStep:
         """Take one action in each room.
 
@@ -216,6 +217,10 @@ class RoomBatch:
             luck: ``[B]`` numbers in [0, 1), needed if ``tables.stochastic``: an action takes effect
                 if its chance is above its number.
             seen: ``[B, 2P + 2]`` where to write what is seen at the rows of the next actions.
+            legal: Refuse actions that are not from 0 to ``legal`` - 1; 0 looks at none of them.
+
+        Raises:
+            IndexError: If an action is refused; nothing has changed then.
         """
         tables, row, size = self.tables, self.row, len(self.row)
         if tables.stochastic and luck is None:
@@ -232,14 +237,17 @@ class RoomBatch:
             _NO_LUCK if luck is None else luck,
             after,
             next_row,
-            _UNSEEN if seen is None or not self._in_words else seen.view(np.uint64),
+            seen if self._in_words and seen is not None else _UNSEEN,
             actions_left,
             reward,
             attempt_over,
             trial_over,
             new_solution,
             *self._arguments,
+            legal,
         )
+        if unknown < 0:
+            raise IndexError(f"an action is not from 0 to {legal - 1}")
         self.row = next_row if self.put_back else after
         if unknown:
             self._judge(unknown, row, action, after, new_solution, reward)
@@ -266,7 +274,7 @@ class RoomBatch:
             table.fill()
         paid = np.stack([table.paid for table in self._rewards])
         matters = np.stack([table.matters for table in self._rewards])
-        self._in_words = tables.observation.shape[1] == _UNSEEN.itemsize * _UNSEEN.shape[1]
+        self._in_words = tables.observation.shape[1] == _UNSEEN.shape[1]
         # For each action whose reward depends on the past, a place for each past.
         remembered = (matters > 0) & (matters < ALWAYS)
         each = PASTS * (self.found.shape[1] + 1)
@@ -284,7 +292,7 @@ class RoomBatch:
             packed(tables),
             tables.chance,
             tables.status,
-            tables.observation.view(np.uint64) if self._in_words else _UNSEEN,
+            (tables.observation if self._in_words else _UNSEEN).view(np.uint64),
             tables.solution,
             tables.begun,
             paid,

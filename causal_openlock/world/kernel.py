@@ -4,11 +4,11 @@ Only :class:`causal_openlock.world.batch.RoomBatch` calls :func:`step`. Modules 
 import it at the first step or reset, since numba takes a while to load. The argument types never
 change, so there is only one compiled version, cached on disk.
 
-Rooms are stepped in blocks that fit into the processor's first-level cache, and within a block one
-result after the other: writing to a single array at a time is twice as fast as to all of them. What
-takes time is to look up and store one value for each room. So the row after a move and its status
-are packed into one word (:func:`packed`), and the compiler turns the loop that takes these words
-apart, like all loops without look-ups, into vector instructions.
+Rooms are stepped in blocks that stay in the processor's cache, and within a block one result after
+the other: writing to a single array at a time is twice as fast as to all of them. What takes time
+is to look up and store one value for each room. So the row after a move and its status are packed
+into one word (:func:`packed`), and the compiler turns the loop that takes these words apart, like
+all loops without look-ups or branches, into vector instructions.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
 ATTEMPT, FOUND, SOLUTIONS, PREVIOUS, REWARD = range(5)
 """Rows of ``counts``."""
-BLOCK = 256
+BLOCK = 2048
 AFTER, OVER, STATUS = np.uint32((1 << 23) - 1), np.uint32(1 << 23), np.uint32(24)
 """Of a packed word: the bits of the row, the bit for the end of the attempt, and where the bits of
 the status begin."""
@@ -66,6 +66,59 @@ def all_below(action: Any, limit: int) -> bool:
 
 
 @compiled
+def drawn(numbers: Any, levers: int, codes: Any) -> tuple[Any, Any]:
+    """Layouts by chance: lever *k* stands where *k* numbers are smaller.
+
+    Args:
+        numbers: ``[N, P]`` random numbers, one for each position.
+        levers: How many levers are placed.
+        codes: ``[C]`` layouts that are known, in ascending order: position times ``P ** k``, summed
+            over the levers *k*.
+
+    Returns:
+        The layouts as numbers, ``[N]``, and their indices in ``codes``, ``[N]``, -1 for none.
+    """
+    many, positions = numbers.shape
+    layouts, indices = np.empty(many, np.int64), np.empty(many, np.int64)
+    weight = np.zeros(positions, np.int64)
+    for lever in range(levers):
+        weight[lever] = positions**lever
+    columns, ranks = np.empty((positions, BLOCK)), np.empty(BLOCK, np.uint8)
+    for first in range(0, many, BLOCK):
+        last = min(first + BLOCK, many)
+        mine = layouts[first:last]
+        for i in range(last - first):
+            mine[i] = 0
+            for position in range(positions):
+                columns[position, i] = numbers[first + i, position]
+        for position in range(positions):
+            own = columns[position]
+            ranks[:] = 0
+            for other in range(positions):
+                its = columns[other]
+                if other < position:
+                    for i in range(last - first):
+                        ranks[i] += its[i] <= own[i]
+                else:
+                    for i in range(last - first):
+                        ranks[i] += its[i] < own[i]
+            for i in range(last - first):
+                mine[i] += position * weight[np.uint64(ranks[i])]
+        # Search for all of the block side by side: each halving is the same for all.
+        at, left = indices[first:last], len(codes)
+        at[:] = 0 if left else -1
+        while left > 1:
+            half = left // 2
+            for i in range(last - first):
+                at[i] += half * (codes[np.uint64(at[i] + half)] <= mine[i])
+            left -= half
+        if left:
+            for i in range(last - first):
+                at[i] = at[i] if codes[np.uint64(at[i])] == mine[i] else -1
+    return layouts, indices
+
+
+@compiled
 def step(
     row: Any,
     action: Any,
@@ -98,6 +151,7 @@ def step(
     attempt_limit: int,
     stop_when_solved: bool,
     history: int,
+    legal: int,
 ) -> tuple[bool, bool, bool, int]:
     """Take one action in each of B rooms; B, R, M, W, G, K, F as in ``RoomBatch``, ``RoomTables``.
 
@@ -108,7 +162,7 @@ def step(
         after: ``[B]`` out: the row that the action led to.
         next_row: ``[B]`` out: the row of the next action, after rooms whose attempt is over are
             reset; empty if the next action does that.
-        seen: ``[B, 2]`` out: the observation at the row of the next action; empty if nobody asks.
+        seen: ``[B, 16]`` out: the observation at the row of the next action; empty if nobody asks.
         actions_left: ``[B]`` out: how many actions are left at the row of the next action.
         reward: ``[B]`` out: the reward, where it does not depend on an unknown past.
         attempt_over: ``[B]`` out: whether the attempt is over.
@@ -137,18 +191,23 @@ def step(
         stop_when_solved: Whether a trial is over once all solutions are found.
         history: What any reward depends on in the past: ``IF_FOUND``, which only matters once the
             door is unlocked, ``IF_REPEATED``, or both.
+        legal: Actions are below it, or nothing is changed; 0 for actions that were checked before.
 
     Returns:
         Whether any attempt ended, any trial, and any solution was new, and how many rooms there
-        are in ``judged``.
+        are in ``judged``, -1 if an action is not legal.
     """
+    if legal and not all_below(action, legal):
+        return False, False, False, -1
     width = np.uint64(len(column) // len(shift))
     failed = width - np.uint64(2)
     noisy, one_room, several = len(chance) > 0, len(shift) == 1, len(paid) > 1
     put_back, looking = len(next_row) > 0, len(seen) > 0
+    seen_words = seen.view(np.uint64)
     first_paid = paid[0]
-    choice_in_block, word_in_block = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.uint32)
-    shift_in_block = np.empty(BLOCK, np.int64)
+    most = min(BLOCK, len(row))
+    choice_in_block, word_in_block = np.empty(most, np.uint32), np.empty(most, np.uint32)
+    shift_in_block = np.zeros(most, np.int64)
     ended = finished = found_new = False
     judgements = 0
     for first in range(0, len(row), BLOCK):
@@ -171,8 +230,9 @@ def step(
             lucks = luck[first:last]
             for i in range(last - first):
                 odds = chance[np.uint64(choices[i])]
-                if (lucks[i] >= odds) & (odds > 0.0):
-                    choices[i] += failed - choices[i] % width
+                fails = (lucks[i] >= odds) & (odds > 0.0)
+                instead = np.uint64(rows[i] + shift_in_block[i]) * width + failed
+                choices[i] = instead if fails else choices[i]
         for i in range(last - first):
             words[i] = move[np.uint64(choices[i])]
         if one_room:
@@ -182,7 +242,7 @@ def step(
             for i in range(last - first):
                 afters[i] = np.int64(words[i] & AFTER) - shift_in_block[i]
         for i in range(last - first):
-            lefts[i] = words[i] >> STATUS  # with its other bits, for now
+            lefts[i] = words[i] >> STATUS & ACTIONS_LEFT
         if several:
             payers = counts[REWARD, first:last]
             for i in range(last - first):
@@ -191,14 +251,14 @@ def step(
             for i in range(last - first):
                 rewards[i] = first_paid[np.uint64(choices[i])]
         for i in range(last - first):
-            overs[i] = lefts[i] & ACTIONS_LEFT == 0
+            overs[i] = words[i] & OVER != 0
         bits = np.uint64(0)
         for i in range(last - first):
             bits |= words[i]
         ends, unlocked, opened = bits & OVER, bits >= WITH_UNLOCKED, bits >= WITH_OPENED
         if history & IF_REPEATED or (history and unlocked):
             for i in range(last - first):
-                if history == IF_FOUND and lefts[i] < UNLOCKED:
+                if history == IF_FOUND and words[i] < WITH_UNLOCKED:
                     continue
                 room, choice = first + i, np.uint64(choices[i])
                 same = actions[i] == counts[PREVIOUS, room]
@@ -234,11 +294,10 @@ def step(
             attempts, trials = counts[ATTEMPT, first:last], trial_over[first:last]
             for i in range(last - first):
                 trials[i] = overs[i] & (attempts[i] >= attempt_limit)
-            for i in range(last - first):
                 attempts[i] += overs[i]
             if opened:
                 for i in range(last - first):
-                    if lefts[i] >= OPENED:
+                    if words[i] >= WITH_OPENED:
                         room, solved = first + i, solution[np.uint64(afters[i])]
                         if solved >= 0 and not found[room, solved]:
                             found[room, solved] = True
@@ -251,17 +310,17 @@ def step(
         rows = afters
         if put_back:
             rows = next_row[first:last]
-            for i in range(last - first):
-                rows[i] = afters[i]
             if ends:
                 for i in range(last - first):
-                    if overs[i]:
-                        rows[i] = start[np.uint64(rooms[i])]
-                        lefts[i] = status[np.uint64(rows[i])]
-        for i in range(last - first):
-            lefts[i] &= ACTIONS_LEFT
+                    begin = start[np.uint64(rooms[i])]
+                    rows[i] = begin if overs[i] else afters[i]
+                for i in range(last - first):
+                    lefts[i] = status[np.uint64(rows[i])] & ACTIONS_LEFT
+            else:
+                for i in range(last - first):
+                    rows[i] = afters[i]
         if looking:
-            looks = seen[first:last]
+            looks = seen_words[first:last]
             for i in range(last - first):
                 here = np.uint64(rows[i])
                 one, other = observation[here, 0], observation[here, 1]

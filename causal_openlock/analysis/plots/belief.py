@@ -26,11 +26,10 @@ from causal_openlock.analysis.plots.panels import Layout, panels
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import replayed
 from causal_openlock.belief.trace import Trace, TracedAction, agreement, percent, shown_name
-from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.render.arrange import arrange
-from causal_openlock.render.graph import SUFFIXES, draw_schema
-from causal_openlock.wording import nearest
+from causal_openlock.render.graph import draw_schema
+from causal_openlock.render.suffixes import path_of_picture
 from causal_openlock.world.schema import Schema
 
 MOST_ACTIONS, MOST_ARROWS = 36, 20
@@ -152,25 +151,10 @@ def save_trace_figure(trace: Trace, path: Path | str, actions: int = MOST_ACTION
     Raises:
         OpenLockError: If the suffix is another or the file cannot be written.
     """
-    path = check_suffix(path)
+    path = path_of_picture(path)
     figure = Figure()
     plot_trace(trace, actions=actions, ax=figure)
     write_bytes(path, style.image(figure, path.suffix.lower()[1:]))
-
-
-def check_suffix(path: Path | str) -> Path:
-    """The path, if a picture can be saved in it.
-
-    Raises:
-        OpenLockError: If its suffix is none of a picture's.
-    """
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise OpenLockError(
-            f"{path}: a figure cannot be saved as {path.suffix!r}; "
-            f"{nearest(path.suffix.lower(), SUFFIXES)}"
-        )
-    return path
 
 
 @dataclass(frozen=True)
