@@ -29,16 +29,18 @@ def by_subject(actions: pd.DataFrame, chosen: Mapping[str, int] | None = None) -
 
     Returns:
         A row for each ``scored`` learner and subject: how many ``actions``; ``nll``, the negative
-        log-likelihood in nats; ``bits`` per action; ``expected``, the bits per action that it would
-        need for its own actions; ``bic``; and ``impossible``, how many actions it would never do.
+        log-likelihood in nats, and its ``standard_error`` (0 where it is exact); ``bits`` per
+        action; ``expected``, the bits per action that it would need for its own actions; ``bic``;
+        and ``impossible``, how many actions it would never do.
     """
     surprise = actions["log_probability"]
     table = (
-        actions.assign(nll=-surprise)
+        actions.assign(nll=-surprise, variance=actions["standard_error"] ** 2)
         .groupby(["scored", *SUBJECT], observed=True, sort=False)
         .agg(
             actions=("nll", "size"),
             nll=("nll", "sum"),
+            standard_error=("variance", lambda of_all: float(np.sqrt(of_all.sum()))),
             expected=("entropy", "mean"),
             impossible=("impossible", "sum"),
         )
