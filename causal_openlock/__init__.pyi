@@ -97,6 +97,8 @@ from .analysis.results.standing import standings as standings
 from .analysis.results.summary import headline_table as headline_table
 from .analysis.results.summary import summary_table as summary_table
 from .analysis.statistics import mean_interval as mean_interval
+from .scoring.model_selection import select_models as select_models
+from .scoring.scores import Scores as Scores
 
 # Pictures, films and people
 from .play.background import play_room as play_room

@@ -26,8 +26,11 @@ from causal_openlock.analysis.results.standing import standings
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
+from causal_openlock.experiment.building import LearnerForm, make_experiment
 from causal_openlock.experiment.store import LOCK, Store, check_inside
 from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.scoring.scores import LAPSE, Scores, score_learners
+from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
 
@@ -179,6 +182,39 @@ class Results(Material):
     def plot(self) -> Plots:
         """Its plots: ``results.plot.attempts()`` and so on."""
         return Plots(self)
+
+    def score(
+        self,
+        learners: LearnerForm | Sequence[LearnerForm],
+        *,
+        of: Sequence[str] = (),
+        lapse: float = LAPSE,
+        workers: int = 1,
+    ) -> Scores:
+        """Let learners predict every action of these subjects: who predicts best?
+
+        Args:
+            learners: As in :func:`~causal_openlock.compare`.
+            of: Labels of the learners whose subjects are predicted; by default all.
+            lapse: The share of actions that are taken to be random.
+            workers: How many processes work; with one it is this process.
+
+        Raises:
+            LearnerError: If a learner cannot be put in another's place.
+            StoreError: If the results are from several folders, or cannot be played again.
+
+        Example:
+            >>> from causal_openlock import compare
+            >>> results = compare("CC3", ["oracle"], subjects=2, workers=1)
+            >>> results.score(["random", "oracle"]).ranking["scored"].tolist()
+            ['oracle', 'random']
+        """
+        if len(self.folders) != 1:
+            raise StoreError("score the results of one folder at a time")
+        predicting = make_experiment(["CC4"], learners).learners
+        known_learners(of, self.experiment.learners)
+        record, experiment = Store(self.folders[0]).record()
+        return score_learners(record, experiment, predicting, of=of, lapse=lapse, workers=workers)
 
     # -- what is made of them -------------------------------------------------------------------
 

@@ -6,8 +6,8 @@ inferred from the log evidence of each learner for each subject are
 
 * the expected **frequencies** of the learners among subjects like these;
 * the **exceedance** probability of each, that it is the most frequent;
-* the **protected** exceedance probability (Rigoux et al. 2014), which allows for the chance that all
-  are equally frequent and differences among them luck;
+* the **protected** exceedance probability (Rigoux et al. 2014), which allows for the chance that
+  all are equally frequent and differences among them luck;
 * for each subject, the probability that it followed each.
 
 As log evidence -BIC/2 serves, which takes a price for each parameter that was fitted.
@@ -46,7 +46,7 @@ class Selection:
     followed: FloatArray
 
 
-def select(evidence: FloatArray) -> Selection:
+def select_models(evidence: FloatArray) -> Selection:
     """Random-effects model selection.
 
     Args:
@@ -55,7 +55,7 @@ def select(evidence: FloatArray) -> Selection:
     Example:
         Of ten subjects seven are predicted clearly better by the first learner.
 
-        >>> found = select(np.array([[5.0, 0.0]] * 7 + [[0.0, 5.0]] * 3))
+        >>> found = select_models(np.array([[5.0, 0.0]] * 7 + [[0.0, 5.0]] * 3))
         >>> found.frequencies.round(2).tolist(), found.exceedance.round(2).tolist()
         ([0.67, 0.33], [0.89, 0.11])
     """

@@ -119,16 +119,24 @@ class Recorded:
             )
 
 
-def recorded_subjects(record: pa.Table, experiment: StoredExperiment) -> list[Recorded]:
+def recorded_subjects(
+    record: pa.Table, experiment: StoredExperiment, of: Sequence[str] = ()
+) -> list[Recorded]:
     """The subjects of a record, in parts that are played again together.
 
     Args:
         record: Attempts, as :meth:`~causal_openlock.experiment.store.Store.record` gives them.
         experiment: The experiment that they are of.
+        of: Labels of the learners whose subjects are wanted; by default all.
 
     Raises:
         StoreError: If nobody has played, or what is on record cannot be played again.
     """
+    if of:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        record = record.filter(pc.is_in(record["learner"].cast(pa.string()), pa.array([*of])))
     attempts = record.select(
         [*GROUP, "subject", "phase", "loop", "trial", "attempt", "actions", "moved", "opened"]
     ).to_pandas()
@@ -151,6 +159,7 @@ def score_actions(
     scored: LearnerSpec | Sequence[LearnerSpec],
     lapse: float = 0.0,
     *,
+    of: Sequence[str] = (),
     draws: Draws = EXACT,
     workers: int = 1,
     report: Callable[[int, int], None] = lambda done, total: None,
@@ -163,6 +172,7 @@ def score_actions(
         scored: The learner that predicts, or several.
         lapse: The share of a subject's actions that are taken to be random, so that one action
             that the learner would never do does not outweigh all others.
+        of: Labels of the learners whose subjects are predicted; by default all.
         draws: How those are asked that give no probabilities.
         workers: How many processes work; with one it is this process.
         report: Called with how many parts of the work are done, of how many.
@@ -182,7 +192,7 @@ def score_actions(
         StoreError: If what is on record cannot be played again.
     """
     specs = [scored] if isinstance(scored, LearnerSpec) else list(scored)
-    jobs = [(part, spec) for part in recorded_subjects(record, experiment) for spec in specs]
+    jobs = [(part, spec) for part in recorded_subjects(record, experiment, of) for spec in specs]
     tables = []
     for table in scored_parts(jobs, lapse, draws, workers):
         tables.append(table)

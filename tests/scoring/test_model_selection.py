@@ -7,14 +7,14 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import beta
 
-from causal_openlock.scoring.model_selection import exceedance_of, select
+from causal_openlock.scoring.model_selection import exceedance_of, select_models
 
 
 def test_with_clear_evidence_frequencies_are_counts() -> None:
     """Then the posterior is Dirichlet(1 + counts), by hand."""
     evidence = np.full((12, 3), -1000.0)
     evidence[np.arange(12), [0] * 7 + [1] * 4 + [2]] = 0.0
-    found = select(evidence)
+    found = select_models(evidence)
     assert found.frequencies == pytest.approx(np.array([8, 5, 2]) / 15)
     assert found.followed == pytest.approx((evidence == 0).astype(float))
     draws = np.random.default_rng(0).dirichlet([8, 5, 2], 200_000)
@@ -35,7 +35,7 @@ def test_the_chance_that_all_are_equal_is_near_the_exact_one() -> None:
     differ = logsumexp(each.sum(axis=0)) - np.log(len(grid))
     equal = (np.logaddexp(*evidence.T) - np.log(2)).sum()
     exact = 1 / (1 + np.exp(differ - equal))
-    found = select(evidence)
+    found = select_models(evidence)
     # A variational bound is below the evidence, so it errs towards equality.
     assert exact <= found.all_equal < exact + 0.12
     assert found.protected == pytest.approx(
@@ -44,9 +44,9 @@ def test_the_chance_that_all_are_equal_is_near_the_exact_one() -> None:
 
 
 def test_without_evidence_nothing_is_claimed() -> None:
-    found = select(np.zeros((20, 4)))
+    found = select_models(np.zeros((20, 4)))
     assert found.frequencies == pytest.approx(np.full(4, 0.25))
     assert found.protected == pytest.approx(np.full(4, 0.25))
     assert found.all_equal > 0.8
-    one = select(np.zeros((5, 1)))
+    one = select_models(np.zeros((5, 1)))
     assert one.protected.tolist() == [1.0]

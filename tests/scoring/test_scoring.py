@@ -156,7 +156,18 @@ def test_a_learner_that_knows_its_own_actions_alone_is_refused(played: Played) -
 
 
 def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:
-    words = ["score", str(folder), "-l", "random", "-l", "oracle", "--of", "thompson"]
+    words = [
+        "score",
+        str(folder),
+        "-l",
+        "random",
+        "-l",
+        "oracle",
+        "--of",
+        "thompson",
+        "--workers",
+        "1",
+    ]
     result = CliRunner().invoke(app, [*words, "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     said = " ".join(result.output.split())
