@@ -9,9 +9,12 @@ its own. It never acts, unless it gives no probabilities: then copies of it do
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +29,10 @@ from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.experiment.workers import worker_pool
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.checksums import table_bytes
 from causal_openlock.scoring.inverse_binomial import Draws, Replays, by_draws
+from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
@@ -162,6 +168,7 @@ def score_actions(
     of: Sequence[str] = (),
     draws: Draws = EXACT,
     workers: int = 1,
+    keep: Path | None = None,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> pd.DataFrame:
     """How likely learners find each action of each subject of a record.
@@ -175,6 +182,7 @@ def score_actions(
         of: Labels of the learners whose subjects are predicted; by default all.
         draws: How those are asked that give no probabilities.
         workers: How many processes work; with one it is this process.
+        keep: A folder for what is done, from which it goes on after an interruption.
         report: Called with how many parts of the work are done, of how many.
 
     Returns:
@@ -194,24 +202,49 @@ def score_actions(
     specs = [scored] if isinstance(scored, LearnerSpec) else list(scored)
     jobs = [(part, spec) for part in recorded_subjects(record, experiment, of) for spec in specs]
     tables = []
-    for table in scored_parts(jobs, lapse, draws, workers):
+    for table in scored_parts(jobs, lapse, draws, workers, keep):
         tables.append(table)
         report(len(tables), len(jobs))
     return pd.concat(tables, ignore_index=True)[COLUMNS]
 
 
 def scored_parts(
-    jobs: Sequence[tuple[Recorded, LearnerSpec]], lapse: float, draws: Draws, workers: int
+    jobs: Sequence[tuple[Recorded, LearnerSpec]],
+    lapse: float,
+    draws: Draws,
+    workers: int,
+    keep: Path | None = None,
 ) -> Iterator[pd.DataFrame]:
     """The scores of learners on parts of a record, in the order of the jobs."""
     if workers == 1:
         for part, spec in jobs:
-            yield score_part(part, spec, lapse, draws)
+            yield _kept(part, spec, lapse, draws, keep)
         return
     with worker_pool(workers) as pool:
-        waiting = [pool.submit(score_part, part, spec, lapse, draws) for part, spec in jobs]
+        waiting = [pool.submit(_kept, part, spec, lapse, draws, keep) for part, spec in jobs]
         for one in waiting:
             yield one.result()
+
+
+def _kept(
+    part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws, folder: Path | None
+) -> pd.DataFrame:
+    """The scores of a part, from a file if they are there already."""
+    if folder is None:
+        return score_part(part, scored, lapse, draws)
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    about = [RESULTS_VERSION, scored.as_dict(), part.group, part.numbers, lapse, asdict(draws)]
+    digest = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode())
+    digest.update(b"".join(own.tobytes() for own in part.done()))
+    path = folder / f"{digest.hexdigest()[:24]}.parquet"
+    if not path.exists():
+        write_bytes(path, table_bytes(pa.Table.from_pandas(score_part(part, scored, lapse, draws))))
+    try:
+        return pq.read_table(path).to_pandas()
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{path} is damaged ({error}); remove it and try again") from None
 
 
 def score_part(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> pd.DataFrame:
