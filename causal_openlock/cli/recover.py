@@ -37,6 +37,9 @@ def recover(
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="Share of actions that are taken to be random.")
     ] = 0.01,
+    draws: Annotated[
+        int, typer.Option(min=1, help="Most copies to ask of a learner without probabilities.")
+    ] = 128,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of all randomness.")] = None,
     workers: Workers = None,
     out: Annotated[
@@ -57,6 +60,7 @@ def recover(
     from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.recovery import recovery
     from causal_openlock.fitting.recovery_figure import draw_recovery
+    from causal_openlock.scoring.inverse_binomial import Draws
     from causal_openlock.scoring.teacher_forcing import known_learners, score_actions
 
     console = Terminal()
@@ -74,6 +78,7 @@ def recover(
             *Store(folder / "simulated").record(),
             specs,
             lapse,
+            draws=Draws(most=draws),
             workers=cores,
             keep=folder / "scores",
             report=lambda done, total: status.update(f"{done} of {total} parts are scored"),

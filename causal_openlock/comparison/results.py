@@ -211,7 +211,8 @@ class Results(Material):
         """
         if len(self.folders) != 1:
             raise StoreError("score the results of one folder at a time")
-        predicting = make_experiment(["CC4"], learners).learners
+        several = isinstance(learners, Sequence) and not isinstance(learners, str)
+        predicting = make_experiment(["CC4"], learners if several else [learners]).learners
         known_learners(of, self.experiment.learners)
         record, experiment = Store(self.folders[0]).record()
         return score_learners(record, experiment, predicting, of=of, lapse=lapse, workers=workers)

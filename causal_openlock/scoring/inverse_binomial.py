@@ -50,7 +50,7 @@ class Draws:
     """
 
     hits: int = 1
-    most: int = 512
+    most: int = 256
     seed: int = 0
 
 
