@@ -100,6 +100,8 @@ from .analysis.results.summary import summary_table as summary_table
 from .analysis.results.understanding import understanding as understanding
 from .analysis.results.waste import waste as waste
 from .analysis.statistics import mean_interval as mean_interval
+from .scoring.model_selection import select_models as select_models
+from .scoring.scores import Scores as Scores
 
 # Pictures, films and people
 from .play.background import play_room as play_room

@@ -77,6 +77,7 @@ class PosteriorSampling(Checkpointed, Learner):
         self._found = np.zeros(shape[:2], dtype=bool)
         self._policy = np.zeros((brief.subjects, limit + 1, *shape[1:3]), dtype=np.int64)
         self._planned = np.zeros(brief.subjects, dtype=bool)
+        self._known_looks: dict[bytes, IntArray] = {}
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the next action of each plan; a new attempt begins with a new one."""
@@ -96,7 +97,7 @@ class PosteriorSampling(Checkpointed, Learner):
         return np.minimum(number, len(self._moved) - 1), 1 - observation[:, -2].astype(np.int64)
 
     def _look(self, grey: IntArray) -> IntArray:
-        """``[S, 2, A]`` what each action looks like in each state."""
+        """``[S, 2, A]`` what each action looks like in each state; not to be changed."""
         if (looks := self._known_looks.get(grey.tobytes())) is None:
             verb = np.repeat([0, 4], self.brief.positions)
             levers = verb + 2 * np.tile(grey, 2) + self._stays

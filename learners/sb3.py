@@ -209,6 +209,7 @@ class StableBaselines(Learner):
 
     Parameters = StableBaselinesParameters
     parameters: StableBaselinesParameters
+    learns_from_others = False  # a model takes for granted that its own action was done
 
     def begin(self, brief: Brief) -> None:
         """Make a model for each subject."""

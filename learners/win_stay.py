@@ -5,7 +5,8 @@ task takes it: an attempt pushes two levers, one after the other, and then the d
 have more actions, one lever less than actions.) In one room
 
 * a sequence that was carried out is not carried out again, whether it failed (it would fail again)
-  or opened the door (it would not count again);
+  or opened the door (it would not count again); nor is one that would begin in the same way, where
+  the lock opened before its end;
 * after a success the next sequences keep as many levers in their places as possible, since a
   solution with one lever changed is the likeliest other solution;
 * before the first success, sequences that worked in earlier rooms come first.
@@ -23,7 +24,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
-from causal_openlock.world.fsm import BoolArray, IntArray
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, pick
 from learners.networks.checkpointed import Checkpointed
 
@@ -49,6 +50,7 @@ class WinStay(Checkpointed, Learner):
         "won": "_won",
         "won_before": "_won_before",
         "plan": "_plan",
+        "same": "_same",
         "place": "_place",
     }
 
@@ -61,6 +63,7 @@ class WinStay(Checkpointed, Learner):
         nothing = np.zeros((brief.subjects, len(self._sequences)), dtype=bool)
         self._tried, self._won, self._won_before = nothing, nothing.copy(), nothing.copy()
         self._plan = np.zeros(brief.subjects, dtype=np.int64)
+        self._same = ~nothing  # sequences that agree with what was done in the attempt
         self._place = np.zeros(brief.subjects, dtype=np.int64)  # actions of the attempt so far
 
     def act(self, view: View) -> IntArray:
@@ -69,11 +72,27 @@ class WinStay(Checkpointed, Learner):
         for subject in np.flatnonzero(view.playing & (self._place == 0)).tolist():
             grey = view.observation[subject, positions : 2 * positions] == 1
             self._plan[subject] = pick(self._odds(subject, grey).astype(float), draws[subject])
-        sequence = self._sequences[self._plan]
-        place = np.minimum(self._place, sequence.shape[1] - 1)
-        lever = sequence[np.arange(len(sequence)), place]
+        every = np.arange(len(self._plan))
+        return self._actions(view)[every, self._plan]
+
+    def _actions(self, view: View) -> IntArray:
+        """``[B, C]`` what carrying out each sequence asks for now: its lever, or the door."""
+        place = np.minimum(self._place, self._sequences.shape[1] - 1)
         door = (view.console.actions_left == 1) | (view.observation[:, -2] == 0)
-        return np.where(door | (self._place > place), 2 * positions, lever)
+        door |= self._place > place
+        return np.where(door[:, None], 2 * self._positions, self._sequences[:, place].T)
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` averaged over the sequences that it may be carrying out."""
+        positions, actions = self._positions, self._actions(view)
+        found = np.zeros((len(actions), 2 * positions + 1))
+        for subject in np.flatnonzero(view.playing).tolist():
+            grey = view.observation[subject, positions : 2 * positions] == 1
+            odds = self._odds(subject, grey)
+            # Somebody else may have done what no sequence asks for; then any of them goes on.
+            odds = odds & self._same[subject] if (odds & self._same[subject]).any() else odds
+            found[subject] = np.bincount(actions[subject, odds], minlength=2 * positions + 1)
+        return found / np.maximum(found.sum(axis=1, keepdims=True), 1.0)
 
     def _odds(self, subject: int, grey: BoolArray) -> BoolArray:
         """``[C]`` the sequences to draw from."""
@@ -95,11 +114,13 @@ class WinStay(Checkpointed, Learner):
     def learn(self, step: Step) -> None:
         """Note what was tried and what worked."""
         playing = step.view.playing
+        self._same &= self._actions(step.view) == step.action[:, None]
         self._place = np.where(step.attempt_over, 0, self._place + 1)
         ended = np.flatnonzero(playing & step.attempt_over)
-        self._tried[ended, self._plan[ended]] = True
+        self._tried[ended] |= self._same[ended]
         won = ended[step.new_solution[ended]]
-        self._won[won, self._plan[won]] = True
+        self._won[won] |= self._same[won]
+        self._same[ended] = True
         over = np.flatnonzero(playing & step.trial_over)
         if self.parameters.across_rooms:
             self._won_before[over] |= self._won[over]

@@ -166,11 +166,15 @@ def drawn_solutions(
         values, number = np.unique(solution, return_inverse=True)
         chance = weight[which] / np.bincount(number, weight[which])[number] / len(values)
     orders = in_order(hypotheses, which, solution, situation.pushed)
-    plans, number = np.unique(orders, axis=0, return_inverse=True)
-    chances = np.bincount(number.ravel(), chance)
+    # The rows as numbers: sorting these takes a hundredth of the time.
+    base, used = orders.shape[1] + 1, orders[:, (orders >= 0).any(axis=0)]
+    wide = np.int64 if base ** used.shape[1] < 2**62 else object
+    code = (used + 1).astype(wide) @ (base ** np.arange(used.shape[1], dtype=wide)[::-1])
+    _, first, number = np.unique(code, return_index=True, return_inverse=True)
+    chances = np.bincount(number, chance)
     return [
         (float(share), tuple(slot for slot in plan if slot >= 0))
-        for share, plan in zip(chances / chances.sum(), plans.tolist(), strict=True)
+        for share, plan in zip(chances / chances.sum(), orders[first].tolist(), strict=True)
     ]
 
 

@@ -33,13 +33,28 @@ def fit(
     fix: Annotated[
         list[str] | None, typer.Option("--fix", "-f", help="Set a parameter: name=value.")
     ] = None,
+    to: Annotated[
+        Path | None,
+        typer.Option(help="Fit to every action of the subjects in this results folder instead."),
+    ] = None,
+    each: Annotated[bool, typer.Option(help="With --to: fit each subject by itself.")] = False,
+    of: Annotated[
+        list[str] | None, typer.Option(help="With --to: fit to these learners' subjects only.")
+    ] = None,
+    lapse: Annotated[
+        float, typer.Option(min=0, max=1, help="With --to: share of actions taken to be random.")
+    ] = 0.01,
+    folds: Annotated[
+        int, typer.Option(min=2, help="With --to: parts of which each is held out once.")
+    ] = 2,
     hold_out: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="Points that are not fitted to but predicted: transfer (the four tests), "
-            "alternate (every other one) or none."
+            help="What is not fitted to but predicted, of people's points: transfer (the four "
+            "tests; the default), alternate (every other one) or none; with --to: trials (the "
+            "default), subjects or none."
         ),
-    ] = "transfer",
+    ] = None,
     objective: Annotated[
         str,
         typer.Option(
@@ -69,7 +84,10 @@ def fit(
         Path | None, typer.Option("--out", "-o", help="Folder; by default results/fit-LEARNER.")
     ] = None,
 ) -> None:
-    """Search a learner's parameters for the best likeness to people; goes on where it was."""
+    """Search a learner's parameters for the best likeness to people; goes on where it was.
+
+    With --to they are fitted to single actions, by maximum likelihood.
+    """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from causal_openlock.analysis.results.people.human_likeness import published_points
@@ -84,7 +102,7 @@ def fit(
 
     require_optuna()
     learner_class(learner)  # fails at once if there is none
-    folder = out or Path("results") / f"fit-{learner.replace(':', '.')}"
+    folder = out or (to or Path("results")) / f"fit-{learner.replace(':', '.')}"
     _check_folder(folder)
     known = read_search(space) if space else bundled_search(learner)
     if known is not None and known.learner != learner:
@@ -92,6 +110,15 @@ def fit(
     if known is None and not search:
         raise LearnerError(_nothing_searched(learner))
     chosen = changed(known, learner, search or (), fix or ())
+    if to:
+        from causal_openlock.cli.fit_to import fit_to
+        from causal_openlock.fitting.actions import ActionPlan
+
+        how = hold_out or "trials"
+        to_actions = ActionPlan(chosen, lapse, how, folds, candidates, seed=seed)
+        fit_to(to_actions, to, of or (), each, workers or available_cores(), folder)
+        return
+    hold_out = hold_out or "transfer"
     conditions_to_fit(hold_out)  # fails at once if there is no such way
     objective_called(objective)
     towards(published_points(), target)
@@ -123,12 +150,13 @@ def fit(
 
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
+    from causal_openlock.fitting.actions import FILE as OF_ACTIONS
     from causal_openlock.fitting.study import FILE
 
     for place in (folder, *folder.parents):
         if place.exists() and not place.is_dir():
             raise StoreError(f"{place} is a file; choose a folder for the fit with --out")
-    if not folder.exists() or (folder / FILE).exists():
+    if not folder.exists() or any((folder / name).exists() for name in (FILE, OF_ACTIONS)):
         return
     if (folder / "experiment.json").exists():
         raise StoreError(f"{folder} holds results of compare; choose another folder with --out")

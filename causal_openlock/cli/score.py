@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from causal_openlock.cli.options import Workers
 from causal_openlock.errors import OpenLockError
 
 if TYPE_CHECKING:
@@ -31,6 +32,13 @@ def score(
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="Share of actions that are taken to be random.")
     ] = 0.01,
+    hits: Annotated[
+        int,
+        typer.Option(
+            min=1, help="How often copies of a learner without probabilities have to hit."
+        ),
+    ] = 1,
+    workers: Workers = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder; by default FOLDER/scores.")
     ] = None,
@@ -41,19 +49,14 @@ def score(
     subject did. Written are scores/actions.parquet, a row an action, and scores/subjects.csv, a row
     a subject; printed is the ranking, in bits per action.
     """
-    import pandas as pd
-    import pyarrow as pa
-
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.contract.registry import changed_parameters
     from causal_openlock.experiment.building import make_experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.store import Store
-    from causal_openlock.files.atomic import write_bytes, write_text
-    from causal_openlock.files.checksums import table_bytes
-    from causal_openlock.files.escaping import csv_of
-    from causal_openlock.scoring.scores import by_subject, ranking
-    from causal_openlock.scoring.teacher_forcing import known_learners, score_actions
+    from causal_openlock.experiment.workers import available_cores
+    from causal_openlock.scoring.inverse_binomial import Draws
+    from causal_openlock.scoring.scores import score_learners
+    from causal_openlock.scoring.teacher_forcing import known_learners
     from causal_openlock.wording import counted
 
     console = Terminal()
@@ -65,36 +68,42 @@ def score(
         predicting = list(make_experiment(["CC4"], learner).learners)
     else:
         raise OpenLockError("name who predicts, with --learner or --from")
-    if of:
-        known_learners(of, played.learners)
-        record = record.filter(pa.array([name in of for name in record["learner"].to_pylist()]))
-    tables = []
-    for spec in predicting:
-        console.print_line(f"{spec.name} predicts")
-        tables.append(score_actions(record, played, spec, lapse))
-    actions = pd.concat(tables, ignore_index=True)
-    chosen = {
-        spec.name: len(changed_parameters(spec.learner, spec.parameters)) for spec in predicting
-    }
-    subjects = by_subject(actions, chosen)
-    out = out or folder / "scores"
-    write_bytes(out / "actions.parquet", table_bytes(pa.Table.from_pandas(actions)))
-    write_text(out / "subjects.csv", csv_of(subjects.round(6)))
-    ranked = ranking(subjects)
-    console.print_whole(_table(ranked))
+    known_learners(of or (), played.learners)
+    with console.status("") as status:
+        scores = score_learners(
+            record,
+            played,
+            predicting,
+            of=of or (),
+            lapse=lapse,
+            draws=Draws(hits=hits),
+            workers=workers or available_cores(),
+            report=lambda done, total: status.update(f"{done} of {total} parts are scored"),
+        )
+    subjects, ranked = scores.subjects, scores.ranking
+    scores.save(out or folder / "scores")
+    console.print_whole(_table(ranked, scores.followed))
     who = [counted(subjects[name].nunique(), name) for name in ("learner", "condition")]
     console.print_line(
         f"n = {ranked['subjects'].iloc[0]} subjects, of {who[0]} in {who[1]}; {lapse:g} of all "
         "actions are taken to be random; log2 of the number of actions is what one needs who knows "
         "nothing"
     )
-    console.print_line(f"{out / 'actions.parquet'} and subjects.csv written")
+    drawn = subjects[subjects["standard_error"] > 0]
+    for name, errors in drawn.groupby("scored", observed=True)["standard_error"]:
+        console.print_line(
+            f"{name} gives no probabilities: it was asked by inverse binomial sampling, with a "
+            f"standard error of {errors.mean():.1f} nats for a subject; --hits makes it smaller"
+        )
+    console.print_line(f"{(out or folder / 'scores') / 'actions.parquet'} and subjects.csv written")
 
 
-def _table(ranked: pd.DataFrame) -> Table:
+def _table(ranked: pd.DataFrame, followed: pd.DataFrame) -> Table:
     from causal_openlock.comparison.console import plain_table
 
-    table = plain_table("", "bits/action", "95% interval", "more than the best", "", "best of")
+    table = plain_table("", "bits/action", "95% interval", "more than the best", "", "best of",
+                        "followed by", "most frequent")  # fmt: skip
+    shares = followed.set_index("scored")
     for row in ranked.itertuples():
         table.add_row(
             str(row.scored),
@@ -103,6 +112,8 @@ def _table(ranked: pd.DataFrame) -> Table:
             "" if math.isnan(row.worse) else f"{row.worse:+.2f}",
             _range(row.worse_low, row.worse_high),
             str(row.best_of),
+            f"{shares.loc[row.scored, 'frequency']:.0%}",
+            f"{shares.loc[row.scored, 'protected']:.2f}",
         )
     return table
 

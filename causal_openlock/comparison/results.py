@@ -29,10 +29,13 @@ from causal_openlock.analysis.results.waste import waste
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
 from causal_openlock.experiment.answers import read_answers
+from causal_openlock.experiment.building import LearnerForm, make_experiment
 from causal_openlock.experiment.folder_lock import LOCK
 from causal_openlock.experiment.remote import downloaded
 from causal_openlock.experiment.store import Store, check_inside
 from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.scoring.scores import LAPSE, Scores, score_learners
+from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
 
@@ -202,6 +205,40 @@ class Results(Material):
     def plot(self) -> Plots:
         """Its plots: ``results.plot.attempts()`` and so on."""
         return Plots(self)
+
+    def score(
+        self,
+        learners: LearnerForm | Sequence[LearnerForm],
+        *,
+        of: Sequence[str] = (),
+        lapse: float = LAPSE,
+        workers: int = 1,
+    ) -> Scores:
+        """Let learners predict every action of these subjects: who predicts best?
+
+        Args:
+            learners: As in :func:`~causal_openlock.compare`.
+            of: Labels of the learners whose subjects are predicted; by default all.
+            lapse: The share of actions that are taken to be random.
+            workers: How many processes work; with one it is this process.
+
+        Raises:
+            LearnerError: If a learner cannot be put in another's place.
+            StoreError: If the results are from several folders, or cannot be played again.
+
+        Example:
+            >>> from causal_openlock import compare
+            >>> results = compare("CC3", ["oracle"], subjects=2, workers=1)
+            >>> results.score(["random", "oracle"]).ranking["scored"].tolist()
+            ['oracle', 'random']
+        """
+        if len(self.folders) != 1:
+            raise StoreError("score the results of one folder at a time")
+        several = isinstance(learners, Sequence) and not isinstance(learners, str)
+        predicting = make_experiment(["CC4"], learners if several else [learners]).learners
+        known_learners(of, self.experiment.learners)
+        record, experiment = Store(self.folders[0]).record()
+        return score_learners(record, experiment, predicting, of=of, lapse=lapse, workers=workers)
 
     # -- what is made of them -------------------------------------------------------------------
 

@@ -185,6 +185,11 @@ class Learner(ABC):
     """
 
     Parameters: ClassVar[type] = NoParameters
+    learns_from_others: ClassVar[bool] = True
+    """Whether ``learn`` can be told what somebody else did.
+
+    What comes before it is then ``probabilities``, or, in a learner that gives none, nothing.
+    """
 
     def __init__(self, parameters: Any = None) -> None:
         self.parameters = self.Parameters() if parameters is None else parameters

@@ -111,11 +111,10 @@ class PerSubjectAdapter(Learner):
 
     def act(self, view: View) -> IntArray:
         """Ask each player that still plays."""
-        # Players may change the observation that they get, but learn from the original one.
-        self._seen = view.observation.copy()
         actions = np.zeros(len(self._players), dtype=np.int64)
         for subject in np.flatnonzero(view.playing):
-            answer = self._players[subject].act(view.observation[subject])
+            # Players may change the observation that they get, but learn from the original one.
+            answer = self._players[subject].act(view.observation[subject].copy())
             try:
                 actions[subject] = operator.index(answer)
             except TypeError:  # NumPy would silently round 2.7
@@ -131,7 +130,7 @@ class PerSubjectAdapter(Learner):
         for subject in np.flatnonzero(step.view.playing):
             self._players[subject].learn(
                 Moment(
-                    observation=self._seen[subject],
+                    observation=step.view.observation[subject],
                     action=int(step.action[subject]),
                     outcome=step.outcome[subject],
                     reward=float(step.reward[subject]),

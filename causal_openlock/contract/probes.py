@@ -73,6 +73,18 @@ def _arrays(given: Any) -> Iterator[tuple[str, NDArray[Any]]]:
             yield from _arrays(value)
 
 
+def are_probabilities(found: Any, actions: int) -> bool:
+    """Whether these are rows of probabilities of so many actions.
+
+    >>> are_probabilities(np.full((2, 4), 0.25), 4), are_probabilities(np.ones((2, 4)), 4)
+    (True, False)
+    """
+    rows = np.asarray(found)
+    if rows.ndim != 2 or rows.shape[1] != actions or rows.dtype.kind not in "fiu":
+        return False
+    return bool((rows >= 0).all() and np.allclose(rows.sum(axis=1), 1.0, atol=1e-6))
+
+
 def with_finished(given: Any, gone: NDArray[Any], garble: bool) -> Any:
     """A view or a step in which some subjects have finished.
 

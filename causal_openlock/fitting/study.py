@@ -17,7 +17,7 @@ import importlib.util
 import json
 import logging
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -220,6 +220,20 @@ def _players(space: SearchSpace, workers: int) -> Iterator[Start]:
 
 def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
     """The candidates of the round that begins with a number, whatever came after it."""
+    done = [(known.chosen, known.rmse) for known in state.done[:first]]
+    return proposals(state.plan.space, done, state.plan.seed)
+
+
+def proposals(
+    space: SearchSpace, done: Sequence[tuple[Mapping[str, float], float]], seed: int
+) -> list[dict[str, int | float]]:
+    """The next :data:`ROUND` candidates after those that were tried.
+
+    Args:
+        space: What is searched.
+        done: The candidates so far, with what is to be made small.
+        seed: Of the search.
+    """
     import optuna
     from optuna.distributions import BaseDistribution, FloatDistribution, IntDistribution
 
@@ -229,19 +243,19 @@ def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
         sampler = optuna.samplers.TPESampler(
             n_startup_trials=RANDOM_FIRST,
             constant_liar=True,
-            seed=(state.plan.seed * 1_000_003 + first) % 2**32,
+            seed=(seed * 1_000_003 + len(done)) % 2**32,
         )
         study = optuna.create_study(sampler=sampler)
         distributions: dict[str, BaseDistribution] = {
             name: IntDistribution(int(one.low), int(one.high), log=one.log)
             if one.whole
             else FloatDistribution(one.low, one.high, log=one.log)
-            for name, one in state.plan.space.searched.items()
+            for name, one in space.searched.items()
         }
-        for known in state.done[:first]:
+        for chosen, value in done:
             study.add_trial(
                 optuna.trial.create_trial(
-                    params=known.chosen, distributions=distributions, value=known.rmse
+                    params=dict(chosen), distributions=distributions, value=value
                 )
             )
         return [dict(study.ask(distributions).params) for _ in range(ROUND)]

@@ -7,16 +7,93 @@ is the mean of subjects, and two learners are compared on the same subjects.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import Group, weighted_difference
-from causal_openlock.scoring.teacher_forcing import GROUP
+from causal_openlock.contract.registry import changed_parameters
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.files.atomic import write_bytes, write_text
+from causal_openlock.files.checksums import table_bytes
+from causal_openlock.files.escaping import csv_of
+from causal_openlock.scoring.inverse_binomial import Draws
+from causal_openlock.scoring.model_selection import select_models
+from causal_openlock.scoring.teacher_forcing import EXACT, GROUP, score_actions
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 SUBJECT = [*GROUP, "subject"]
 LN2 = float(np.log(2.0))
+LAPSE = 0.01
+"""The share of actions that are taken to be random, where nothing else is said."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """How well learners predict recorded subjects.
+
+    Attributes:
+        actions: A row for each action and learner, see
+            :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
+        subjects: A row for each subject and learner, see :func:`by_subject`.
+    """
+
+    actions: pd.DataFrame
+    subjects: pd.DataFrame
+
+    @cached_property
+    def ranking(self) -> pd.DataFrame:
+        """The learners, the one that predicts best first; see :func:`ranking`."""
+        return ranking(self.subjects)
+
+    @cached_property
+    def followed(self) -> pd.DataFrame:
+        """Which learners subjects follow, if each follows one; see :func:`followed`."""
+        return followed(self.subjects)
+
+    def save(self, folder: Path) -> list[Path]:
+        """Write ``actions.parquet`` and ``subjects.csv``; returns where.
+
+        Raises:
+            OSError: If they cannot be written.
+        """
+        import pyarrow as pa
+
+        files = [folder / "actions.parquet", folder / "subjects.csv"]
+        write_bytes(files[0], table_bytes(pa.Table.from_pandas(self.actions)))
+        write_text(files[1], csv_of(self.subjects.round(6)))
+        return files
+
+
+def score_learners(
+    record: pa.Table,
+    experiment: StoredExperiment,
+    learners: Sequence[LearnerSpec],
+    *,
+    of: Sequence[str] = (),
+    lapse: float = LAPSE,
+    draws: Draws = EXACT,
+    workers: int = 1,
+    report: Callable[[int, int], None] = lambda done, total: None,
+) -> Scores:
+    """Score learners on recorded subjects: those of some learners, by default all.
+
+    The other arguments and errors are those of
+    :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
+    """
+    actions = score_actions(
+        record, experiment, learners, lapse, of=of, draws=draws, workers=workers, report=report
+    )
+    chosen = {one.name: len(changed_parameters(one.learner, one.parameters)) for one in learners}
+    return Scores(actions, by_subject(actions, chosen))
 
 
 def by_subject(actions: pd.DataFrame, chosen: Mapping[str, int] | None = None) -> pd.DataFrame:
@@ -29,16 +106,18 @@ def by_subject(actions: pd.DataFrame, chosen: Mapping[str, int] | None = None) -
 
     Returns:
         A row for each ``scored`` learner and subject: how many ``actions``; ``nll``, the negative
-        log-likelihood in nats; ``bits`` per action; ``expected``, the bits per action that it would
-        need for its own actions; ``bic``; and ``impossible``, how many actions it would never do.
+        log-likelihood in nats, and its ``standard_error`` (0 where it is exact); ``bits`` per
+        action; ``expected``, the bits per action that it would need for its own actions; ``bic``;
+        and ``impossible``, how many actions it would never do.
     """
     surprise = actions["log_probability"]
     table = (
-        actions.assign(nll=-surprise)
+        actions.assign(nll=-surprise, variance=actions["standard_error"] ** 2)
         .groupby(["scored", *SUBJECT], observed=True, sort=False)
         .agg(
             actions=("nll", "size"),
             nll=("nll", "sum"),
+            standard_error=("variance", lambda of_all: float(np.sqrt(of_all.sum()))),
             expected=("entropy", "mean"),
             impossible=("impossible", "sum"),
         )
@@ -87,6 +166,31 @@ def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
         )
     columns = ["scored", "subjects", "bits", "low", "high", "worse", "worse_low", "worse_high"]
     return pd.DataFrame(rows, columns=[*columns, "best_of"])
+
+
+def followed(subjects: pd.DataFrame) -> pd.DataFrame:
+    """Which learners subjects follow, if each follows one of these.
+
+    Args:
+        subjects: From :func:`by_subject`.
+
+    Returns:
+        A row for each ``scored`` learner: its expected ``frequency`` among subjects, its
+        ``exceedance`` probability and the ``protected`` one. They are those of
+        :func:`~causal_openlock.scoring.model_selection.select_models`, with -BIC/2 for the log
+        evidence; one that never does what somebody did is taken to be very unlikely for it.
+    """
+    wide = subjects.pivot_table(index=SUBJECT, columns="scored", values="bic", observed=True)
+    wide = wide[list(dict.fromkeys(subjects["scored"]))].dropna()
+    found = select_models(np.maximum(-0.5 * wide.to_numpy(float), -1e6))
+    return pd.DataFrame(
+        {
+            "scored": wide.columns,
+            "frequency": found.frequencies,
+            "exceedance": found.exceedance,
+            "protected": found.protected,
+        }
+    )
 
 
 def _interval(values: np.ndarray) -> tuple[float, float, float]:

@@ -2,13 +2,19 @@
 
 The subject's session is played again with the recorded actions. Rooms and their chance are drawn
 from the seed of the experiment, so they are those that the subject met; where what happens is not
-what is on record, nothing is scored. The learner never acts. It learns from the subject's actions
-as if they were its own.
+what is on record, nothing is scored. The learner learns from the subject's actions as if they were
+its own. It never acts, unless it gives no probabilities: then copies of it do
+(:mod:`~causal_openlock.scoring.inverse_binomial`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,11 +22,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import InformedLearner, Learner
+from causal_openlock.contract.probes import are_probabilities
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.experiment.workers import worker_pool
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.checksums import table_bytes
+from causal_openlock.scoring.inverse_binomial import Draws, Replays, by_draws
+from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
@@ -32,184 +44,329 @@ GROUP = ["learner", "condition", "protocol", "experiment", "seed"]
 
 COLUMNS = [
     *("scored", *GROUP, "subject"),
-    *("trial", "attempt", "action", "action_index", "log_probability", "entropy", "highest"),
-    "impossible",
+    *("trial", "attempt", "action", "action_index", "log_probability", "standard_error"),
+    *("entropy", "highest", "impossible"),
 ]
 
 MOST_SUBJECTS = 40
 """So many subjects are played again at once."""
+EXACT = Draws()
 
-Cell = tuple[str, pd.DataFrame]
+
+@dataclass(frozen=True)
+class Recorded:
+    """Recorded subjects of one group, who can be played again in one session.
+
+    Attributes:
+        group: What they have in common, by the names of :data:`GROUP`.
+        rows: Their attempts.
+        experiment: The experiment that they took part in.
+    """
+
+    group: dict[str, Any]
+    rows: pd.DataFrame
+    experiment: StoredExperiment
+
+    @cached_property
+    def numbers(self) -> list[int]:
+        """Their numbers."""
+        return np.unique(self.rows["subject"]).tolist()
+
+    @cached_property
+    def attempts(self) -> list[list[NDArray[Any]]]:
+        """By subject, the actions of each attempt, in the order of time: that of a record."""
+        by_number = self.rows.groupby("subject", sort=True)["actions"]
+        return [[np.asarray(one, np.int64) for one in own] for _, own in by_number]
+
+    def done(self) -> list[IntArray]:
+        """``[B]`` arrays of all actions of each subject."""
+        return [np.concatenate(own) for own in self.attempts]
+
+    def session(
+        self, scored: LearnerSpec | None = None, places: Sequence[int] | None = None
+    ) -> Session:
+        """A session of these subjects, or of those at some places, as it began for a learner."""
+        conditions = {one.name: one for one in self.experiment.conditions}
+        protocols = {one.protocol.name: one.protocol for one in self.experiment.learners}
+        numbers = self.numbers if places is None else [self.numbers[place] for place in places]
+        given: dict[str, Any] = {"reward": scored.reward, "learner": scored.name} if scored else {}
+        return Session(
+            conditions[self.group["condition"]],
+            protocols[self.group["protocol"]],
+            numbers,
+            seed=int(self.group["seed"]),
+            experiment=self.group["experiment"],
+            **given,
+        )
+
+    def check(self) -> None:
+        """Refuse a record of which something else comes when it is played again."""
+        session, actions, exists = self.session(), *padded(self.done())
+        for moment in range(actions.shape[1]):
+            if not session.view.playing[exists[:, moment]].all():
+                raise StoreError("the record has more actions than its protocol allows")
+            session.step(actions[:, moment])
+        again = session.record().to_pandas()
+        columns = ["subject", "actions", "moved", "opened"]
+        key = ["subject", "phase", "loop", "trial", "attempt"]
+        both = self.rows.merge(
+            again[[*key, *columns[1:]]].astype({"phase": str}), on=key, how="left"
+        )
+        same = len(both) == len(self.rows) and all(
+            isinstance(other, np.ndarray) and np.array_equal(one, other)
+            for name in ("actions", "moved")
+            for one, other in zip(both[f"{name}_x"], both[f"{name}_y"], strict=True)
+        )
+        if not (same and (both["opened_x"] == both["opened_y"]).all()):
+            raise StoreError(
+                f"what {self.group['learner']} did in {self.group['condition']} does not come out "
+                "again in the rooms of its experiment, so nobody can be put in its place; was it "
+                "recorded with another version?"
+            )
 
 
-def score_actions(
-    record: pa.Table, experiment: StoredExperiment, scored: LearnerSpec, lapse: float = 0.0
-) -> pd.DataFrame:
-    """How likely a learner finds each action of each subject of a record.
+def recorded_subjects(
+    record: pa.Table, experiment: StoredExperiment, of: Sequence[str] = ()
+) -> list[Recorded]:
+    """The subjects of a record, in parts that are played again together.
 
     Args:
         record: Attempts, as :meth:`~causal_openlock.experiment.store.Store.record` gives them.
         experiment: The experiment that they are of.
-        scored: The learner that predicts.
-        lapse: The share of a subject's actions that are taken to be random, so that one action
-            that the learner would never do does not outweigh all others.
-
-    Returns:
-        A row for each action. ``scored`` is the learner that predicts; ``learner`` and the rest of
-        :data:`GROUP` and ``subject`` say who acted; ``trial`` (in the whole condition), ``attempt``
-        and ``action`` when, each from 1; ``action_index`` what. ``log_probability`` is in nats,
-        with lapses; ``entropy`` that of the learner's own probabilities, in nats; ``highest``, the
-        probability of the action that it finds likeliest; ``impossible``, whether it would never
-        do what was done, but for lapses.
+        of: Labels of the learners whose subjects are wanted; by default all.
 
     Raises:
-        LearnerError: If the learner does not give probabilities, or what it gives are none.
-        StoreError: If what is on record cannot be played again.
+        StoreError: If nobody has played, or what is on record cannot be played again.
     """
+    if of:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        record = record.filter(pc.is_in(record["learner"].cast(pa.string()), pa.array([*of])))
     attempts = record.select(
         [*GROUP, "subject", "phase", "loop", "trial", "attempt", "actions", "moved", "opened"]
     ).to_pandas()
     attempts = attempts.astype(dict.fromkeys(["learner", "condition", "protocol", "phase"], str))
     if attempts.empty:
         raise StoreError("no subject of these learners has played yet; run compare to the end")
-    tables = []
+    parts = []
     for group, rows in attempts.groupby(GROUP, observed=True, sort=False):
         numbers = np.unique(rows["subject"])
         for first in range(0, len(numbers), MOST_SUBJECTS):
             own = rows[rows["subject"].isin(numbers[first : first + MOST_SUBJECTS])]
-            tables.append(_scored(dict(zip(GROUP, group, strict=True)), own, experiment, scored))
-    table = pd.concat(tables, ignore_index=True)
-    actions = table.pop("actions")
-    table["impossible"] = np.isneginf(table["log_probability"])
-    mixed = (1.0 - lapse) * np.exp(table["log_probability"]) + lapse / actions
-    with np.errstate(divide="ignore"):
-        table["log_probability"] = np.log(mixed)
-    return table[COLUMNS]
+            parts.append(Recorded(dict(zip(GROUP, group, strict=True)), own, experiment))
+            parts[-1].check()
+    return parts
 
 
-def _scored(
-    group: dict[str, Any], rows: pd.DataFrame, experiment: StoredExperiment, scored: LearnerSpec
+def score_actions(
+    record: pa.Table,
+    experiment: StoredExperiment,
+    scored: LearnerSpec | Sequence[LearnerSpec],
+    lapse: float = 0.0,
+    *,
+    of: Sequence[str] = (),
+    draws: Draws = EXACT,
+    workers: int = 1,
+    keep: Path | None = None,
+    report: Callable[[int, int], None] = lambda done, total: None,
 ) -> pd.DataFrame:
-    """The scores of some subjects of a group; ``actions`` is how many there are to choose from."""
-    numbers = np.unique(rows["subject"]).tolist()
-    session = _session(group, numbers, experiment, scored)
-    done = [_actions_of(rows[rows["subject"] == number]) for number in numbers]
-    learner = create(scored.learner, scored.parameters)
+    """How likely learners find each action of each subject of a record.
+
+    Args:
+        record: Attempts, as :meth:`~causal_openlock.experiment.store.Store.record` gives them.
+        experiment: The experiment that they are of.
+        scored: The learner that predicts, or several.
+        lapse: The share of a subject's actions that are taken to be random, so that one action
+            that the learner would never do does not outweigh all others.
+        of: Labels of the learners whose subjects are predicted; by default all.
+        draws: How those are asked that give no probabilities.
+        workers: How many processes work; with one it is this process.
+        keep: A folder for what is done, from which it goes on after an interruption.
+        report: Called with how many parts of the work are done, of how many.
+
+    Returns:
+        A row for each action. ``scored`` is the learner that predicts; ``learner`` and the rest of
+        :data:`GROUP` and ``subject`` say who acted; ``trial`` (in the whole condition), ``attempt``
+        and ``action`` when, each from 1; ``action_index`` what. ``log_probability`` is in nats,
+        with lapses, and its ``standard_error`` 0 where it is exact; ``entropy`` is that of the
+        learner's own probabilities, in nats; ``highest``, the probability of the action that it
+        finds likeliest (both NaN where it gives none); ``impossible``, whether it would never do
+        what was done, but for lapses.
+
+    Raises:
+        LearnerError: If a learner cannot be put in another's place, or what it gives are no
+            probabilities.
+        StoreError: If what is on record cannot be played again.
+    """
+    specs = [scored] if isinstance(scored, LearnerSpec) else list(scored)
+    jobs = [(part, spec) for part in recorded_subjects(record, experiment, of) for spec in specs]
+    tables = []
+    for table in scored_parts(jobs, lapse, draws, workers, keep):
+        tables.append(table)
+        report(len(tables), len(jobs))
+    return pd.concat(tables, ignore_index=True)[COLUMNS]
+
+
+def scored_parts(
+    jobs: Sequence[tuple[Recorded, LearnerSpec]],
+    lapse: float,
+    draws: Draws,
+    workers: int,
+    keep: Path | None = None,
+) -> Iterator[pd.DataFrame]:
+    """The scores of learners on parts of a record, in the order of the jobs."""
+    if workers == 1:
+        for part, spec in jobs:
+            yield _kept(part, spec, lapse, draws, keep)
+        return
+    with worker_pool(workers) as pool:
+        waiting = [pool.submit(_kept, part, spec, lapse, draws, keep) for part, spec in jobs]
+        for one in waiting:
+            yield one.result()
+
+
+def _kept(
+    part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws, folder: Path | None
+) -> pd.DataFrame:
+    """The scores of a part, from a file if they are there already."""
+    if folder is None:
+        return score_part(part, scored, lapse, draws)
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    about = [RESULTS_VERSION, scored.as_dict(), part.group, part.numbers, lapse, asdict(draws)]
+    digest = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode())
+    digest.update(b"".join(own.tobytes() for own in part.done()))
+    path = folder / f"{digest.hexdigest()[:24]}.parquet"
+    if not path.exists():
+        write_bytes(path, table_bytes(pa.Table.from_pandas(score_part(part, scored, lapse, draws))))
+    try:
+        return pq.read_table(path).to_pandas()
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{path} is damaged ({error}); remove it and try again") from None
+
+
+def score_part(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> pd.DataFrame:
+    """The scores of one learner on some subjects of a group."""
+    learner, session = create(scored.learner, scored.parameters), part.session(scored)
+    if not learner.learns_from_others:
+        raise LearnerError(
+            f"{scored.name} learns from its own actions alone, so it cannot be put in the place of "
+            "a subject that did others; leave it out"
+        )
     session.begin(learner)
-    parts = [*_predicted(session, learner, done, scored.name)]
-    _check_same(session, rows, group)
-    table = pd.DataFrame(
-        {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    )
-    table["subject"] = np.array(numbers)[table["subject"]]
-    return table.assign(scored=scored.name, actions=session.brief.actions, **group).sort_values(
-        ["subject", "trial", "attempt", "action"], ignore_index=True
-    )
-
-
-def _session(
-    group: dict[str, Any], numbers: Sequence[int], experiment: StoredExperiment, scored: LearnerSpec
-) -> Session:
-    conditions = {one.name: one for one in experiment.conditions}
-    protocols = {one.protocol.name: one.protocol for one in experiment.learners}
-    return Session(
-        conditions[group["condition"]],
-        protocols[group["protocol"]],
-        numbers,
-        seed=int(group["seed"]),
-        reward=scored.reward,
-        learner=scored.name,
-        experiment=group["experiment"],
+    actions, exists = padded(part.done())
+    if learner.probabilities(session.view) is None:
+        found = _asked(part, scored, lapse, draws, session.brief.actions, actions, exists)
+    else:
+        found = _told(session, learner, actions, exists, scored.name, lapse)
+    who, moment = np.nonzero(exists)
+    attempts = [attempt for own in part.attempts for attempt in own]
+    trials = part.rows.sort_values("subject", kind="stable")
+    each = [len(one) for one in attempts]
+    return pd.DataFrame(
+        {
+            "scored": scored.name,
+            **part.group,
+            "subject": np.array(part.numbers)[who],
+            "trial": np.repeat(_trial_numbers(trials), each),
+            "attempt": np.repeat(trials["attempt"].to_numpy(), each),
+            "action": np.concatenate([np.arange(1, one + 1) for one in each]),
+            "action_index": np.concatenate(attempts),
+            **{name: values[who, moment] for name, values in found.items()},
+        }
     )
 
 
-def _actions_of(rows: pd.DataFrame) -> IntArray:
-    """All actions of a subject, in the order of time: that of a record."""
-    return np.concatenate([*rows["actions"]]).astype(np.int64)
+def _trial_numbers(rows: pd.DataFrame) -> IntArray:
+    """``[N]`` the number of each attempt's trial in the whole condition, from 1."""
+    first = (rows["attempt"] == 1).to_numpy()
+    by_subject = pd.Series(first).groupby(rows["subject"].to_numpy())
+    return by_subject.cumsum().to_numpy(np.int64)
 
 
-def _predicted(
-    session: Session, learner: Learner, done: Sequence[IntArray], name: str
-) -> Iterator[dict[str, NDArray[Any]]]:
-    """The learner's probabilities, action by action, of subjects that did ``[B]`` such actions."""
-    lengths = np.array([len(actions) for actions in done])
-    actions = np.zeros((len(done), lengths.max()), dtype=np.int64)
-    for row, own in zip(actions, done, strict=True):
-        row[: len(own)] = own
-    in_attempt = np.zeros(len(done), dtype=np.int64)
-    for moment in range(lengths.max()):
-        view, acts = session.view, moment < lengths
-        if not view.playing[acts].all():
-            raise StoreError("the record has more actions than its protocol allows")
-        found = learner.probabilities(view)
-        if found is None:
+def padded(done: Sequence[IntArray]) -> tuple[IntArray, BoolArray]:
+    """``[B, T]`` the actions of subjects, and which of them there are; 0 after the last."""
+    lengths = np.array([len(own) for own in done])
+    exists = np.arange(lengths.max()) < lengths[:, None]
+    actions = np.zeros(exists.shape, dtype=np.int64)
+    actions[exists] = np.concatenate(done)
+    return actions, exists
+
+
+def _told(
+    session: Session,
+    learner: Learner,
+    actions: IntArray,
+    exists: BoolArray,
+    name: str,
+    lapse: float,
+) -> dict[str, NDArray[Any]]:
+    """``[B, T]`` scores of a learner that gives its probabilities."""
+    shape = exists.shape
+    own, entropy, highest = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for moment in range(shape[1]):
+        acts = exists[:, moment]
+        found = learner.probabilities(session.view)
+        if (
+            found is None
+            or len(found) != len(acts)
+            or not are_probabilities(found[acts], session.brief.actions)
+        ):
             raise LearnerError(
-                f"{name} does not give the probabilities of its actions, so it cannot be scored; "
-                "write its method probabilities(view)"
+                f"the probabilities of {name} are no array of {session.brief.actions} for each "
+                "subject, none below 0 and 1 in sum; its contract tests say more"
             )
-        _check_probabilities(found, acts, session.brief.actions, name)
-        in_attempt += 1
-        yield _rows(found, actions[:, moment], acts, view.trial, view.attempt, in_attempt)
+        own[:, moment] = found[np.arange(len(found)), actions[:, moment]]
+        surprise = -np.log(found, where=found > 0, out=np.zeros_like(found, dtype=float))
+        entropy[:, moment], highest[:, moment] = (found * surprise).sum(axis=1), found.max(axis=1)
         step = session.step(actions[:, moment])
         learner.learn(step)
         if isinstance(learner, InformedLearner) and step.trial_over.any():
             learner.inform(session.truth)
-        in_attempt[step.attempt_over] = 0
-
-
-def _check_probabilities(found: FloatArray, acts: BoolArray, actions: int, name: str) -> None:
-    """Refuse what are no probabilities of actions."""
-    right = np.shape(found) == (len(acts), actions)
-    rows = found[acts] if right else found
-    if not (right and (rows >= 0).all() and np.allclose(rows.sum(axis=1), 1.0, atol=1e-6)):
-        raise LearnerError(
-            f"the probabilities of {name} are no array of {actions} for each subject, none below 0 "
-            "and 1 in sum; its contract tests say more"
-        )
-
-
-def _rows(
-    found: FloatArray,
-    taken: IntArray,
-    acts: BoolArray,
-    trial: IntArray,
-    attempt: IntArray,
-    action: IntArray,
-) -> dict[str, NDArray[Any]]:
-    who = np.flatnonzero(acts)
-    own = found[who]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        surprise = np.where(own > 0, -np.log(own), 0.0)
-        log_probability = np.log(own[np.arange(len(who)), taken[who]])
+    with np.errstate(divide="ignore"):
+        log_probability = np.log((1.0 - lapse) * own + lapse / session.brief.actions)
     return {
-        "subject": who,
-        "trial": trial[who],
-        "attempt": attempt[who],
-        "action": action[who],
-        "action_index": taken[who],
         "log_probability": log_probability,
-        "entropy": (own * surprise).sum(axis=1),
-        "highest": own.max(axis=1),
+        "standard_error": np.zeros(shape),
+        "entropy": entropy,
+        "highest": highest,
+        "impossible": own == 0,
     }
 
 
-def _check_same(session: Session, rows: pd.DataFrame, group: dict[str, Any]) -> None:
-    """Refuse a record of which something else comes when it is played again."""
-    again = session.record().to_pandas()
-    columns = ["subject", "actions", "moved", "opened"]
-    key = ["subject", "phase", "loop", "trial", "attempt"]
-    both = rows.merge(again[[*key, *columns[1:]]].astype({"phase": str}), on=key, how="left")
-    same = len(both) == len(rows) and all(
-        isinstance(other, np.ndarray) and np.array_equal(one, other)
-        for name in ("actions", "moved")
-        for one, other in zip(both[f"{name}_x"], both[f"{name}_y"], strict=True)
+def _asked(
+    part: Recorded,
+    scored: LearnerSpec,
+    lapse: float,
+    draws: Draws,
+    choices: int,
+    actions: IntArray,
+    exists: BoolArray,
+) -> dict[str, FloatArray | BoolArray]:
+    """``[B, T]`` scores of a learner that can only act."""
+    starts = np.zeros(exists.shape, dtype=bool)
+    for row, attempts in zip(starts, part.attempts, strict=True):
+        row[np.cumsum([0, *map(len, attempts)])[:-1]] = True
+    replays = Replays(
+        session=lambda places: part.session(scored, places),
+        learner=lambda: create(scored.learner, scored.parameters),
+        done=actions,
+        exists=exists,
+        starts=starts,
+        key="/".join([scored.name, *map(str, part.group.values())]),
+        numbers=part.numbers,
     )
-    if not (same and (both["opened_x"] == both["opened_y"]).all()):
-        raise StoreError(
-            f"what {group['learner']} did in {group['condition']} does not come out again in the "
-            "rooms of its experiment, so nobody can be put in its place; was it recorded with "
-            "another version?"
-        )
+    log_probability, variance, impossible = by_draws(replays, draws, lapse, choices)
+    unknown = np.full(variance.shape, np.nan)
+    return {
+        "log_probability": log_probability,
+        "standard_error": np.sqrt(variance),
+        "entropy": unknown,
+        "highest": unknown,
+        "impossible": impossible,
+    }
 
 
 def known_learners(names: Sequence[str], specs: Sequence[LearnerSpec]) -> list[LearnerSpec]:

@@ -32,6 +32,7 @@ from causal_openlock.contract.learner import InformedLearner, Learner, Step, Vie
 from causal_openlock.contract.probes import (
     GlobalRandomness,
     InputChangedError,
+    are_probabilities,
     watch,
     with_finished,
 )
@@ -285,9 +286,7 @@ class LearnerContract:
                 raise unittest.SkipTest(f"{self.learner} gives no probabilities")
             rows = found[step.view.playing]
             self._require(
-                rows.shape[1] == session.brief.actions
-                and bool((rows >= 0).all())
-                and bool(np.allclose(rows.sum(axis=1), 1.0)),
+                are_probabilities(rows, session.brief.actions),
                 "its probabilities are not numbers of 0 or more for each action that add up to 1",
             )
             taken = rows[np.arange(len(rows)), step.action[step.view.playing]]
@@ -305,6 +304,28 @@ class LearnerContract:
         self._require_same(
             self._first_play(), session.record(), "is another once its probabilities are asked for"
         )
+
+    def test_it_learns_from_what_others_do(self) -> None:
+        """``learn`` takes another's actions, where nothing was asked before but probabilities."""
+        learner = self._made()
+        if not learner.learns_from_others:
+            raise unittest.SkipTest(f"{self.learner} learns from its own actions alone")
+        session = self._session(self._transfer())
+        session.begin(learner)
+        other = np.random.default_rng(1)
+        while not session.over:
+            try:
+                learner.probabilities(session.view)
+                step = session.step(other.integers(session.brief.actions, size=self.subjects))
+                learner.learn(step)
+            except Exception as error:  # whatever it is, it tells what the learner needs
+                raise AssertionError(
+                    f"{self.learner}: told of another's action, it fails with "
+                    f"{type(error).__name__}: {error}; let learn use step.view and step.action, "
+                    "and nothing that act has kept, or set learns_from_others = False"
+                ) from error
+            if isinstance(learner, InformedLearner) and step.trial_over.any():
+                learner.inform(session.truth)
 
     # -- its input and its state ----------------------------------------------------------------
 

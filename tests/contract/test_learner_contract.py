@@ -385,6 +385,15 @@ class Counts(Learner):
         self.counts[step.action[0]] += 1
 
 
+class NeedsToAct(Dice):
+    def act(self, view):
+        self.chosen = super().act(view)
+        return self.chosen
+
+    def learn(self, step):
+        assert len(self.chosen) == len(step.action)
+
+
 class HandsOutItsOwnState(Counts):
     def state_dict(self):
         return {"counts": self.counts}
@@ -453,6 +462,7 @@ GLOBAL = "test_it_keeps_no_global_randomness"
 LATENT = "test_it_sees_nothing_latent"
 SEEN = "test_it_acts_only_on_what_it_sees"
 GIVEN = "test_it_never_changes_what_it_is_given"
+OTHERS = "test_it_learns_from_what_others_do"
 RESUMES = "test_it_goes_on_from_a_checkpoint"
 PARAMETERS = "test_its_parameters_are_a_frozen_dataclass_that_explains_itself"
 
@@ -485,6 +495,7 @@ class TestDice(LearnerContract):
         (TurnsBits, GIVEN, "act changes an array .* copy"),
         (ClearsRewards, GIVEN, "learn changes an array .* copy"),
         (TurnsBitsThroughTorch, GIVEN, "act changes an array .* copy"),
+        (NeedsToAct, OTHERS, "told of another's action, it fails with AttributeError"),
         (Forgets, RESUMES, "as it would have uninterrupted: .* agree for"),
         (HandsOutItsOwnState, RESUMES, "changed with the learner it came from"),
         (TakesOverTheCheckpoint, RESUMES, "changed with the learner it went to"),
@@ -550,6 +561,6 @@ def test_the_contract_runs_under_unittest() -> None:
     case = type("Case", (LearnerContract, unittest.TestCase), {"learner": "oracle"})
     result = unittest.TestResult()
     unittest.defaultTestLoader.loadTestsFromTestCase(case).run(result)
-    assert result.testsRun == 12
+    assert result.testsRun == 13
     assert result.wasSuccessful()
     assert len(result.skipped) == 2

@@ -150,13 +150,24 @@ def test_what_does_not_come_out_again_is_refused(played: Played) -> None:
         score_actions(moved, elsewhere, spec("random", "random"))
 
 
-def test_a_learner_without_probabilities_is_refused(played: Played) -> None:
-    with pytest.raises(LearnerError, match="sb3 does not give the probabilities"):
+def test_a_learner_that_knows_its_own_actions_alone_is_refused(played: Played) -> None:
+    with pytest.raises(LearnerError, match="sb3 learns from its own actions alone"):
         score_actions(*played, spec("sb3", "sb3"))
 
 
 def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:
-    words = ["score", str(folder), "-l", "random", "-l", "oracle", "--of", "thompson"]
+    words = [
+        "score",
+        str(folder),
+        "-l",
+        "random",
+        "-l",
+        "oracle",
+        "--of",
+        "thompson",
+        "--workers",
+        "1",
+    ]
     result = CliRunner().invoke(app, [*words, "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     said = " ".join(result.output.split())

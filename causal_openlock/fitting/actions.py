@@ -1,0 +1,329 @@
+"""Fitting to actions: with which parameters does a learner predict best what subjects did?
+
+Maximum likelihood: candidates are proposed by Optuna, and the best of them are then moved downhill
+by Nelder and Mead's simplex (scipy), within the same bounds. All subjects follow the same
+parameters, or each subject its own. Nothing ties subjects to each other: of a person with few
+actions, parameters that the actions say little about can come out anywhere.
+
+What was fitted is judged by what it was not fitted to. Trials, or subjects, are dealt into folds;
+for each fold the learner is fitted to the others and predicts this one. Every action is predicted
+by what the subject saw and did before it, also where that is in another fold.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pydantic import TypeAdapter
+from scipy.optimize import minimize
+
+from causal_openlock.contract.registry import parse_parameters
+from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.building import learner, make_experiment
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.workers import worker_pool
+from causal_openlock.files.atomic import write_text
+from causal_openlock.fitting.search import Range, SearchSpace
+from causal_openlock.fitting.study import proposals, require_optuna
+from causal_openlock.scoring.inverse_binomial import Draws
+from causal_openlock.scoring.scores import LN2
+from causal_openlock.scoring.teacher_forcing import EXACT, GROUP, Recorded, score_part
+from causal_openlock.version import RESULTS_VERSION
+from causal_openlock.wording import nearest
+from causal_openlock.world.fsm import BoolArray, FloatArray
+
+FILE = "fit_to_actions.json"
+HOLD_OUT = ("trials", "subjects", "none")
+WHOLE = -1
+"""The number of the fold in which nothing is held out."""
+TOLERANCE = 1e-3
+"""Of parameters, as a share of their range, and of the log-likelihood, in nats."""
+
+
+@dataclass(frozen=True)
+class ActionPlan:
+    """The settings of a fit to actions."""
+
+    space: SearchSpace
+    lapse: float = 0.01
+    hold_out: str = "trials"  #: one of :data:`HOLD_OUT`
+    folds: int = 2
+    candidates: int = 40  #: that Optuna proposes
+    restarts: int = 2  #: of so many of them, the best, the simplex begins
+    moves: int = 60  #: likelihoods that the simplex may ask for each time
+    seed: int = 2018
+    draws: Draws = EXACT  #: how a learner without probabilities is asked
+
+    def __post_init__(self) -> None:
+        if self.hold_out not in HOLD_OUT:
+            raise OpenLockError(
+                f"{self.hold_out!r} cannot be held out of a fit to actions; "
+                f"{nearest(self.hold_out, HOLD_OUT)}"
+            )
+        if self.space.second:
+            raise OpenLockError("a fit to actions takes one learner; leave second: out")
+
+    @property
+    def numbers(self) -> list[int]:
+        """The folds, and :data:`WHOLE`."""
+        return [WHOLE, *range(self.folds if self.hold_out != "none" else 0)]
+
+    def spec(self, chosen: Mapping[str, float]) -> LearnerSpec:
+        """The learner with some parameters."""
+        name = self.space.learner
+        made = learner(name, label="fitted", **self.space.parameters(chosen))
+        return make_experiment(["CC4"], [made]).learners[0]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The parameters that were fitted to some actions.
+
+    Attributes:
+        who: Label of the subjects: a subject's, or ``all``.
+        fold: What was held out; :data:`WHOLE` for nothing.
+        chosen: The parameters.
+        nll: Negative log-likelihood of what they were fitted to, in nats.
+        actions: Of so many actions.
+        held_out: Negative log-likelihood of what was held out; 0 if nothing was.
+        held_out_actions: Of so many actions.
+        standard_error: Of ``nll``; 0 where it is exact.
+        evaluations: How often likelihoods were computed.
+    """
+
+    who: str
+    fold: int
+    chosen: dict[str, int | float]
+    nll: float
+    actions: int
+    held_out: float
+    held_out_actions: int
+    standard_error: float
+    evaluations: int
+
+
+@dataclass(frozen=True)
+class FitJob:
+    """One fit: to some subjects, without one fold."""
+
+    who: str
+    parts: tuple[Recorded, ...]
+    fold: int
+    plan: ActionPlan
+
+
+def fit_job(job: FitJob) -> Fitted:
+    """Do one fit."""
+    plan, ranges = job.plan, job.plan.space.ranges
+    known: dict[tuple[float, ...], pd.DataFrame] = {}
+
+    def predicted(chosen: Mapping[str, float]) -> pd.DataFrame:
+        key = tuple(chosen.values())
+        if key not in known:
+            spec = plan.spec(chosen)
+            tables = [score_part(part, spec, plan.lapse, plan.draws) for part in job.parts]
+            known[key] = pd.concat(tables, ignore_index=True)
+        return known[key]
+
+    def loss(chosen: Mapping[str, float]) -> float:
+        table = predicted(chosen)
+        own = ~_held_out(table, plan, job.fold)
+        # Where something is impossible, search goes on from a number.
+        return float(np.minimum(-table["log_probability"][own], 1e6).sum())
+
+    tried: list[tuple[dict[str, int | float], float]] = []
+    while len(tried) < plan.candidates:
+        for chosen in proposals(plan.space, tried, plan.seed)[: plan.candidates - len(tried)]:
+            tried.append((chosen, loss(chosen)))
+    tried.sort(key=lambda one: one[1])
+    for chosen, _ in tried[: plan.restarts]:
+        tried.append(_downhill(loss, chosen, ranges, plan.moves))
+    best, nll = min(tried, key=lambda one: one[1])
+    table = predicted(best)
+    out = _held_out(table, plan, job.fold)
+    apart = -table["log_probability"][out].sum()
+    error = float(np.sqrt((table["standard_error"][~out] ** 2).sum()))
+    sizes = int((~out).sum()), int(out.sum())
+    return Fitted(job.who, job.fold, best, nll, sizes[0], float(apart), sizes[1], error, len(known))
+
+
+def _held_out(table: pd.DataFrame, plan: ActionPlan, fold: int) -> BoolArray:
+    """Which actions are of a fold: every so-many-th trial, or subject."""
+    if fold == WHOLE:
+        return np.zeros(len(table), dtype=bool)
+    number = table["trial"] - 1 if plan.hold_out == "trials" else table["subject"]
+    dealt: BoolArray = (number % plan.folds == fold).to_numpy(bool)
+    return dealt
+
+
+def _downhill(
+    loss: Callable[[Mapping[str, float]], float],
+    start: Mapping[str, int | float],
+    ranges: Mapping[str, Range],
+    moves: int,
+) -> tuple[dict[str, int | float], float]:
+    """From a candidate to the nearest minimum; whole numbers stay as they are."""
+    free = [name for name, one in ranges.items() if not one.whole]
+    if not free or not moves:
+        return dict(start), loss(start)
+
+    def there(place: FloatArray) -> dict[str, int | float]:
+        moved = {name: of_share(ranges[name], x) for name, x in zip(free, place, strict=True)}
+        return {**start, **moved}
+
+    first = np.array([share_of(ranges[name], start[name]) for name in free])
+    # The simplex begins with steps of a tenth of each range, away from the nearer bound.
+    steps = np.where(first > 0.5, -0.1, 0.1)
+    found = minimize(
+        lambda place: loss(there(place)),
+        first,
+        method="Nelder-Mead",
+        bounds=[(0.0, 1.0)] * len(free),
+        options={
+            "maxfev": moves,
+            "xatol": TOLERANCE,
+            "fatol": TOLERANCE,
+            "initial_simplex": np.vstack([first, first + np.diag(steps)]),
+        },
+    )
+    return there(found.x), float(found.fun)
+
+
+def share_of(one: Range, value: float) -> float:
+    """Where a value stands between its bounds, from 0 to 1.
+
+    >>> share_of(Range(1.0, 100.0, log=True), 10.0)
+    0.5
+    """
+    low, high, x = (np.log(v) if one.log else v for v in (one.low, one.high, value))
+    return float((x - low) / (high - low))
+
+
+def of_share(one: Range, share: float) -> float:
+    """The value that stands there.
+
+    >>> of_share(Range(0.0, 4.0), 0.25)
+    1.0
+    """
+    low, high = (np.log(v) if one.log else v for v in (one.low, one.high))
+    value = low + (high - low) * float(share)
+    found = float(np.exp(value)) if one.log else float(value)
+    return min(max(found, one.low), one.high)
+
+
+# -- all fits of a plan ---------------------------------------------------------------------------
+
+
+def jobs_of(parts: Sequence[Recorded], plan: ActionPlan, each: bool) -> list[FitJob]:
+    """The fits of a plan: to all subjects together, or to each.
+
+    Raises:
+        OpenLockError: If subjects are to be held out of a fit to one subject, or there are fewer
+            subjects than folds.
+    """
+    parse_parameters(plan.space.learner, plan.space.fixed)
+    if plan.hold_out == "subjects":
+        numbers = {number for part in parts for number in part.numbers}
+        if each:
+            raise OpenLockError("of a single subject, hold out trials: --hold-out trials")
+        if len({number % plan.folds for number in numbers}) < plan.folds:
+            raise OpenLockError(f"there are fewer subjects than {plan.folds} folds; take fewer")
+    groups: dict[str, tuple[Recorded, ...]] = {"all": tuple(parts)}
+    if each:
+        groups = {
+            "/".join(str(part.group[name]) for name in GROUP) + f"/{number}": (
+                replace(part, rows=part.rows[part.rows["subject"] == number]),
+            )
+            for part in parts
+            for number in part.numbers
+        }
+    return [FitJob(who, own, fold, plan) for who, own in groups.items() for fold in plan.numbers]
+
+
+def fit_all(
+    jobs: Sequence[FitJob],
+    folder: Path,
+    *,
+    workers: int = 1,
+    report: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Fitted]:
+    """Do all fits, or those that are missing; what is done is kept in the folder.
+
+    Raises:
+        OpenLockError: If Optuna is not installed.
+        StoreError: If the folder holds another fit.
+    """
+    require_optuna()
+    path, plan = folder / FILE, jobs[0].plan
+    settings = {**asdict(plan), "space": plan.space.as_dict(), "version": RESULTS_VERSION}
+    subjects = [[*one.group.values(), *one.numbers] for job in jobs for one in job.parts]
+    settings |= {"jobs": [[one.who, one.fold] for one in jobs], "subjects": subjects}
+    settings = json.loads(json.dumps(settings, default=str))
+    done = _kept(path, settings)
+    left = jobs[len(done) :]
+    for found in _fits(left, workers):
+        done.append(found)
+        rows = [asdict(one) for one in done]
+        write_text(path, json.dumps({"settings": settings, "done": rows}, indent=1) + "\n")
+        report(len(done), len(jobs))
+    return done
+
+
+def _fits(jobs: Sequence[FitJob], workers: int) -> Iterator[Fitted]:
+    if workers == 1 or len(jobs) == 1:
+        yield from map(fit_job, jobs)
+        return
+    with worker_pool(min(workers, len(jobs))) as pool:
+        yield from pool.map(fit_job, jobs)
+
+
+def _kept(path: Path, settings: dict[str, Any]) -> list[Fitted]:
+    if not path.exists():
+        return []
+    try:
+        kept = json.loads(path.read_bytes())
+        found = TypeAdapter(list[Fitted]).validate_python(kept["done"])
+        same = kept["settings"] == settings
+    except (ValueError, OSError, TypeError, LookupError, RecursionError):
+        raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
+    if not same:
+        raise StoreError(
+            f"{path.parent} holds another fit to actions (its subjects, search space, seed, folds "
+            "or version differ); choose another folder with --out"
+        )
+    return found
+
+
+def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
+    """The fits without anything held out, a row each, with what was predicted in the folds.
+
+    Returns:
+        Columns ``who``; the parameters; ``nll`` in nats with its ``standard_error``; ``actions``;
+        ``bits`` per action of what was fitted and ``held_out_bits``; ``bic``.
+    """
+    rows = []
+    for one in fits:
+        if one.fold != WHOLE:
+            continue
+        folds = [other for other in fits if other.who == one.who and other.fold != WHOLE]
+        apart = sum(other.held_out for other in folds)
+        of = sum(other.held_out_actions for other in folds)
+        rows.append(
+            {
+                "who": one.who,
+                **one.chosen,
+                "nll": one.nll,
+                "standard_error": one.standard_error,
+                "actions": one.actions,
+                "bits": one.nll / one.actions / LN2,
+                "held_out_bits": apart / of / LN2 if of else np.nan,
+                "bic": 2 * one.nll + len(one.chosen) * np.log(one.actions),
+            }
+        )
+    return pd.DataFrame(rows)

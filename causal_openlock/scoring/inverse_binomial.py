@@ -1,0 +1,262 @@
+"""Log-likelihoods of learners that can only act: inverse binomial sampling.
+
+Of a learner that gives no probabilities one can still ask again and again what it would do now. The
+number K of draws until it does what the subject did gives an estimate of the log-probability, ::
+
+    -(1 + 1/2 + ... + 1/(K - 1)),
+
+that is right in the mean, whatever the probability is, with a variance of which 1 + 1/4 + ... +
+1/(K - 1)² is right in the mean (van Opheusden, Acerbi & Ma 2020). A share of hits in a fixed number
+of draws is not: its logarithm is too low, and without any hit it is infinite.
+
+Here many copies of the learner are told, side by side, what the subject did. Each has random
+numbers of its own, and what it would do is a draw. What is hidden in a learner, such as a plan, is
+taken to last for an attempt at most: of later actions in an attempt, only those copies are asked
+that did what the subject did from its beginning on, so that draws are from what is possible after
+it. Subjects are played again with more copies until every action has been hit, or
+:attr:`Draws.most` copies were asked. What is left then, and the first actions that none of the
+copies came to, get what the estimate would come to if the probability were the share of all copies
+that did it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from causal_openlock.contract.learner import InformedLearner, Learner, Truth
+from causal_openlock.experiment.session import Session
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.randomness import unrelated_generators
+
+FIRST_COPIES = 16
+"""Copies of a subject when it is first played; then as many again, twice as many, and so on."""
+MOST_COPIES = 640
+"""Copies of all subjects that are played at once."""
+
+
+@dataclass(frozen=True)
+class Draws:
+    """How learners without probabilities are asked.
+
+    Attributes:
+        hits: How often each action has to be hit; the variance falls in proportion.
+        most: How many copies of a subject are asked at most.
+        seed: Of all copies' random numbers.
+    """
+
+    hits: int = 1
+    most: int = 256
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Replays:
+    """Recorded subjects, to be played again.
+
+    Attributes:
+        session: A new session of the subjects with these places among all, as it began.
+        learner: A new learner.
+        done: ``[B, T]`` the actions of each subject.
+        exists: ``[B, T]`` which of them there are.
+        starts: ``[B, T]`` whether an action is the first one of its attempt.
+        key: Texts that distinguish these subjects and this learner from others.
+        numbers: ``[B]`` numbers of the subjects.
+    """
+
+    session: Callable[[Sequence[int]], Session]
+    learner: Callable[[], Learner]
+    done: IntArray
+    exists: BoolArray
+    starts: BoolArray
+    key: str
+    numbers: Sequence[int]
+
+
+class Tally:
+    """The draws for each action of B subjects, so far; arrays are ``[B, T]``.
+
+    Args:
+        exists: Which actions there are.
+        attempt: To which attempt they belong.
+        draws: How they are asked.
+        lapse: The share of actions that are random.
+        actions: How many there are to choose from.
+    """
+
+    def __init__(
+        self, exists: BoolArray, attempt: IntArray, draws: Draws, lapse: float, actions: int
+    ) -> None:
+        self._draws, self._lapse, self._by_lapse = draws, lapse, lapse / actions
+        self.exists, self._attempt = exists, attempt
+        shape = exists.shape
+        self._hits, self._misses = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
+        self._sum, self._variance = np.zeros(shape), np.zeros(shape)
+        self._own = np.zeros(shape, np.int64)  # by how many copies it was done, whatever came
+        self._asked = np.zeros(shape, np.int64)  # before, of how many
+
+    @property
+    def open(self) -> BoolArray:
+        """Which actions have not been hit often enough."""
+        return self.exists & (self._hits < self._draws.hits)
+
+    def wanted(self) -> BoolArray:
+        """Which actions have to be asked for: those up to the last open one of an attempt."""
+        wanted = self.open
+        for moment in range(wanted.shape[1] - 2, -1, -1):
+            same = self._attempt[:, moment] == self._attempt[:, moment + 1]
+            wanted[:, moment] |= same & wanted[:, moment + 1]
+        return wanted
+
+    def note(
+        self, subject: int, moment: int, own: BoolArray, valid: BoolArray, luck: FloatArray
+    ) -> None:
+        """Note the answers of some copies.
+
+        Args:
+            subject: Whose.
+            moment: The number of the action.
+            own: ``[N]`` which copies did what the subject did.
+            valid: ``[N]`` which copies had done so since the attempt began.
+            luck: ``[N]`` uniform numbers, for lapses.
+        """
+        place = subject, moment
+        self._own[place] += own.sum()
+        self._asked[place] += len(own)
+        # A lapse hits with its share of one action, and otherwise misses.
+        hit = np.where(luck < self._lapse, luck < self._by_lapse, own)[valid]
+        ends = np.flatnonzero(hit)[: self._draws.hits - self._hits[place]]
+        settled = len(ends) + self._hits[place] == self._draws.hits
+        used = ends[-1] + 1 if settled and len(ends) else len(hit)
+        if self._hits[place] == self._draws.hits:
+            return
+        for hit_here in hit[:used].tolist():
+            if hit_here:
+                self._hits[place] += 1
+                self._misses[place] = 0
+                continue
+            self._misses[place] += 1
+            self._sum[place] -= 1.0 / self._misses[place]
+            self._variance[place] += 1.0 / self._misses[place] ** 2
+
+    def estimates(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """``[B, T]`` log-probabilities, their variances, and which actions no copy did."""
+        unfinished = self.open
+        share = self._own / np.maximum(self._asked, 1)
+        mixed = (1.0 - self._lapse) * share + self._by_lapse
+        rest = np.zeros(self._sum.shape)
+        for place in zip(*np.nonzero(unfinished), strict=True):
+            rest[place] = expected_rest(int(self._misses[place]), float(mixed[place]))
+        hits = np.maximum(self._hits + unfinished, 1)
+        return (self._sum - rest) / hits, self._variance / hits**2, self._own == 0
+
+
+@lru_cache(maxsize=4096)
+def expected_rest(misses: int, probability: float) -> float:
+    """What is still to be added after so many misses, in the mean.
+
+    >>> round(expected_rest(0, 0.25), 6) == round(-np.log(0.25), 6)
+    True
+    """
+    if probability <= 0:
+        return np.inf
+    steps = np.arange(1, int(40.0 / probability) + 2)
+    return float(((1.0 - probability) ** steps / (misses + steps)).sum())
+
+
+def tiled(given: Any, copies: int) -> Any:
+    """A view or a step in which every subject has so many copies, side by side."""
+    return replace(
+        given,
+        **{
+            part.name: np.repeat(value, copies, axis=0)
+            if isinstance(value := getattr(given, part.name), np.ndarray)
+            else tiled(value, copies)
+            for part in fields(given)
+        },
+    )
+
+
+def by_draws(
+    replays: Replays, draws: Draws, lapse: float, actions: int
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Log-probabilities of what subjects did, by asking copies of a learner.
+
+    Args:
+        replays: The subjects.
+        draws: How often to ask.
+        lapse: The share of a subject's actions that are taken to be random.
+        actions: How many actions there are to choose from.
+
+    Returns:
+        ``[B, T]`` log-probabilities with lapses, in nats; their variances; and which actions no
+        copy did. Beyond a subject's last action they mean nothing.
+    """
+    attempt = replays.starts.cumsum(axis=1)
+    tally = Tally(replays.exists, attempt, draws, lapse, actions)
+    for asked, copies in _rounds(draws.most):
+        left = np.flatnonzero(tally.open.any(axis=1)).tolist()
+        together = max(1, MOST_COPIES // copies)
+        for first in range(0, len(left), together):
+            _ask(replays, left[first : first + together], copies, asked, tally, draws)
+    return tally.estimates()
+
+
+def _rounds(most: int) -> Iterator[tuple[int, int]]:
+    """How many copies were asked before each round, and how many are asked in it."""
+    asked, copies = 0, FIRST_COPIES
+    while asked < most:
+        copies = min(copies, most - asked)
+        yield asked, copies
+        asked, copies = asked + copies, asked + copies
+
+
+def _ask(
+    replays: Replays,
+    places: Sequence[int],
+    copies: int,
+    asked: int,
+    tally: Tally,
+    draws: Draws,
+) -> None:
+    """Play some subjects again with so many copies of the learner, and note what these do."""
+    session, learner = replays.session(places), replays.learner()
+    numbers = [replays.numbers[place] * 10**6 + asked + copy
+               for place in places for copy in range(copies)]  # fmt: skip
+    wanted, done, starts = (
+        part[np.array(places)] for part in (tally.wanted(), replays.done, replays.starts)
+    )
+    own, luck = (
+        unrelated_generators(draws.seed, f"{use}/{replays.key}", numbers)
+        for use in ("copies", "lapses")
+    )
+    chance = np.stack([generator.random(done.shape[1]) for generator in luck])
+    learner.begin(replace(session.brief, subjects=len(numbers), generators=own))
+    informed = learner if isinstance(learner, InformedLearner) else None
+    _inform(informed, session, copies)
+    valid = np.ones((len(places), copies), dtype=bool)
+    for moment in range(np.flatnonzero(wanted.any(axis=0))[-1] + 1):
+        view = tiled(session.view, copies)
+        valid[starts[:, moment]] = True
+        if wanted[:, moment].any():
+            asks = view.playing & np.repeat(wanted[:, moment], copies)
+            answers = learner.act(replace(view, playing=asks)).reshape(len(places), copies)
+            same = answers == done[:, moment][:, None]
+            for row in np.flatnonzero(wanted[:, moment]).tolist():
+                own_luck = chance[row * copies : (row + 1) * copies, moment]
+                tally.note(places[row], moment, same[row], valid[row], own_luck)
+            valid &= same | ~wanted[:, moment, None]
+        step = session.step(done[:, moment])
+        learner.learn(tiled(step, copies))
+        if step.trial_over.any():
+            _inform(informed, session, copies)
+
+
+def _inform(learner: InformedLearner | None, session: Session, copies: int) -> None:
+    if learner:
+        truth = session.truth
+        learner.inform(Truth(truth.rooms, np.repeat(truth.room, copies)))

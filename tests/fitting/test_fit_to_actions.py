@@ -1,0 +1,92 @@
+"""Parameters fitted to single actions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import causal_openlock as ol
+from causal_openlock.cli import app
+from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.runner import run
+from causal_openlock.experiment.store import Store
+from causal_openlock.fitting.actions import ActionPlan, fit_all, fit_job, fit_table, jobs_of
+from causal_openlock.fitting.search import Range, search_space
+from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
+
+pytest.importorskip("optuna")
+SHORT = ol.Protocol("short", 10, stop_when_solved=True, baseline_trials=2)
+SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
+PLAN = ActionPlan(SPACE, candidates=8, restarts=1, moves=12)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    kinds = [ol.learner("associative", label=name, temperature=heat)
+             for name, heat in (("cool", 0.06), ("warm", 0.5))]  # fmt: skip
+    made = make_experiment(["CC3"], kinds, subjects=6, protocol=SHORT, seed=5)
+    folder = tmp_path_factory.mktemp("fitted")
+    run(made, folder, workers=0)
+    return folder
+
+
+def parts(folder: Path, learner: str) -> list[Recorded]:
+    return recorded_subjects(*Store(folder).record(), [learner])
+
+
+@pytest.mark.parametrize(("learner", "true"), [("cool", 0.06), ("warm", 0.5)])
+def test_what_subjects_were_made_with_is_found(folder: Path, learner: str, true: float) -> None:
+    (job,) = jobs_of(parts(folder, learner), replace(PLAN, hold_out="none"), each=False)
+    found = fit_job(job)
+    assert found.chosen["temperature"] == pytest.approx(true, rel=0.25)
+    assert found.held_out_actions == 0
+    truth = fit_job(replace(job, plan=replace(job.plan, candidates=1, moves=0, restarts=1)))
+    assert found.nll <= truth.nll
+
+
+def test_what_is_held_out_is_not_fitted(folder: Path) -> None:
+    for how, key in (("trials", "trial"), ("subjects", "subject")):
+        jobs = jobs_of(parts(folder, "warm"), replace(PLAN, hold_out=how), each=False)
+        whole, *folds = [fit_job(job) for job in jobs]
+        assert whole.actions == sum(one.held_out_actions for one in folds), key
+        table = fit_table([whole, *folds])
+        assert table["held_out_bits"].iloc[0] >= table["bits"].iloc[0] - 0.02
+        assert len({one.chosen["temperature"] for one in folds}) == 2
+
+
+def test_it_goes_on_where_it_was_stopped(folder: Path, tmp_path: Path) -> None:
+    jobs = jobs_of(parts(folder, "cool"), replace(PLAN, candidates=2, moves=0), each=True)
+    assert len(jobs) == 6 * 3
+
+    def stop(done: int, total: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fit_all(jobs[:4], tmp_path, report=stop)
+    counted: list[int] = []
+    resumed = fit_all(jobs[:4], tmp_path, report=lambda done, _: counted.append(done))
+    assert counted == [3, 4]
+    assert resumed == [fit_job(job) for job in jobs[:4]]
+    with pytest.raises(StoreError, match="holds another fit to actions"):
+        fit_all(jobs[:3], tmp_path)
+    with pytest.raises(OpenLockError, match="hold out trials"):
+        jobs_of(parts(folder, "cool"), replace(PLAN, hold_out="subjects"), each=True)
+
+
+def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:
+    words = ["fit", "associative", "--to", str(folder), "--of", "warm", "--hold-out", "none",
+             "-s", "temperature=0.02:2:log", "--candidates", "4", "--workers", "1",
+             "--out", str(tmp_path / "fit")]  # fmt: skip
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "name: associative_fitted" in result.output
+    assert np.isfinite(pd.read_csv(tmp_path / "fit" / "fits.csv")["bits"]).all()
+    wrong = CliRunner().invoke(app, [*words[:-1], str(tmp_path / "other"), "--hold-out", "points"])
+    assert "'points' cannot be held out" in str(wrong.exception)

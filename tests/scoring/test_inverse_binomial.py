@@ -1,0 +1,96 @@
+"""Log-likelihoods by asking what copies of a learner would do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import causal_openlock as ol
+from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.runner import run
+from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.scoring.inverse_binomial import Draws, Tally
+from causal_openlock.scoring.teacher_forcing import score_actions
+from learners.associative import Associative
+from learners.win_stay import WinStay
+
+SHORT = ol.Protocol("short", 6, stop_when_solved=True, baseline_trials=2)
+LEARNERS = ["win_stay", "associative", "posterior_sampling"]
+Played = tuple[pa.Table, StoredExperiment]
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory: pytest.TempPathFactory) -> Played:
+    made = make_experiment(["CC3"], LEARNERS, subjects=3, protocol=SHORT, seed=3)
+    folder = tmp_path_factory.mktemp("drawn")
+    run(made, folder, workers=0)
+    return Store(folder).record()
+
+
+def spec(name: str) -> LearnerSpec:
+    (found,) = (one for one in make_experiment(["CC3"], LEARNERS).learners if one.name == name)
+    return found
+
+
+def of(played: Played, learner: str) -> Played:
+    record, experiment = played
+    own = [name == learner for name in record["learner"].to_pylist()]
+    return record.filter(pa.array(own)), experiment
+
+
+@pytest.mark.parametrize("probability", [0.9, 0.3, 0.02])
+def test_the_estimate_and_its_variance_are_right_in_the_mean(probability: float) -> None:
+    many, lapse = 300, 0.1
+    mixed = 0.9 * probability + 0.1 / 15
+    tally = Tally(np.ones((many, 1), bool), np.ones((many, 1)), Draws(), lapse, 15)
+    generator = np.random.default_rng(1)
+    while tally.open.any():
+        for subject in np.flatnonzero(tally.open[:, 0]).tolist():
+            own = generator.random(64) < probability
+            tally.note(subject, 0, own, np.ones(64, bool), generator.random(64))
+    estimates, variances, _ = tally.estimates()
+    error = estimates.std() / np.sqrt(many)
+    assert estimates.mean() == pytest.approx(np.log(mixed), abs=4 * error)
+    assert variances.mean() == pytest.approx(estimates.var(), rel=0.35)
+
+
+def test_what_no_copy_does_is_left_to_lapses() -> None:
+    tally = Tally(np.ones((1, 1), bool), np.ones((1, 1)), Draws(), 0.1, 15)
+    assert np.isneginf(Tally(np.ones((1, 1), bool), np.ones((1, 1)), Draws(), 0, 15).estimates()[0])
+    assert tally.estimates()[0] == pytest.approx(np.log(0.1 / 15))
+    assert tally.estimates()[2].all()
+
+
+@pytest.mark.parametrize("learner", [WinStay, Associative])
+def test_it_agrees_with_exact_likelihoods(
+    played: Played, monkeypatch: pytest.MonkeyPatch, learner: type
+) -> None:
+    name = {WinStay: "win_stay", Associative: "associative"}[learner]
+    scored, lapse = spec(name), 0.2
+    for acted in (name, "posterior_sampling"):
+        own = of(played, acted)
+        exact = score_actions(*own, scored, lapse)
+        with monkeypatch.context() as patched:
+            patched.setattr(learner, "probabilities", lambda *_: None)
+            drawn = score_actions(*own, scored, lapse, draws=Draws(hits=2, most=1000))
+        gap = (drawn["log_probability"] - exact["log_probability"]).sum()
+        error = np.sqrt((drawn["standard_error"] ** 2).sum())
+        assert (exact["standard_error"] == 0).all()
+        assert error > 0
+        assert abs(gap) < 4 * error, (acted, gap, error)
+
+
+def test_a_plan_that_nobody_sees_is_filtered_by_what_was_done(played: Played) -> None:
+    own = of(played, "posterior_sampling")
+    scored = spec("posterior_sampling")
+    actions = score_actions(*own, scored, 0.2, draws=Draws(most=100))
+    again = score_actions(*own, scored, 0.2, draws=Draws(most=100))
+    assert actions.equals(again)
+    assert np.isnan(actions["entropy"]).all()
+    by_place = np.exp(actions["log_probability"]).groupby(actions["action"]).mean()
+    # It carries a plan out: once the first lever is known, the rest is known better.
+    assert by_place[3] > by_place[1]
+    assert -actions["log_probability"].mean() < np.log(15)
