@@ -77,7 +77,6 @@ class PosteriorSampling(Checkpointed, Learner):
         self._found = np.zeros(shape[:2], dtype=bool)
         self._policy = np.zeros((brief.subjects, limit + 1, *shape[1:3]), dtype=np.int64)
         self._planned = np.zeros(brief.subjects, dtype=bool)
-        self._known_looks: dict[bytes, IntArray] = {}
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the next action of each plan; a new attempt begins with a new one."""

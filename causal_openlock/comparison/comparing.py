@@ -12,13 +12,11 @@ import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
-
-from pydantic import BaseModel
 
 from causal_openlock.comparison.progress import Show, shown_here
 from causal_openlock.comparison.results import Results, open_results
@@ -27,6 +25,7 @@ from causal_openlock.experiment.building import (
     Changes,
     ConditionForm,
     LearnerForm,
+    listed,
     make_experiment,
 )
 from causal_openlock.experiment.expected_cost import cost_cautions
@@ -189,7 +188,7 @@ def _experiment(
     what: Any, learners: Any, given: dict[str, Any], out: Path | str | None
 ) -> Experiment:
     """The experiment that is asked for."""
-    learners = None if learners is None else _listed(learners)
+    learners = None if learners is None else listed(learners)
     if isinstance(what, StoredExperiment):
         raise ExperimentError(
             "this experiment is the record of one that was run; compare its file again, or "
@@ -221,11 +220,6 @@ def _experiment(
         raise ExperimentError("name the learners to compare, such as learners=['bayes', 'ddqn']")
     single = isinstance(what, str | Path | Schema | Condition) or not isinstance(what, Iterable)
     return make_experiment([what] if single else list(what), learners, **given)
-
-
-def _listed(learners: Any) -> list[Any]:
-    single = isinstance(learners, str | type | BaseModel | Mapping)
-    return [learners] if single or not isinstance(learners, Iterable) else list(learners)
 
 
 def _is_condition(name: str) -> bool:

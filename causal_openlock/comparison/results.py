@@ -29,7 +29,7 @@ from causal_openlock.analysis.results.waste import waste
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
 from causal_openlock.experiment.answers import read_answers
-from causal_openlock.experiment.building import LearnerForm, make_experiment
+from causal_openlock.experiment.building import LearnerForm, listed, make_experiment
 from causal_openlock.experiment.folder_lock import LOCK
 from causal_openlock.experiment.remote import downloaded
 from causal_openlock.experiment.store import Store, check_inside
@@ -234,8 +234,7 @@ class Results(Material):
         """
         if len(self.folders) != 1:
             raise StoreError("score the results of one folder at a time")
-        several = isinstance(learners, Sequence) and not isinstance(learners, str)
-        predicting = make_experiment(["CC4"], learners if several else [learners]).learners
+        predicting = make_experiment(["CC4"], listed(learners)).learners
         known_learners(of, self.experiment.learners)
         record, experiment = Store(self.folders[0]).record()
         return score_learners(record, experiment, predicting, of=of, lapse=lapse, workers=workers)

@@ -326,6 +326,12 @@ class _Builder:
         )
 
 
+def listed(learners: LearnerForm | Iterable[LearnerForm]) -> list[LearnerForm]:
+    """One learner, or several, as a list."""
+    single = isinstance(learners, str | type | BaseModel | Mapping)
+    return [learners] if single or not isinstance(learners, Iterable) else list(learners)  # type: ignore[arg-type]
+
+
 def as_learner(learner: LearnerForm) -> LearnerFile:
     """A learner in any form, as an experiment file has it.
 
