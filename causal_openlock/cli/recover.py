@@ -113,8 +113,8 @@ def _print(found: Recovery, console: Terminal) -> None:
     low = binomtest(round(single * found.made), found.made).proportion_ci(method="exact").low
     console.print_line(
         f"With {found.subjects} subjects in a condition, {groups:.0%} of groups and {single:.0%} "
-        f"of single subjects are attributed to the learner that made them (of {found.made}: at least "
-        f"{low:.0%} with 97.5% confidence)."
+        f"of single subjects are attributed to the learner that made them (of "
+        f"{found.made}: at least {low:.0%} with 97.5% confidence)."
     )
     confused = [
         f"{maker} for {taken} ({share:.0%} of groups)"

@@ -185,7 +185,7 @@ class Results(Material):
 
     def score(
         self,
-        learners: LearnerForm | Sequence[LearnerForm],
+        learners: Sequence[LearnerForm],
         *,
         of: Sequence[str] = (),
         lapse: float = LAPSE,
@@ -211,8 +211,7 @@ class Results(Material):
         """
         if len(self.folders) != 1:
             raise StoreError("score the results of one folder at a time")
-        several = isinstance(learners, Sequence) and not isinstance(learners, str)
-        predicting = make_experiment(["CC4"], learners if several else [learners]).learners
+        predicting = make_experiment(["CC4"], learners).learners
         known_learners(of, self.experiment.learners)
         record, experiment = Store(self.folders[0]).record()
         return score_learners(record, experiment, predicting, of=of, lapse=lapse, workers=workers)
