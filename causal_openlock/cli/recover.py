@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.experiment import Experiment, LearnerSpec
     from causal_openlock.fitting.recovery import Recovery
 
+FEW = 20
+"""With fewer simulated subjects in a condition, groups drawn from them say little."""
+
 
 def recover(
     experiment: Annotated[str, typer.Argument(help="An experiment: name or file.")],
@@ -97,6 +100,8 @@ def recover(
 
 
 def _print(found: Recovery, console: Terminal) -> None:
+    from scipy.stats import binomtest
+
     from causal_openlock.comparison.console import plain_table
 
     for table, of in ((found.single, "a subject"), (found.groups, f"a group of {found.subjects}")):
@@ -105,14 +110,22 @@ def _print(found: Recovery, console: Terminal) -> None:
             shown.add_row(str(name), *(f"{share:.2f}" if share else "" for share in row))
         console.print_whole(shown)
     groups, single = found.shares_right()
+    low = binomtest(round(single * found.made), found.made).proportion_ci(method="exact").low
     console.print_line(
         f"With {found.subjects} subjects in a condition, {groups:.0%} of groups and {single:.0%} "
-        "of single subjects are attributed to the learner that made them."
+        f"of single subjects are attributed to the learner that made them (of "
+        f"{found.made}: at least {low:.0%} with 97.5% confidence)."
     )
     confused = [
         f"{maker} for {taken} ({share:.0%} of groups)"
         for maker, taken, share in found.confused(found.groups)
     ]
+    if found.subjects < FEW:
+        console.print_line(
+            f"Groups are drawn from {found.subjects} subjects, too few for a verdict: simulate at "
+            f"least {FEW}."
+        )
+        return
     console.print_line(
         f"Taken for another: {'; '.join(confused)}. A study of this size cannot tell these apart."
         if confused

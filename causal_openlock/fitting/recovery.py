@@ -50,6 +50,7 @@ class Recovery:
         bits: Bits per action of subjects (rows) as the learners (columns) predict them; the
             diagonal is the ceiling.
         subjects: How many there are in a condition.
+        made: How many there are in all.
     """
 
     single: pd.DataFrame
@@ -57,6 +58,7 @@ class Recovery:
     by_size: pd.DataFrame
     bits: pd.DataFrame
     subjects: int
+    made: int
 
     def shares_right(self) -> tuple[float, float]:
         """The share of groups and of single subjects that are attributed to who made them."""
@@ -129,6 +131,7 @@ def recovery(actions: pd.DataFrame, seed: int = 0) -> Recovery:
         pd.DataFrame(rows, columns=["learner", "condition", "subjects", "trials", "right"]),
         bits.unstack("scored").loc[names, names],
         most,
+        len(sums.groupby(WHO, observed=True).size()),
     )
 
 
