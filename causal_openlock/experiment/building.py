@@ -328,8 +328,9 @@ class _Builder:
 
 def listed(learners: LearnerForm | Iterable[LearnerForm]) -> list[LearnerForm]:
     """One learner, or several, as a list."""
-    single = isinstance(learners, str | type | BaseModel | Mapping)
-    return [learners] if single or not isinstance(learners, Iterable) else list(learners)  # type: ignore[arg-type]
+    given: Any = learners
+    single = isinstance(given, str | type | BaseModel | Mapping)
+    return [given] if single or not isinstance(given, Iterable) else list(given)
 
 
 def as_learner(learner: LearnerForm) -> LearnerFile:
