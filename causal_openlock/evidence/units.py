@@ -131,17 +131,21 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         "trial": selection.trial and [selection.trial],
         "part": selection.part and [selection.part],
     }
-    rows = units
-    if not (selection.phase or selection.trial or selection.part):
-        rows = rows[rows["judged"].astype(bool)]
+    if selection.phase or selection.trial or selection.part:
+        kept = np.ones(len(units), dtype=bool)
+    else:
+        kept = units["judged"].to_numpy(bool)
     for column, values in wanted.items():
         if not values:
             continue
-        missing = [str(value) for value in values if column not in rows
-                   or not (rows[column] == value).any()]  # fmt: skip
-        if missing:
+        found = {
+            value: kept & (column in units and (units[column] == value).to_numpy(bool))
+            for value in values
+        }
+        if missing := [str(value) for value, there in found.items() if not there.any()]:
             raise EvidenceError(f"no unit has been run with {column} {joined(missing)}")
-        rows = rows[rows[column].isin(values)]
+        kept = np.logical_or.reduce([*found.values()])
+    rows = units[kept]
     if measure not in rows or rows[measure].isna().all():
         raise EvidenceError(f"{measure} was not measured of {selection.learner}")
     each = rows.groupby(["unit", "condition"])[measure].mean().unstack().dropna()
