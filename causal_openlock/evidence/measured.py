@@ -121,11 +121,15 @@ class Evidence:
 
     def verdict(self, name: str) -> Verdict:
         """The verdict on a claim."""
-        return together(
+        return together(self._verdicts_of(name))
+
+    def _verdicts_of(self, name: str) -> list[Verdict]:
+        """The verdict on each contrast of a claim."""
+        return [
             "undecided" if isinstance(found, str) else found[1]
             for (claim, _), found in self.estimates.items()
             if claim == name
-        )
+        ]
 
     @cached_property
     def claims(self) -> pd.DataFrame:
@@ -286,7 +290,11 @@ class Evidence:
         return f"{markdown(['claim', 'verdict', 'by'], rows)}\n"
 
     def _verdict_in_words(self, name: str) -> str:
-        return f"**{self.verdict(name)}**" + "; stated after the run" * self.stated_after(name)
+        """The verdict; of an undecided one, how many contrasts are against the claim."""
+        own = self._verdicts_of(name)
+        against = own.count("does not hold") if self.verdict(name) == "undecided" else 0
+        how = f" ({against} of {len(own)} do not hold)" if against and len(own) > 1 else ""
+        return f"**{self.verdict(name)}**{how}" + "; stated after the run" * self.stated_after(name)
 
     def _verdicts(self, names: Sequence[str]) -> str:
         rows = []
