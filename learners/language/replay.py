@@ -8,7 +8,8 @@ sent; where the server is does not count.
 The folder is the environment variable ``OPENLOCK_LLM_REPLAY``, by default
 ``~/.cache/causal_openlock/llm``. It holds files of lines of JSON, one for each process that asked;
 a line that is damaged, or that a kill has cut off, is ignored. A transcript in a results folder has
-the same lines, so ``OPENLOCK_LLM_REPLAY=results/transcripts`` repeats a comparison from its results.
+the same lines, so ``OPENLOCK_LLM_REPLAY=results/transcripts`` repeats a comparison from its
+results.
 
 ``OPENLOCK_LLM_BUDGET`` is the most tokens that the folder may come to hold.
 """
