@@ -88,8 +88,12 @@ class LanguageModelParameters:
         for name in OURS:
             if name in self.settings:
                 raise ValueError(f"settings cannot hold {name!r}, which the learner itself sends")
-        parts = urlsplit(self.base_url)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
+        try:
+            parts = urlsplit(self.base_url)
+            known = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+        except ValueError:  # of a port that there cannot be
+            known = False
+        if not known:
             raise ValueError(
                 "base_url is the address of a server, such as http://localhost:8000/v1"
             )

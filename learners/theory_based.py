@@ -327,7 +327,8 @@ class TheoryBased(Checkpointed, Learner):
     def structure(self, subject: int) -> Structure | None:
         """Edges of the schemas that are still possible, by their mean probabilities.
 
-        A lever of a path enables the next one, and its last the door; any path opens it.
+        A lever of a path enables the next one, and its last the door. Nothing is believed about
+        gates.
         """
         room = self._rooms[subject] or self._left[subject]
         schemas = room and schemas_of(self.brief.positions, room.length, room.solutions)
@@ -356,7 +357,7 @@ class TheoryBased(Checkpointed, Learner):
             for cause, effect in pairwise(steps[paths].T):
                 has[np.arange(len(possible)), cause, effect] = True
         edges = np.tensordot(likely[possible] / likely.sum(), has, axes=1)
-        return Structure(edges, np.zeros(positions + 1))
+        return Structure(edges, np.full(positions + 1, np.nan))
 
     def state_dict(self) -> dict[str, Any]:
         """Beliefs, rooms, and the states of the generators."""

@@ -7,8 +7,9 @@ still to be expected with the best play, V, and if an action is taken now and th
 after it, Q. All of it is exact.
 
 * **Regret** of an action is Q - V, in attempts: what it costs on average, whatever luck there was.
-  The regrets of a trial and its luck add up to the attempts beyond V at its start, and luck is 0 on
-  average; so mean regret is the mean number of attempts beyond the ideal observer's.
+  The regrets of a trial and its luck add up to its attempts beyond V at its start, and, of a trial
+  that was not solved, those that would still have been needed: V at its end. Luck is 0 on average,
+  so mean regret is the mean of that.
 * **Information** expected of an action is the entropy of its outcome, since rooms in which levers
   move surely add no noise; gained is the entropy of the posterior before less that after it.
 * **Useless** is an action of which the observer knew that it would change nothing, or one that came

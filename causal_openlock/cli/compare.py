@@ -84,7 +84,7 @@ def compare(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.remote import kept
+    from causal_openlock.experiment.remote import kept, without_password
     from causal_openlock.experiment.shard import Shard
     from causal_openlock.experiment.store import Store
     from causal_openlock.experiment.worker import Watching
@@ -128,7 +128,8 @@ def compare(
             report_store(folder, console)
         else:
             console.print_line(
-                f"shard {part} is over; when all are: causal-openlock report {out or folder}"
+                f"shard {part} is over; when all are: causal-openlock report "
+                f"{without_password(out or folder)}"
             )
         send()
     if failed:

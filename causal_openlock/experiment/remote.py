@@ -16,16 +16,22 @@ import hashlib
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from causal_openlock.errors import StoreError, in_short
+from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import PARTIAL, write_bytes
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://.+", re.DOTALL)
 _COMES = re.compile(
-    r"experiment\.json|cells/[^/]+\.parquet|errors/[^/]+\.txt|code(/[\w.-]+)+", re.ASCII
+    r"experiment\.json|(cells|reactions|structures)/[^/]+\.parquet|transcripts/[^/]+\.jsonl"
+    r"|errors/[^/]+\.txt|code(/[\w.-]+)+",
+    re.ASCII,
 )
+_OF_CELLS = ("cells", "reactions", "structures", "transcripts")
+_USER = re.compile(r"(?<=://)[^/]*:[^/]*@")
 _STAYS = re.compile(r"\.lock.*|.*\.(checkpoint|attempts|progress)|\.awaited-.*")
 
 
@@ -38,6 +44,15 @@ def is_remote(place: str | Path) -> bool:
     return _URL.fullmatch(str(place)) is not None
 
 
+def without_password(place: str | Path) -> str:
+    """A place as messages show it.
+
+    >>> without_password("ftp://me:secret@host/human")
+    'ftp://host/human'
+    """
+    return _USER.sub("", str(place))
+
+
 def local_folder(place: str | Path) -> Path:
     """The folder itself, or where a store's results are played and read, in ``results/``.
 
@@ -47,7 +62,9 @@ def local_folder(place: str | Path) -> Path:
     if not is_remote(place):
         return Path(place)
     url = str(place).rstrip("/")
-    name = re.sub(r"[^\w.-]", "_", url.rpartition("/")[2], flags=re.ASCII).lstrip(".")
+    name = re.sub(r"[^\w.-]", "_", without_password(url).rpartition("/")[2], flags=re.ASCII).lstrip(
+        "."
+    )
     return Path("results") / f"{name}-{hashlib.sha256(url.encode()).hexdigest()[:8]}"
 
 
@@ -87,7 +104,7 @@ class Remote:
     """
 
     def __init__(self, url: str) -> None:
-        self.url, self.folder = url, local_folder(url)
+        self.url, self.folder, self.shown = url, local_folder(url), without_password(url)
         self._sent: dict[str, tuple[int, int]] = {}
         with self._reached():
             import fsspec
@@ -95,23 +112,39 @@ class Remote:
             self._files, self._root = fsspec.core.url_to_fs(url)
 
     def download(self) -> None:
-        """Bring what is there: the description, cells, their code, and why some failed.
+        """Bring what is there: the description, cells and what is beside them, and why some failed.
+
+        A cell that is whole here is not replaced; where it differs there, it is sent again.
 
         Raises:
             StoreError: If the store cannot be reached.
         """
         with self._reached():
             found: dict[str, Any] = self._files.find(self._root, detail=True)
-            for path, about in found.items():
+            whole = cache(self._is_whole)
+            # What is beside a cell comes before it: whether to bring it depends on the cell here.
+            for path, about in sorted(found.items(), reverse=True):
                 inside = str(PurePosixPath(path).relative_to(PurePosixPath(self._root)))
                 if not _COMES.fullmatch(inside) or ".." in PurePosixPath(inside).parts:
                     continue  # whoever may write there may name things as they like
                 here = self.folder / inside
                 # Only the description is rewritten in place; of the others, what is complete stays.
                 known = here.is_file() and here.stat().st_size == about["size"]
+                of_cell = inside.split("/")[0] in _OF_CELLS
+                if not known and of_cell and here.is_file() and whole(here.stem):
+                    continue  # what is there is cut off, or somebody else's
                 if not known or inside == "experiment.json":
                     write_bytes(here, self._files.cat_file(path))
                 self._sent[inside] = _state(here)
+
+    def _is_whole(self, cell: str) -> bool:
+        """Whether a cell's record is here and undamaged."""
+        store = Store(self.folder)
+        try:
+            store.read(store.cells / f"{cell}.parquet")
+        except StoreError:
+            return False
+        return True
 
     def upload(self) -> None:
         """Send what is new or has changed here, the description first.
@@ -135,12 +168,13 @@ class Remote:
             yield
         except ImportError as error:
             raise StoreError(
-                f"{self.url} needs a package that is not installed ({in_short(error)}); install "
+                f"{self.shown} needs a package that is not installed ({in_short(error)}); install "
                 "it, for s3:// with: pip install s3fs"
             ) from None
         except Exception as error:  # each store has errors of its own
+            why = in_short(error).replace(self.url, self.shown)
             raise StoreError(
-                f"{self.url} cannot be reached ({type(error).__name__}: {in_short(error)}); check "
+                f"{self.shown} cannot be reached ({type(error).__name__}: {why}); check "
                 f"the address and what it needs. What was played is in {self.folder}, and the same "
                 "command goes on"
             ) from None

@@ -7,8 +7,9 @@ sent; where the server is does not count.
 
 The folder is the environment variable ``OPENLOCK_LLM_REPLAY``, by default
 ``~/.cache/causal_openlock/llm``. It holds files of lines of JSON, one for each process that asked;
-a line that a kill has cut off is ignored. A transcript in a results folder has the same lines, so
-``OPENLOCK_LLM_REPLAY=results/transcripts`` repeats a comparison from its results.
+a line that is damaged, or that a kill has cut off, is ignored. A transcript in a results folder has
+the same lines, so ``OPENLOCK_LLM_REPLAY=results/transcripts`` repeats a comparison from its
+results.
 
 ``OPENLOCK_LLM_BUDGET`` is the most tokens that the folder may come to hold.
 """
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import secrets
 from functools import cache
@@ -37,6 +39,23 @@ def key_of(request: dict[str, Any], seed: int) -> str:
     """The key of a request, in which there is no address and no secret."""
     text = json.dumps({"request": request, "seed": seed}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _is_whole(reply: Reply) -> bool:
+    """Whether all that is read of a reply is there, and of its type: anybody may have written it.
+
+    Raises:
+        KeyError, TypeError, ValueError, OverflowError: If it is not.
+    """
+    prompt, completion = reply["tokens"]
+    latency, finish = reply["latency"], reply["finish"]
+    return (
+        isinstance(reply["message"], dict)
+        and all(type(many) is int and many >= 0 for many in (prompt, completion))
+        and (finish is None or isinstance(finish, str))
+        and type(latency) in (int, float)
+        and math.isfinite(latency)
+    )
 
 
 def replay() -> Replay:
@@ -76,8 +95,8 @@ class Replay:
         try:
             kept = json.loads(line)
             key, reply = kept["key"], kept["reply"]
-            whole = isinstance(reply["message"], dict) and reply["tokens"] is not None
-        except (KeyError, TypeError, ValueError):
+            whole = isinstance(key, str) and _is_whole(reply)
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
             return  # a line of another kind, or a damaged one
         if whole:
             self._replies.setdefault(key, reply)

@@ -69,6 +69,7 @@ def test_who_solves_a_room_comes_to_know_it(learner: str) -> None:
     table = understanding(played(learner, "CC3-CC4", subjects=3))
     assert len(table) == 3 * 7
     assert (table["brier"].between(0, 1) & table["f1"].between(0, 1)).all()
+    assert table["gate_brier"].isna().all() == (learner == "theory_based")
     if learner == "ideal":
         assert table[["shd", "brier"]].to_numpy().max() == pytest.approx(0.0, abs=1e-9)
     else:

@@ -12,7 +12,7 @@ import causal_openlock as ol
 from causal_openlock.errors import Interrupted, StoreError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.remote import downloaded, kept
+from causal_openlock.experiment.remote import downloaded, kept, local_folder
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.shard import Shard
 from causal_openlock.experiment.store import Store
@@ -147,3 +147,50 @@ def test_a_store_that_is_lost_keeps_what_was_played_here(
             play(experiment, place, "1/1")
     assert play(experiment, place, "1/1") == [True] * 4
     assert len(fsspec.filesystem("memory").find("/runs/far/cells")) == 4
+
+
+def test_what_is_whole_here_stays_and_mends_what_is_cut_off_there(
+    place: str, tmp_path: Path
+) -> None:
+    play(read_experiment(tmp_path / "far.yaml"), place, "1/1")
+    files = fsspec.filesystem("memory")
+    remote = files.find("/runs/far/cells")[0]
+    here = local_folder(place) / "cells" / Path(remote).name
+    whole = here.read_bytes()
+    files.pipe_file(remote, whole[:100])
+    with kept(place) as (_, send):
+        assert here.read_bytes() == whole
+        send()
+    assert files.cat_file(remote) == whole
+    here.write_bytes(whole[:100])  # and the other way round
+    downloaded(place)
+    assert here.read_bytes() == whole
+
+
+def test_what_is_beside_cells_comes_with_them(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    play(read_experiment(tmp_path / "far.yaml"), place, "1/1")
+    here = local_folder(place)
+    stem = next((here / "cells").iterdir()).stem
+    beside = {
+        f"transcripts/{stem}.jsonl",
+        f"reactions/{stem}.parquet",
+        f"structures/{stem}.parquet",
+    }
+    for name in beside:
+        (here / name).parent.mkdir()
+        (here / name).write_bytes(b"said")
+    with kept(place) as (_, send):
+        send()
+    on_another_machine(str(tmp_path / "two"), monkeypatch)
+    folder = downloaded(place)
+    assert all((folder / name).read_bytes() == b"said" for name in beside)
+
+
+def test_a_password_in_an_address_is_not_shown() -> None:
+    for place in ("nosuch://me:secret@host/far", "nosuch://me:secret@host"):
+        assert "secret" not in str(local_folder(place))
+        with pytest.raises(StoreError, match="cannot be reached") as raised:
+            downloaded(place)
+        assert "secret" not in str(raised.value)

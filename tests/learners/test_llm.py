@@ -24,7 +24,7 @@ from causal_openlock.render.words import Wording
 from causal_openlock.world.room import Layout
 from learners.language import answers
 from learners.language.answers import read_answer, read_structure
-from learners.language.replay import BUDGET, FOLDER
+from learners.language.replay import BUDGET, FOLDER, Replay
 from learners.language.server import KEY, TRUSTED
 from support.scripted_server import (
     Body,
@@ -45,6 +45,7 @@ ONE_ROOM = Condition("room", (Trials(CC3, (LAYOUT,)),))
 TWO_ROOMS = Condition("rooms", (Trials(CC3, (LAYOUT, Layout.of(CC3, "trial2")), shuffle=False),))
 SECRET = "sk-very-secret-0123"
 SOON = {"retry_after_ms": "1"}
+WHOLE = {"message": {"content": "push"}, "finish": "stop", "tokens": [5, 2], "latency": 0.5}
 
 
 @pytest.fixture(autouse=True)
@@ -273,6 +274,8 @@ def test_there_is_no_server_without_a_key_or_a_model() -> None:
     [
         ({"base_url": "http://me:key@host/v1"}, "cannot hold a key"),
         ({"base_url": "host"}, "is the address of a server"),
+        ({"base_url": "http://h:99999/v1"}, "is the address of a server"),
+        ({"base_url": "http://h:port/v1"}, "is the address of a server"),
         ({"settings": {"messages": []}}, "cannot hold 'messages'"),
     ],
 )
@@ -320,6 +323,29 @@ def test_a_transcript_of_results_is_a_replay(
     monkeypatch.setenv(FOLDER, str(folder))
     server, again, *_ = play(subjects=2)
     assert (again, server.asked) == (record, [])
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        {"key": ["a", "list"], "reply": WHOLE},
+        {"key": "one", "reply": {"message": {}, "tokens": [5, 2]}},
+        {"key": "one", "reply": WHOLE | {"message": "push"}},
+        {"key": "one", "reply": WHOLE | {"finish": ["stop"]}},
+        {"key": "one", "reply": WHOLE | {"latency": "soon"}},
+        {"key": "one", "reply": WHOLE | {"latency": float("nan")}},
+        {"key": "one", "reply": WHOLE | {"tokens": "x"}},
+        {"key": "one", "reply": WHOLE | {"tokens": [5]}},
+        {"key": "one", "reply": WHOLE | {"tokens": [-5, "2"]}},
+    ],
+)
+def test_a_damaged_line_is_passed_over(tmp_path: Path, damaged: dict[str, Any]) -> None:
+    """The folder may be somebody else's: what is no whole reply was never given."""
+    lines = [damaged, {"key": "two", "reply": WHOLE}]
+    (tmp_path / "said.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    kept = Replay(tmp_path)
+    kept.refresh()
+    assert (kept.get("one"), kept.get("two"), kept.spent) == (None, WHOLE, 7)
 
 
 def test_a_budget_stops_between_attempts_and_a_larger_one_goes_on(

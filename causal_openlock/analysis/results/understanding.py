@@ -5,7 +5,9 @@ unlucky. So what a subject believes about the room that it has just left is comp
 schema of that room, edge by edge. Learners that hold such beliefs say so
 (:meth:`~causal_openlock.contract.learner.Learner.structure`): they play what is on record again.
 People are asked (``causal-openlock play --ask-structure``), and their answers are beside the record
-(:mod:`causal_openlock.experiment.answers`).
+(:mod:`causal_openlock.experiment.answers`). People tick or do not, and are not asked about gates;
+compare people and learners by ``shd`` and ``f1``. ``ideal`` is told the schema, so it has only to
+find out which lever is which.
 """
 
 from __future__ import annotations
@@ -58,7 +60,8 @@ def compared(believed: Structure, schema: Schema, layout: Layout) -> dict[str, f
           round, where edges more probable than :data:`LIKELY` count as believed.
         - ``f1``: harmonic mean of the shares of believed edges that are true and of true ones that
           are believed; 0 if none is both.
-        - ``brier``: mean squared difference of probability and truth over all edges there could be.
+        - ``brier``: mean squared difference of probability and truth over all edges there could be;
+          of people, who tick or do not, the share of wrong edges.
         - ``gate_brier``: the same of gates: whether all causes are needed, where the schema has
           several; NaN where it has not, or nothing is believed about them.
     """
@@ -116,7 +119,7 @@ def understanding(
     Returns:
         A row for each trial of each subject: ``learner``, ``condition``, ``protocol``, ``subject``,
         ``visit`` (number of the trial in the whole condition, from 1), ``schema``, and what
-        :func:`compared` gives. A single ``brier`` says little; over trials it says what is learned.
+        :func:`compared` gives. A solved room of the paper leaves these learners next to nothing to doubt.
     """
     rows = [row for answer in answers if (row := _answered(results, answer))]
     for spec in results.experiment.learners:

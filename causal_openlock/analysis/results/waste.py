@@ -49,7 +49,8 @@ def waste(results: Material) -> pd.DataFrame:
 
         - ``used``: how many actions it had.
         - ``regret``: attempts that its choices cost on average, whatever luck there was. A trial's
-          regrets, added up, are on average the attempts beyond those of the ideal observer.
+          regrets, added up, are on average the attempts beyond those of the ideal observer, and, of
+          a trial that was not solved, those that would still have been needed.
         - ``expected``: bits of information that its actions were expected to give.
         - ``best``: bits that the best action would have given at each of these moments, added up.
         - ``gained``: bits that were gained; ``expected`` on average.
