@@ -276,7 +276,9 @@ def test_the_default_experiment_plays_every_learner_in_the_six_conditions() -> N
 def test_every_learner_plays_where_people_were() -> None:
     experiment = read_experiment(find_experiment("paper_human"))
     ours = {name for name, entry in registry().items() if entry.value.startswith("learners.")}
-    assert {entry.learner for entry in experiment.learners} == ours
+    assert {entry.learner for entry in experiment.learners} == ours - {
+        "llm"
+    }  # which needs a server
     assert {(entry.protocol.name, entry.subjects) for entry in experiment.learners} == {
         ("human", 40)
     }

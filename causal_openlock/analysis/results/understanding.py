@@ -56,6 +56,8 @@ def compared(believed: Structure, schema: Schema, layout: Layout) -> dict[str, f
     {'shd': 1, 'f1': 0.86, 'brier': 0.11, 'gate_brier': nan}
 
     Returns:
+        Numbers by name:
+
         - ``shd``: structural Hamming distance, the fewest edges to be added, taken away or turned
           round, where edges more probable than :data:`LIKELY` count as believed.
         - ``f1``: harmonic mean of the shares of believed edges that are true and of true ones that

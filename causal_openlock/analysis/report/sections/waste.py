@@ -23,7 +23,8 @@ _FORMATS = {
 
 def section(material: Material) -> Section | None:
     """Regret, information and useless actions; None where no attempt can be judged."""
-    if not 0 < material.record.num_rows <= MOST:
+    record = material.record
+    if not 0 < record.num_rows <= MOST or "actions" not in record.column_names:
         return None
     table = wasted(waste(material))
     if table.empty:
