@@ -86,9 +86,8 @@ def _files_of(
     """The names of a person's files that are listed, or there; one for each label they have."""
     there = {path.name for data in DATA for path in (store.folder / data).glob("*.parquet")}
     labels = "|".join(re.escape(spec.name) for spec in experiment.learners)
-    form = re.compile(
-        rf"({labels})_{re.escape(condition)}_{subject}-{subject}_[0-9a-f]{{12}}.parquet"
-    )
+    middle = f"{re.escape(condition)}_{subject}-{subject}"
+    form = re.compile(rf"({labels})_{middle}_[0-9a-f]{{12}}\.parquet")
     names = sorted(name for name in {*experiment.files, *there} if form.fullmatch(name))
     return [name for name in names if _is_of(store, name, condition)]
 

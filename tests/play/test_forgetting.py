@@ -66,9 +66,10 @@ def test_what_was_imported_is_gone_after_the_second_try(
     paths = imported(tmp_path, "person")
     gone = paths["person", "CE3"]
     for owner, name in ((Path, "unlink"), (Store, "list_files")):
-        with monkeypatch.context() as patch, pytest.raises(Killed):
+        with monkeypatch.context() as patch:
             patch.setattr(owner, name, killed)
-            forget_person(tmp_path, 0, "CE3")
+            with pytest.raises(Killed):
+                forget_person(tmp_path, 0, "CE3")
     forget_person(tmp_path, 0, "CE3")
     assert not gone.exists()
     assert gone.name not in (tmp_path / "experiment.json").read_text()
@@ -98,7 +99,7 @@ def test_what_was_played_is_gone_after_the_second_try(
         rewritten.append(self)
         rewrite(self, entries)
 
-    with monkeypatch.context() as patch, pytest.raises(Killed):
+    with monkeypatch.context() as patch:
         match moment:
             case "list":
                 patch.setattr(people.People, "_declare", killed)
@@ -107,7 +108,8 @@ def test_what_was_played_is_gone_after_the_second_try(
             case _:
                 patch.setattr(Log, "rewrite", rewritten_until)
         patch.setattr(people.People, "keep", lambda self: None)  # a killed process keeps nothing
-        forget_person(tmp_path, cell.first_subject, "CC3")
+        with pytest.raises(Killed):
+            forget_person(tmp_path, cell.first_subject, "CC3")
     forget_person(tmp_path, cell.first_subject, "CC3")
     everything = [path for path in tmp_path.rglob("*") if path.is_file()]
     content = b"".join(path.read_bytes() for path in everything)
@@ -137,10 +139,11 @@ def test_nobody_is_called_as_somebody_who_could_not_join(
             raise StoreError("the disk is full")
         append(self, entry)
 
-    for number, log_name in enumerate(("log.jsonl", people.RECRUITED)):
-        with monkeypatch.context() as patch, pytest.raises(StoreError):
+    for log_name in ("log.jsonl", people.RECRUITED):  # noqa: B007 - `full` reads it
+        with monkeypatch.context() as patch:
             patch.setattr(log.Log, "append", full)
-            home.join(recruited={"PID": f"lost{number}"})
+            with pytest.raises(StoreError):
+                home.join(recruited={"PID": "lost"})
     home.join(recruited={"PID": "there"})
     home.close()
     # A power cut can take the end of one log and leave that of the other.
