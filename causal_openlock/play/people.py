@@ -74,7 +74,7 @@ class TooManyPeople(Refused):
 
 
 class NotAgreed(Refused):
-    """Somebody who has not agreed to the consent would join."""
+    """Somebody would join who has not agreed to the consent as it is now."""
 
 
 class _Person:
@@ -126,6 +126,9 @@ class People:
         command: The command that continues, for the report.
         clock: Returns the time in seconds.
 
+    Attributes:
+        consent_mark: What the log calls the consent: a hash of its text; empty without one.
+
     Raises:
         StoreError: If the folder holds something else, is in use, damaged, or cannot be written to.
         ProtocolError: If a condition does not fit the protocol.
@@ -154,7 +157,7 @@ class People:
         )
         self.practice, self._clock = practice, clock
         self.ask, self.consent, self.recruiting = ask, consent, tuple(recruiting)
-        self._agreed = hashlib.sha256(consent.encode()).hexdigest()[:16] if consent else ""
+        self.consent_mark = hashlib.sha256(consent.encode()).hexdigest()[:16] if consent else ""
         self.store = Store(folder)
         self._people: dict[str, _Person] = {}
         self._order: list[_Person | None] = []  # None: their data were deleted
@@ -172,27 +175,27 @@ class People:
             if self._recruited:
                 opened.callback(self._recruited.close)
             if consent:
-                write_text(self.store.folder / f"consent_{self._agreed}.md", consent)
+                write_text(self.store.folder / f"consent_{self.consent_mark}.md", consent)
             self._resume()
             self._declare()
             opened.pop_all()
 
     # -- what the page requests -----------------------------------------------------------------
 
-    def join(self, agreed: bool = False, recruited: Mapping[str, str] | None = None) -> str:
+    def join(self, agreed: str = "", recruited: Mapping[str, str] | None = None) -> str:
         """Add a person and return their session id.
 
         Args:
-            agreed: Whether the person has agreed to the consent.
+            agreed: The ``consent_mark`` of the text that the person was shown and has agreed to.
             recruited: What the recruiting service calls them.
 
         Raises:
-            NotAgreed: If there is a consent that they have not agreed to.
+            NotAgreed: If there is a consent, and they have agreed to none or to another one.
             TooManyPeople: If nobody else can join.
             StoreError: If it cannot be written to the log.
         """
-        if self.consent and not agreed:
-            raise NotAgreed("nobody joins without having agreed")
+        if self.consent and agreed != self.consent_mark:
+            raise NotAgreed("nobody joins without having agreed to the text that is shown now")
         told = {key: value for key, value in (recruited or {}).items() if key in self.recruiting}
         name = secrets.token_urlsafe(24)
         with self._joining:
@@ -204,7 +207,7 @@ class People:
                 "at": self._clock(),
                 "practice": self.practice,
                 **({"ask": True} if self.ask else {}),
-                **({"consent": self._agreed} if self.consent else {}),
+                **({"consent": self.consent_mark} if self.consent else {}),
             }
             person = self._person(entry)
             self._log.append(entry)
