@@ -62,6 +62,7 @@ class ActionEntry:
         of_attempt: What is said of its attempt, by columns of a record.
         reaction: Seconds that it took, if known.
         time: Seconds since the subject began, if known.
+        named: Whether the file says who it is; if not, ``subject`` is the name of the file.
     """
 
     place: Place
@@ -77,6 +78,7 @@ class ActionEntry:
     of_attempt: Mapping[str, Any] = field(default_factory=dict)
     reaction: float | None = None
     time: float | None = None
+    named: bool = True
 
 
 def action_entry(place: Place, row: Mapping[str, Any]) -> ActionEntry:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,22 +16,27 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.file_format import NAME_FORM, NAME_IN_WORDS
+from causal_openlock.experiment.folder_lock import FolderLock
 from causal_openlock.experiment.protocol import Condition, find_protocol
 from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.store import Store
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.schema_file import bundled_schemas
 from causal_openlock.importing.actions import ActionEntry
 from causal_openlock.importing.checking import Checked, play_again
 from causal_openlock.importing.jspsych import jspsych_actions
 from causal_openlock.importing.tables import experiment_of, table_actions
+from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER, reactions_table, write_reactions
-from causal_openlock.wording import counted
+from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 from causal_openlock.world.room import Layout
+from causal_openlock.world.schema import Schema
 
 AT_ONCE = 40
 """So many subjects are played again at once."""
+BESIDE = ".importing-"
+"""The beginning of the name of the folder that is written to, beside ``out``."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +65,15 @@ def import_files(
 ) -> Imported:
     """Play again what files tell of, and write it as a results folder.
 
-    Subjects are numbered in the order in which they come in their condition, unless all there are
-    called by numbers; what they were called is not kept.
+    Subjects are numbered in the order in which they come in their condition. What they were called
+    is not kept, nor are the names of the files; only this project's own CSV keeps its numbers,
+    unless they are far apart.
 
     Args:
         files: CSV, perhaps compressed, or the JSON of jsPsych.
-        out: A folder that does not exist, or is empty.
+        out: A folder that does not exist, or is empty; not the working directory.
         experiment: An experiment, by name or file, that declares conditions, protocols and rewards
-            that are not the toolkit's own.
+            that are not the toolkit's own; files of data name no schema by a path.
         protocol: The protocol, where the files name none.
         seed: The seed of rooms, where the files name neither it nor layouts.
         learner: The label of who played, where the files name none.
@@ -74,18 +82,21 @@ def import_files(
         OpenLockError: If a file cannot be read, a row could not have happened, or the folder cannot
             be written; nothing has been written then.
     """
-    paths, folder = [*map(Path, files)], Path(out)
+    paths, folder = [*map(Path, files)], Path(out).resolve()
+    if folder == Path.cwd():
+        raise StoreError(f"{out} is the folder that you work in; name a new folder in it")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise StoreError(f"{folder} is there already; choose another folder")
+        raise StoreError(f"{out} is there already; choose another folder")
     known = read_experiment(find_experiment(experiment)) if experiment else None
-    heads = {head for path in paths if path.suffix != ".json" and (head := experiment_of(path))}
+    told = [None if path.suffix == ".json" else experiment_of(path) for path in paths]
+    heads = {head for head in told if head}
     if len(heads) > 1:
         raise OpenLockError(
             "these files are of several experiments, or seeds; import each by itself, then read "
             "them together"
         )
-    stem = re.sub(r"\W+", "_", paths[0].name.partition(".")[0]) or "imported"
-    name, seed = next(iter(heads), (stem, seed))
+    short = re.sub(r"[^A-Za-z0-9]+", "_", folder.name).strip("_")[:64] or "imported"
+    name, seed = next(iter(heads), (short, seed))
     for called in (name, learner):
         if not re.fullmatch(NAME_FORM, called):
             raise OpenLockError(f"{called!r} cannot be a name here; it must be {NAME_IN_WORDS}")
@@ -93,7 +104,7 @@ def import_files(
     in_condition: dict[str, dict[str, None]] = defaultdict(dict)
     for (_, called, _), subjects in groups.items():
         in_condition[called].update(dict.fromkeys(subjects))
-    numbers = {called: _numbers([*names]) for called, names in in_condition.items()}
+    numbers = {called: _numbers([*names], all(told)) for called, names in in_condition.items()}
     specs: dict[str, LearnerSpec] = {}
     conditions: dict[str, Condition] = {}
     found: list[tuple[LearnerSpec, Checked]] = []
@@ -117,7 +128,8 @@ def import_files(
             found += [(spec, one) for one in checked]
     if not any(one.record.num_rows for _, one in found):
         raise OpenLockError(f"{paths[0]}: there is no trial that is over; is this the right file?")
-    _write(folder, name, seed, paths, [*specs.values()], [*conditions.values()], found)
+    command = shlex.join(["causal-openlock", "import", "FILES", "--out", Path(out).as_posix()])
+    _write(folder, name, seed, command, [*specs.values()], [*conditions.values()], found)
     return Imported(
         sum(one.record.num_rows > 0 for _, one in found),
         sum(one.record.num_rows for _, one in found),
@@ -139,7 +151,14 @@ def _grouped(
 ) -> dict[tuple[str, str, str], dict[str, list[ActionEntry]]]:
     """Actions by learner, condition and protocol, by subject."""
     groups: dict[tuple[str, str, str], dict[str, list[ActionEntry]]] = defaultdict(dict)
+    unnamed: dict[str, Path] = {}
     for one in entries:
+        file = one.place.file
+        if not one.named and unnamed.setdefault(one.subject, file) != file:
+            raise one.place.fault(
+                f"neither this file nor {unnamed[one.subject]} says whose it is, and their names "
+                "are alike; rename one, or add subject to the entries"
+            )
         if one.learner and not re.fullmatch(NAME_FORM, one.learner):
             raise one.place.fault(f"{one.learner!r} is no label; one is {NAME_IN_WORDS}")
         group = groups[one.learner or learner, one.condition, one.protocol or protocol]
@@ -147,17 +166,31 @@ def _grouped(
     return groups
 
 
-def _numbers(names: Sequence[str]) -> dict[str, int]:
-    if all(name.isascii() and name.isdecimal() and len(name) < 9 for name in names):
+def _numbers(names: Sequence[str], own: bool) -> dict[str, int]:
+    """The subjects' numbers: those of our own files, else in the order of appearance."""
+    if own and all(name.isascii() and name.isdecimal() and len(name) < 9 for name in names):
         numbers = {name: int(name) for name in names}
-        if len({*numbers.values()}) == len(names):
+        # A folder has room for every number up to the highest.
+        few = max(numbers.values()) < max(MOST_PEOPLE, len(names))
+        if few and len({*numbers.values()}) == len(names):
             return numbers
     return {name: number for number, name in enumerate(names)}
 
 
 def _condition(name: str, known: Experiment | None) -> Condition:
     declared = {one.name: one for one in known.conditions} if known else {}
-    return declared.get(name) or Condition.named(name, find_schema)
+    return declared.get(name) or Condition.named(name, _bundled_schema)
+
+
+def _bundled_schema(name: str) -> Schema:
+    """A schema of the package: what files of data name opens no other file."""
+    known = bundled_schemas()
+    if name not in known:
+        raise OpenLockError(
+            f"there is no schema {name[:80]!r} in the package; {nearest(name, known)}, or declare "
+            "the condition in an experiment file, and name it with --from"
+        )
+    return known[name]
 
 
 def _spec(label: str, protocol: str, known: Experiment | None) -> LearnerSpec:
@@ -172,7 +205,7 @@ def _write(
     folder: Path,
     name: str,
     seed: int,
-    paths: Sequence[Path],
+    command: str,
     specs: Sequence[LearnerSpec],
     conditions: Sequence[Condition],
     found: Sequence[tuple[LearnerSpec, Checked]],
@@ -187,7 +220,6 @@ def _write(
                 f"subject {one.subject} of two learners has met different rooms; call the subjects "
                 "differently"
             )
-    words = ["causal-openlock", "import", *map(str, paths), "--out", folder.as_posix()]
     experiment = Experiment(
         name,
         "Imported",
@@ -195,11 +227,10 @@ def _write(
         1,
         tuple(replace(one, rooms=rooms[one.name]) for one in conditions),
         tuple(replace(spec, subjects=most[spec.name]) for spec in specs),
-        shlex.join(words),
+        command,
     )
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".importing-") as beside:
-        store = Store(Path(beside) / "results")
+    with _beside(folder) as beside:
+        store = Store(beside / "results")
         store.open(experiment, changed=False)
         cells = []
         for spec, one in found:
@@ -215,3 +246,24 @@ def _write(
         store.declare(experiment, cells, experiment.identity)
         store.close()
         store.folder.replace(folder)
+
+
+@contextmanager
+def _beside(folder: Path) -> Iterator[Path]:
+    """A folder for a while; those that killed imports have left are removed."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    for left in folder.parent.glob(f"{BESIDE}*"):
+        lock = FolderLock(left)
+        try:
+            lock.take(None)
+        except (StoreError, OSError):  # another import is at work
+            continue
+        lock.release()
+        shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=BESIDE) as name:
+        lock = FolderLock(Path(name))
+        lock.take(None)
+        try:
+            yield Path(name)
+        finally:
+            lock.release()

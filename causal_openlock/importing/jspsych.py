@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
         for name, meaning in _MILLISECONDS.items():
             if entry.get(name) is not None:
                 row.setdefault(meaning, seconds(place, name, entry[name], 1e-3))
-        yield action_entry(place, row)
+        yield replace(action_entry(place, row), named="subject" in entry)
 
 
 def _entries(path: Path) -> Iterator[tuple[Place, dict[str, Any]]]:

@@ -84,9 +84,16 @@ def table_actions(path: Path) -> Iterator[ActionEntry]:
 
 
 def experiment_of(path: Path) -> tuple[str, int] | None:
-    """The experiment's name and seed in the first row of an own CSV; None of another file."""
+    """The experiment's name and seed in the first row of an own CSV; None of another file.
+
+    Raises:
+        OpenLockError: If it cannot be read, or is no CSV.
+    """
     reader = csv.DictReader(io.StringIO(read_text(path), newline=""))
-    row = next(reader, {})
+    try:
+        row = next(reader, {})
+    except csv.Error as error:
+        raise Place(path, reader.line_num or 1).fault(f"this is no CSV ({error})") from None
     if not {*record_schema().names} <= row.keys():
         return None
     place = Place(path, reader.line_num)

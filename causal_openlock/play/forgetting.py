@@ -8,12 +8,15 @@ touched.
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.store import LOG, Store
-from causal_openlock.play.people import RECRUITED, People, delete_files
+from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.play.people import DATA, People, delete_files
 from causal_openlock.play.person import LEARNER
 
 DERIVED = ("report.html", "summary.csv", "tables", "figures", "scores", "record.csv", "minari")
@@ -52,7 +55,6 @@ def forget_person(
             experiment.learners[0].protocol,
             seed=experiment.seed,
             command=experiment.command,
-            recruiting=("",) if (store.folder / RECRUITED).exists() else (),
         )
         try:
             return people.forget(condition, subject), left
@@ -60,11 +62,11 @@ def forget_person(
             people.close()
     store.open(experiment, changed=False)
     try:
-        marked = f"_{condition}_{subject}-{subject}_"
-        mine = [name for name in experiment.files if marked in name]
+        mine = _files_of(store, experiment, condition, subject)
         if not mine:
             raise StoreError(f"{folder} has no person {subject} in {condition}")
-        # Not in the list of files before they are gone: it is what reports read.
+        deleted = [path for name in mine for path in delete_files(store, name)]
+        # Listed until they are gone, so that the same command deletes what a killed one has left.
         kept = [name for name in experiment.files if name not in mine]
         conditions = tuple(
             replace(one, rooms={k: v for k, v in one.rooms.items() if k != subject})
@@ -73,6 +75,26 @@ def forget_person(
             for one in experiment.conditions
         )
         store.list_files(replace(experiment, conditions=conditions), kept)
-        return [path for name in mine for path in delete_files(store, name)], left
+        return deleted, left
     finally:
         store.close()
+
+
+def _files_of(
+    store: Store, experiment: StoredExperiment, condition: str, subject: int
+) -> list[str]:
+    """The names of a person's files that are listed, or there; one for each label they have."""
+    there = {path.name for data in DATA for path in (store.folder / data).glob("*.parquet")}
+    labels = "|".join(re.escape(spec.name) for spec in experiment.learners)
+    middle = f"{re.escape(condition)}_{subject}-{subject}"
+    form = re.compile(rf"({labels})_{middle}_[0-9a-f]{{12}}\.parquet")
+    names = sorted(name for name in {*experiment.files, *there} if form.fullmatch(name))
+    return [name for name in names if _is_of(store, name, condition)]
+
+
+def _is_of(store: Store, name: str, condition: str) -> bool:
+    """Whether a cell is of a condition: ``a_b_CE3`` can be of ``CE3`` and of ``b_CE3``."""
+    with suppress(StoreError):
+        column = store.read(store.cells / name, columns=["condition"])["condition"]
+        return set(column.to_pylist()) == {condition}
+    return True  # it is deleted already, or damaged

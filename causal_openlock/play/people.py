@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
 RECRUITED = "recruited.jsonl"
 """What a recruiting service calls people, by the number of joining."""
+DATA = ("cells", FOLDER, STRUCTURES)
+"""The folders that have a file for each person."""
 MOST_PEOPLE = 10_000
 """How many people can join in one folder."""
 
@@ -72,7 +74,7 @@ class TooManyPeople(Refused):
 
 
 class NotAgreed(Refused):
-    """Somebody who has not agreed to the consent would join."""
+    """Somebody would join who has not agreed to the consent as it is now."""
 
 
 class _Person:
@@ -124,6 +126,9 @@ class People:
         command: The command that continues, for the report.
         clock: Returns the time in seconds.
 
+    Attributes:
+        consent_mark: What the log calls the consent: a hash of its text; empty without one.
+
     Raises:
         StoreError: If the folder holds something else, is in use, damaged, or cannot be written to.
         ProtocolError: If a condition does not fit the protocol.
@@ -152,7 +157,7 @@ class People:
         )
         self.practice, self._clock = practice, clock
         self.ask, self.consent, self.recruiting = ask, consent, tuple(recruiting)
-        self._agreed = hashlib.sha256(consent.encode()).hexdigest()[:16] if consent else ""
+        self.consent_mark = hashlib.sha256(consent.encode()).hexdigest()[:16] if consent else ""
         self.store = Store(folder)
         self._people: dict[str, _Person] = {}
         self._order: list[_Person | None] = []  # None: their data were deleted
@@ -165,31 +170,32 @@ class People:
             opened.callback(self.store.close)
             self._log = Log(self.store.folder / "log.jsonl")
             opened.callback(self._log.close)
-            self._recruited = Log(self.store.folder / RECRUITED) if self.recruiting else None
+            called = self.store.folder / RECRUITED
+            self._recruited = Log(called) if self.recruiting or called.exists() else None
             if self._recruited:
                 opened.callback(self._recruited.close)
             if consent:
-                write_text(self.store.folder / f"consent_{self._agreed}.md", consent)
+                write_text(self.store.folder / f"consent_{self.consent_mark}.md", consent)
             self._resume()
             self._declare()
             opened.pop_all()
 
     # -- what the page requests -----------------------------------------------------------------
 
-    def join(self, agreed: bool = False, recruited: Mapping[str, str] | None = None) -> str:
+    def join(self, agreed: str = "", recruited: Mapping[str, str] | None = None) -> str:
         """Add a person and return their session id.
 
         Args:
-            agreed: Whether the person has agreed to the consent.
+            agreed: The ``consent_mark`` of the text that the person was shown and has agreed to.
             recruited: What the recruiting service calls them.
 
         Raises:
-            NotAgreed: If there is a consent that they have not agreed to.
+            NotAgreed: If there is a consent, and they have agreed to none or to another one.
             TooManyPeople: If nobody else can join.
             StoreError: If it cannot be written to the log.
         """
-        if self.consent and not agreed:
-            raise NotAgreed("nobody joins without having agreed")
+        if self.consent and agreed != self.consent_mark:
+            raise NotAgreed("nobody joins without having agreed to the text that is shown now")
         told = {key: value for key, value in (recruited or {}).items() if key in self.recruiting}
         name = secrets.token_urlsafe(24)
         with self._joining:
@@ -201,13 +207,14 @@ class People:
                 "at": self._clock(),
                 "practice": self.practice,
                 **({"ask": True} if self.ask else {}),
-                **({"consent": self._agreed} if self.consent else {}),
+                **({"consent": self.consent_mark} if self.consent else {}),
             }
-            if self._recruited is not None:
-                self._recruited.append({"join": entry["join"], **told})
             person = self._person(entry)
             self._log.append(entry)
             self._add(entry, person)
+            # Not before the log: nobody else may get a number that somebody is called by.
+            if self._recruited is not None:
+                self._recruited.append({"join": entry["join"], **told})
         return name
 
     def view(self, name: str) -> Answer:
@@ -302,12 +309,22 @@ class People:
                 raise self._log.fault(number, "this was not possible then")
             person.take(entry)
         self._log.entries = []
+        if self._recruited is not None:
+            self._drop_unknown(self._recruited)
         for person in self._there:
             done, ended = len(person.game.done), person.game.trials_over
             file = person.cell.file_name
             whole = rows_kept(self.store.folder / FOLDER / file) == done
             if whole and (not ended or self.store.check(person.cell) is None):
                 person.kept, person.kept_trials = done, ended
+
+    def _drop_unknown(self, recruited: Log) -> None:
+        """Drop what people are called who are not in the log, or have been forgotten."""
+        numbers = [person.number for person in self._there]
+        kept = [one for one in recruited.entries if one.get("join") in numbers]
+        if len(kept) < len(recruited.entries):
+            recruited.rewrite(kept)
+        recruited.entries = []
 
     @property
     def _there(self) -> list[_Person]:
@@ -330,14 +347,16 @@ class People:
             raise StoreError(f"{self.store.folder} has no person {subject} in {condition}")
         (person,) = found
         with self._keeping, self._joining:
-            for log, mine in ((self._log, "join"), (self._recruited, "")):
-                if log is not None:
-                    entries, _ = log.read()
-                    log.rewrite(_without(entries, person.number, mine))
             self._order[person.number] = None
             self._people = {key: one for key, one in self._people.items() if one is not person}
             self._declare()
-        return delete_files(self.store, person.cell.file_name)
+            deleted = delete_files(self.store, person.cell.file_name)
+            # The log last: the same command deletes what a killed one has left.
+            for log, mine in ((self._recruited, ""), (self._log, "join")):
+                if log is not None:
+                    entries, _ = log.read()
+                    log.rewrite(_without(entries, person.number, mine))
+        return deleted
 
     # -- the record -----------------------------------------------------------------------------
 
@@ -360,7 +379,8 @@ class People:
         """
         with self._keeping:
             folder = self.store.folder / FOLDER
-            sweep(folder)
+            for data in (FOLDER, STRUCTURES):
+                sweep(self.store.folder / data)
             written = False
             for person in self._there:
                 with person.lock:
@@ -424,7 +444,7 @@ def _without(entries: Sequence[LogEntry], number: int, join: str) -> list[LogEnt
 
 def delete_files(store: Store, name: str) -> list[Path]:
     """Delete the files of this name in all folders that have one for each person."""
-    paths = [store.folder / folder / name for folder in ("cells", FOLDER, STRUCTURES)]
+    paths = [store.folder / folder / name for folder in DATA]
     there = [path for path in paths if path.exists()]
     for path in there:
         path.unlink()

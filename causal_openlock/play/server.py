@@ -47,6 +47,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.escaping import printable
+from causal_openlock.play.game import Answer
 from causal_openlock.play.pages import as_html, geometry, static_files
 from causal_openlock.play.people import NotAgreed, OutOfTurn, People, TooManyPeople, UnknownPerson
 from causal_openlock.world.room import positions_for
@@ -86,7 +87,7 @@ class PlayServer:
         host: Address to listen on.
         port: Port to listen on; 0 for any that is free.
         completion: Where people go when they have finished, such as the page of a recruiting
-            service; empty for nowhere.
+            service; empty for nowhere. Nobody is told before.
         address: What people type, such as ``https://study.example.org``, if a reverse proxy passes
             their requests on; empty without one.
 
@@ -211,7 +212,7 @@ class PlayServer:
                 *(_file(path, *file) for path, file in static_files().items()),
                 _get("/brief", lambda request: self._brief()),
                 _get("/geometry/{size}", lambda request: geometry(_size(request))),
-                _get("/state", lambda request: people.view(_session(request))),
+                _get("/state", lambda request: self._state(_session(request))),
                 _post("/join", _Join, lambda request, sent: {
                     "id": people.join(sent.agreed, sent.recruited)}),
                 _post("/answer", _Answer, lambda request, sent: people.answer(
@@ -238,9 +239,16 @@ class PlayServer:
             "attempt_limit": entry.protocol.attempt_limit,
             "practice": self.people.practice,
             "consent": as_html(self.people.consent),
+            "consent_mark": self.people.consent_mark,
             "recruiting": self.people.recruiting,
-            "completion": self.completion,
         }
+
+    def _state(self, name: str) -> Answer:
+        """What a person may know now; only at the end where to go, which may be worth money."""
+        view = self.people.view(name)
+        if self.completion and view["stage"] == "end":
+            return {**view, "completion": self.completion}
+        return view
 
 
 class _Connection(H11Protocol):
@@ -393,7 +401,7 @@ class _Body(BaseModel):
 
 
 class _Join(_Body):
-    agreed: bool = False
+    agreed: Annotated[str, Field(pattern="^(?:[0-9a-f]{16})?$")] = ""
     recruited: Annotated[dict[_Called, _Called], Field(max_length=3)] = {}
 
 

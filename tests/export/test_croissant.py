@@ -25,7 +25,7 @@ def bundled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = people(folder / "people", "CC3", practice=False, ask=True, consent="Yes.",
                   recruiting=["PID"])  # fmt: skip
     for number in range(2):
-        name = home.join(agreed=True, recruited={"PID": f"pid{number}"})
+        name = home.join(agreed=home.consent_mark, recruited={"PID": f"pid{number}"})
         walk_through(home, name, 1)
         view = home.view(name)
         home.answer(name, view["turn"], [[view["levers"][0], 7]])

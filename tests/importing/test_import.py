@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import os
 import random
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +22,8 @@ from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_csv import write_csv
-from causal_openlock.importing.folder import import_files
+from causal_openlock.formats.schema_file import bundled
+from causal_openlock.importing.folder import BESIDE, _beside, import_files
 from causal_openlock.scoring.teacher_forcing import score_actions
 from support.command import at_once
 from support.made_up_experiments import spec
@@ -246,3 +251,114 @@ def test_spoiled_bytes_are_refused_and_a_folder_is_not_overwritten(
     with pytest.raises(OpenLockError, match="is there already; choose another folder"):
         import_files([own], tmp_path / "mine")
     assert (tmp_path / "mine" / "notes.txt").read_text() == "kept"
+
+
+HEADER = "subject,condition,trial,attempt,action\n"
+
+
+def solved(*subjects: str) -> str:
+    """A table in which subjects open the door of one room twice."""
+    table = HEADER.replace("action", "action,layout")
+    for subject in subjects:
+        for attempt, first in ((1, "LOWERLEFT"), (2, "UPPERLEFT")):
+            for action in (first, "UPPERRIGHT", "door"):
+                table += f"{subject},CE3,1,{attempt},push_{action},trial1\n"
+    return table
+
+
+def test_nothing_keeps_what_people_and_their_files_are_called(tmp_path: Path) -> None:
+    table = pd.read_csv(csv_of(tmp_path / "5f3a_anna.csv", solved("70012345", "3000000")))
+    own = table[table["subject"] == 3000000].drop(columns="subject").to_dict("records")
+    (tmp_path / "5f3a_ben.json").write_text(json.dumps(own))
+    import_files([tmp_path / "5f3a_anna.csv", tmp_path / "5f3a_ben.json"], tmp_path / "in")
+    record, experiment = Store(tmp_path / "in").record()
+    assert sorted({*record["subject"].to_pylist()}) == [0, 1, 2]
+    assert experiment.name == "in"
+    files = [path for path in (tmp_path / "in").rglob("*") if path.is_file()]
+    told = b"".join(path.read_bytes() + path.name.encode() for path in files)
+    for word in (b"5f3a", b"anna", b"ben", b"70012345", b"3000000"):
+        assert word not in told
+
+
+def csv_of(path: Path, content: str) -> Path:
+    path.write_text(content)
+    return path
+
+
+def test_numbers_of_our_own_that_are_far_apart_are_dealt_anew(own: Path, tmp_path: Path) -> None:
+    frame = pd.read_csv(own, dtype=str)
+    frame["subject"] = frame["subject"].map({"0": "7", "1": "3000000"})
+    frame.to_csv(tmp_path / "far.csv", index=False, quoting=csv.QUOTE_NONNUMERIC)
+    import_files([tmp_path / "far.csv"], tmp_path / "in")
+    assert {*Store(tmp_path / "in").record()[0]["subject"].to_pylist()} == {0, 1}
+    frame["subject"] = frame["subject"].replace({"3000000": "9999"})
+    frame.to_csv(tmp_path / "near.csv", index=False, quoting=csv.QUOTE_NONNUMERIC)
+    import_files([tmp_path / "near.csv"], tmp_path / "near")
+    assert {*Store(tmp_path / "near").record()[0]["subject"].to_pylist()} == {7, 9999}
+
+
+def test_files_of_one_name_are_of_two_people_or_say_whose_they_are(tmp_path: Path) -> None:
+    table = pd.read_csv(csv_of(tmp_path / "all.csv", solved("x"))).to_dict("records")
+    paths = [tmp_path / folder / "data.json" for folder in "ab"]
+    for path, rows in zip(paths, (table[:3], table[3:]), strict=True):
+        path.parent.mkdir()
+        path.write_text(
+            json.dumps([{k: v for k, v in row.items() if k != "subject"} for row in rows])
+        )
+    with pytest.raises(OpenLockError, match=r"neither this file nor .* says whose it is"):
+        import_files(paths, tmp_path / "in")
+    for path, rows in zip(paths, (table[:3], table[3:]), strict=True):
+        path.write_text(json.dumps(rows))
+    assert import_files(paths, tmp_path / "in").subjects == 1
+
+
+def test_a_cell_that_is_too_long_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    for content in (f"{HEADER}{'x' * 140_000},CE3,1,1,0\n", "x" * 140_000):
+        assert "this is no CSV (field larger than" in refused(content, tmp_path)
+
+
+def test_data_opens_no_schema_of_this_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = bundled("schemas") / "CE3.yaml"
+    (tmp_path / "mine").mkdir()
+    for name in ("mine/x.yaml", "mine/secret.yaml"):
+        (tmp_path / name).write_text(made.read_text())
+    monkeypatch.chdir(tmp_path / "mine")
+    for number, name in enumerate((f"{tmp_path}/mine/x.yaml", "secret", "x.yaml", "CE3-secret")):
+        path = csv_of(tmp_path / f"{number}.csv", solved("a").replace("CE3", name))
+        with pytest.raises(OpenLockError, match=r"csv:2: .*(there is no schema|name it with)"):
+            import_files([path], tmp_path / "in")
+
+
+def test_the_working_directory_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = csv_of(tmp_path / "data.csv", solved("a"))
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    for out in (".", "../empty", f"{tmp_path}/empty"):
+        with pytest.raises(OpenLockError, match="is the folder that you work in; name a new"):
+            import_files([path], out)
+    import_files([path], "new/in")
+    assert Store(tmp_path / "empty" / "new" / "in").files()[0]
+
+
+KILLED = """
+import os, sys
+from causal_openlock.experiment.store import Store
+from causal_openlock.importing.folder import import_files
+Store.close = lambda self: os._exit(9)
+import_files([sys.argv[1]], sys.argv[2])
+"""
+
+
+def test_what_a_killed_import_has_left_is_removed_by_the_next_one(tmp_path: Path) -> None:
+    path = csv_of(tmp_path / "data.csv", solved("a"))
+    words = [sys.executable, "-c", KILLED, str(path), str(tmp_path / "in")]
+    assert subprocess.run(words, env=os.environ, check=False).returncode == 9
+    assert [*tmp_path.glob(f"{BESIDE}*")]
+    with _beside(tmp_path / "third") as busy:  # another import is at work
+        import_files([path], tmp_path / "other")
+        assert [*tmp_path.glob(f"{BESIDE}*")] == [busy]
+    assert not [*tmp_path.glob(f"{BESIDE}*")]

@@ -71,7 +71,7 @@ def test_nobody_joins_without_agreeing_and_what_they_agreed_to_is_kept(tmp_path:
     with pytest.raises(NotAgreed):
         home.join()
     assert home.number == 0
-    home.join(agreed=True, recruited={"PID": "abc123", "OTHER": "secret"})
+    home.join(agreed=home.consent_mark, recruited={"PID": "abc123", "OTHER": "secret"})
     home.close()
     (kept,) = tmp_path.glob("consent_*.md")
     assert kept.read_text() == "# Yes\n*Really*"
@@ -80,6 +80,18 @@ def test_nobody_joins_without_agreeing_and_what_they_agreed_to_is_kept(tmp_path:
     assert '"PID":"abc123"' in told
     assert "secret" not in told
     assert "abc123" not in (tmp_path / "log.jsonl").read_text()
+
+
+def test_nobody_agrees_to_a_text_that_they_were_not_shown(tmp_path: Path) -> None:
+    home = people(tmp_path, consent="the first text")
+    shown = home.consent_mark
+    home.close()
+    again = people(tmp_path, consent="another text")
+    with pytest.raises(NotAgreed, match="agreed to the text that is shown now"):
+        again.join(agreed=shown)
+    again.join(agreed=again.consent_mark)
+    again.close()
+    assert shown not in (tmp_path / "log.jsonl").read_text()
 
 
 def test_what_one_person_did_is_deleted_and_others_go_on(tmp_path: Path) -> None:
@@ -134,13 +146,19 @@ def test_the_server_tells_of_consent_and_completion_and_takes_answers(tmp_path: 
     try:
         brief = asked(server.url, "brief")
         assert brief["consent"] == "<p><em>Yes</em> &lt;script&gt;</p>\n"
-        assert brief["completion"].endswith("?cc=C0DE")
         assert brief["recruiting"] == ["PID"]
-        for sent in ({"agreed": False}, {"agreed": True, "recruited": {"PID": "<b>"}}):
+        mark = brief["consent_mark"]
+        for sent, status in (
+            ({"agreed": ""}, 403),
+            ({"agreed": "0" * 16}, 403),  # another text, such as before a restart
+            ({"agreed": True}, 400),
+            ({"agreed": mark, "recruited": {"PID": "<b>"}}, 400),
+        ):
             with pytest.raises(urllib.error.HTTPError) as caught:
                 asked(server.url, "join", **sent)
-            assert caught.value.code == (403 if not sent["agreed"] else 400)
-        me = asked(server.url, "join", agreed=True, recruited={"PID": "5f"})["id"]
+            assert caught.value.code == status
+        me = asked(server.url, "join", agreed=mark, recruited={"PID": "5f"})["id"]
+        assert "C0DE" not in str([brief, asked(server.url, "state", id=me)])
         for actions in solving(home, me):
             for action in actions:
                 turn = home.view(me)["turn"]
@@ -149,11 +167,13 @@ def test_the_server_tells_of_consent_and_completion_and_takes_answers(tmp_path: 
         edges = [[levers[0], levers[1]], [levers[1], 7]]
         now = asked(server.url, "answer", id=me, turn=after["next"]["turn"], edges=edges)
         assert now["stage"] == "room"
+        answered(home, me)
+        assert asked(server.url, "state", id=me)["completion"].endswith("?cc=C0DE")
     finally:
         server.shutdown()
         thread.join()
         server.finish()
-    (said,) = read_answers(tmp_path)
+    said = read_answers(tmp_path)[0]
     assert said.edges == {tuple(pair) for pair in edges}
 
 

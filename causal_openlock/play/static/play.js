@@ -12,7 +12,7 @@ const LOOK = 900; // milliseconds to look at how an attempt ended
 const SCREENS = ["consent", "intro", "ask", "play", "end", "trouble"];
 
 let session = null, brief = null, state = null, room = null;
-let busy = true, ready = 0, agreed = false;
+let busy = true, ready = 0, agreed = "";
 
 const wait = (time) => new Promise((done) => setTimeout(done, time));
 const count = (many, what) => `${many} ${what}${many === 1 ? "" : "s"}`;
@@ -222,7 +222,7 @@ async function begin(at_once) {
   occupied(false);
 }
 
-function end() {
+async function end() {
   $("where").textContent = "";
   const solved = state.ended.filter((one) => one.left === 0).length;
   const many = state.ended.length;
@@ -236,9 +236,12 @@ function end() {
     }
     return row;
   }));
-  $("back").hidden = !brief.completion;
-  if (brief.completion) $("back-link").href = brief.completion;
+  $("back").hidden = true;
   screen("end");
+  // Only who has finished is told where to go.
+  const { completion } = (await call("/state")).said;
+  $("back").hidden = !completion;
+  if (completion) $("back-link").href = completion;
 }
 
 // -- acting -----------------------------------------------------------------------------------
@@ -330,6 +333,7 @@ $("begin").onclick = async () => {
     $("begin").disabled = true;
     const { status, said } = await call("/join", { agreed, recruited: recruited() });
     $("begin").disabled = false;
+    if (status === 403) return trouble("What you agree to has changed", "Please read it before you begin.", "Read it", () => location.reload());
     if (status !== 200) return trouble("Nobody else can join now", "Please tell the person who invited you.");
     remember(said.id);
     state = (await call("/state")).said;
@@ -342,7 +346,7 @@ $("help").onclick = () => {
 };
 $("agree").onchange = () => { $("consent-go").disabled = !$("agree").checked; };
 $("consent-go").onclick = () => {
-  agreed = true;
+  agreed = brief.consent_mark;
   intro();
 };
 $("ask-go").onclick = async () => {
@@ -366,7 +370,8 @@ $("proceed").onclick = async () => {
 $("another").onclick = () => {
   remember(null);
   state = null;
-  agreed = $("agree").checked = false;
+  agreed = "";
+  $("agree").checked = false;
   $("consent-go").disabled = true;
   consent();
 };
