@@ -83,14 +83,18 @@ def main() -> int:
     asked.add_argument("--inputs", type=int, default=100_000, help="how many")
     asked.add_argument("--first", type=int, default=0, help="number of the first")
     asked.add_argument("--seed", type=int, default=0, help="another seed makes other inputs")
+    asked.add_argument("--only", default="", help="readers whose names hold this, in equal shares")
     asked.add_argument("--keep", type=Path, help="a folder for the files of faults")
     given = asked.parse_args()
     tallies: dict[str, Tally] = {}
     began, next_ = time.monotonic(), given.first
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        for one in supervised(given.first, given.first + given.inputs, given.seed, given.keep):
+        last = given.first + given.inputs
+        for one in supervised(given.first, last, given.seed, given.keep, given.only):
             if isinstance(one, dict):
+                if not one:
+                    asked.error(f"no reader's name holds {given.only!r}")
                 tallies = tallies or {name: Tally(share) for name, share in one.items()}
                 continue
             next_ = one.number + 1
@@ -124,13 +128,15 @@ def table(tallies: dict[str, Tally]) -> str:
 
 
 def supervised(
-    first: int, last: int, seed: int, keep: Path | None
+    first: int, last: int, seed: int, keep: Path | None, only: str
 ) -> Iterator[dict[str, int] | Outcome]:
     """The shares of the readers, and then what came of each input; shares again after a restart."""
     spawn = multiprocessing.get_context("spawn")
     while first < last:
         here, there = spawn.Pipe(duplex=False)
-        process = spawn.Process(target=_work, args=(there, first, last, seed, keep), daemon=True)
+        process = spawn.Process(
+            target=_work, args=(there, first, last, seed, keep, only), daemon=True
+        )
         process.start()
         there.close()
         shares = here.recv()
@@ -152,13 +158,13 @@ def supervised(
         process.join()
 
 
-def _work(tell: Connection, first: int, last: int, seed: int, keep: Path | None) -> None:
+def _work(tell: Connection, first: int, last: int, seed: int, keep: Path | None, only: str) -> None:
     from fuzz_readers import readers
 
     with TemporaryDirectory() as folder:
         work = Path(folder)
         known = {one.name: one for one in readers(work)}
-        shares = {name: one.share for name, one in known.items()}
+        shares = {name: 1 if only else one.share for name, one in known.items() if only in name}
         tell.send(shares)
         for number in range(first, last):
             reader = known[reader_of(number, shares)]

@@ -5,10 +5,12 @@ A new reader is a line of :func:`readers`, with its share of the inputs.
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import random
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,17 +29,20 @@ from fuzz_mutations import (
 from causal_openlock.contract.registry import create
 from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import read_study
+from causal_openlock.experiment.answers import Answer, read_answers, write_answers
 from causal_openlock.experiment.checkpoint import Checkpoint
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
+from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.files.state import write_state
 from causal_openlock.fitting.search import bundled_search, read_search
 from causal_openlock.fitting.study import Candidate, Fit, Plan, _keep, _opened
 from causal_openlock.formats.graphs import FORMATS, export_schema, read_schema_as
 from causal_openlock.formats.schema_file import bundled_schemas, find_schema, read_schema
+from causal_openlock.importing.folder import import_files
 from causal_openlock.play.people import People
 from causal_openlock.play.reactions import read_reactions
 from learners.meta.file import TrainingFile, read_training
@@ -90,14 +95,17 @@ def readers(work: Path) -> list[Reader]:
     (reaction,) = (folder / "reactions").iterdir()
     (folder / "log.jsonl").unlink()
     shutil.copytree(folder, work / "cells")
+    own = _own_csv(work)
+    answers = work / "asked" / "structures" / "one.parquet"
+    write_answers(answers, [Answer("person", "CC3", 0, 1, (0, 3, 5), frozenset({(0, 7)}), 2.5)], 7)
     study = shutil.copytree(ROOT / "evidence" / "bayes", work / "evidence" / "bayes")
     for name in ("run", "units"):
         shutil.copytree(study, work / "evidence" / name)
     # Some studies have their experiment beside them.
     shutil.copy(next((ROOT / "evidence").glob("*/experiment.yaml")), study)
     return [
-        _yaml("schema files", 14, schemas, "schema.yaml", read_schema),
-        _yaml("experiment files", 12, experiments, "experiments/one.yaml", read_experiment),
+        _yaml("schema files", 11, schemas, "schema.yaml", read_schema),
+        _yaml("experiment files", 10, experiments, "experiments/one.yaml", read_experiment),
         _yaml("study.yaml", 4, studies, "evidence/bayes/study.yaml", _study),
         _yaml("fit spaces", 6, spaces, "space.yaml", read_search),
         _yaml("meta-trainings", 3, trainings, "experiments/training.yaml", read_training),
@@ -118,6 +126,17 @@ def readers(work: Path) -> list[Reader]:
                lambda work: Store(work / "cells").record(small=True)),
         Reader("reaction times", 1, [reaction.read_bytes()], spoil_table,
                f"played/reactions/{reaction.name}", _at("played", read_reactions)),
+        Reader("people's answers", 1, [answers.read_bytes()], spoil_table,
+               "asked/structures/one.parquet", _at("asked", read_answers)),
+        *(
+            Reader(f"imported {name}", share, [content], spoil, f"data{suffix}",
+                   partial(_imported, f"data{suffix}"))
+            for name, share, suffix, content, spoil in (
+                ("CSV", 1, ".csv", _table(own), spoil_text),
+                ("actions", 2, ".csv", _table(_actions(own)), spoil_text),
+                ("jsPsych", 1, ".json", _jspsych(_actions(own)), _spoil_json_text),
+            )
+        ),
         Reader("logs of people", 2, [_log(work / "people")], spoil_log,
                "people/log.jsonl", _people),
         Reader("fits", 1, [_fit(work)], _spoil_json_text, "fit/fit.json", _fitted),
@@ -258,6 +277,44 @@ def _training_state() -> bytes:
 
 def _training_resumed(work: Path) -> object:
     return resume(_training(), work / "net.npz.training")
+
+
+# -- imported data --------------------------------------------------------------------------------
+
+
+def _own_csv(work: Path) -> list[dict[str, str]]:
+    """The rows of a person's first two trials, as `export` writes them."""
+    write_csv(Store(work / "played"), work / "own.csv")
+    with (work / "own.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))[:6]
+
+
+def _actions(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
+    """The same, a row for each action."""
+    names = ("subject", "condition", "trial", "attempt", "layout")
+    return [
+        {name: row[name] for name in names} | {"action": action, "moved": moved, "reaction": "0.5"}
+        for row in rows
+        for action, moved in zip(row["actions"].split(), row["moved"].split(), strict=True)
+    ]
+
+
+def _table(rows: Sequence[Mapping[str, str]]) -> bytes:
+    file = io.StringIO(newline="")
+    writer = csv.DictWriter(file, rows[0].keys())
+    writer.writeheader()
+    writer.writerows(rows)
+    return file.getvalue().encode()
+
+
+def _jspsych(actions: Sequence[Mapping[str, str]]) -> bytes:
+    screens = [{"trial_type": "openlock", "rt": 250, **row} for row in actions]
+    return json.dumps([{"trial_type": "instructions"}, *screens]).encode()
+
+
+def _imported(name: str, work: Path) -> object:
+    with TemporaryDirectory() as folder:
+        return import_files([work / name], Path(folder) / "imported")
 
 
 # -- people and fits ------------------------------------------------------------------------------

@@ -92,6 +92,10 @@ def read_answers(folder: Path | str) -> list[Answer]:
     for path in sorted((Path(folder) / FOLDER).glob("*.parquet")):
         try:
             table = read_table(path.read_bytes()).cast(answers_schema()).to_pandas()
+            if table.isna().any(axis=None):
+                raise ValueError("values are missing")
+            if (table[["cause", "effect"]] < 0).any(axis=None):
+                raise ValueError("positions are below 0")
         except (OSError, ChecksumError, pa.ArrowException, ValueError) as error:
             raise StoreError(
                 f"{path} is damaged ({' '.join(str(error).split())[:120]}); start play with this "

@@ -6,14 +6,18 @@ from pathlib import Path
 
 import networkx as nx
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from causal_openlock import Condition, Layout, Session, find_schema, understanding
 from causal_openlock.analysis.results.understanding import compared
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.answers import Answer, read_answers, write_answers
+from causal_openlock.errors import StoreError
+from causal_openlock.experiment.answers import Answer, answers_schema, read_answers, write_answers
 from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.world.schema import DOOR
 from support.played_material import played
 
@@ -95,6 +99,26 @@ def test_to_be_asked_changes_nothing_and_is_possible_within_a_room(learner: str)
                     assert part.edges.max() <= 1 + 1e-9
         records.append(session.record().drop_columns(["wall_time"]))
     assert records[0].equals(records[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "why"),
+    [
+        ("enables", None, "values are missing"),
+        ("learner", None, "values are missing"),
+        ("cause", -300, "positions are below 0"),
+    ],
+)
+def test_damaged_answers_are_one_sentence(
+    tmp_path: Path, name: str, value: object, why: str
+) -> None:
+    path = tmp_path / "structures" / "one.parquet"
+    write_answers(path, [Answer("oracle", "CC3", 1, 3, (0, 1, 2), frozenset(), 12.5)], 7)
+    rows = read_table(path.read_bytes()).to_pylist()
+    rows[2][name] = value
+    write_bytes(path, table_bytes(pa.Table.from_pylist(rows, schema=answers_schema())))
+    with pytest.raises(StoreError, match=rf"one\.parquet is damaged \({why}\)"):
+        read_answers(tmp_path)
 
 
 def test_what_people_say_is_kept_and_compared(tmp_path: Path) -> None:

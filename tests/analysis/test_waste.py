@@ -43,6 +43,27 @@ def test_regret_is_what_attempts_are_beyond_the_ideal_observers(schema: str) -> 
     assert regrets > 0
 
 
+def test_regret_of_a_trial_that_was_not_solved_counts_what_would_still_have_been_needed() -> None:
+    """At most three attempts: on average they and what is still needed, beyond the least."""
+    observer = Observer(find_schema("CC3"), 3)
+    habit = [[0, 1, 14], [1, 0, 14], [0, 1, 14]]
+    total, regrets, seen = 0.0, 0.0, set()
+    for places in permutations(range(3)):
+        if (truth := observer._truth(places)) in seen:
+            continue
+        seen.add(truth)
+        worths = observer.trial(Layout(places), habit)
+        regrets += sum(worth.regret for worth in worths)
+        point, slots = observer._optimum.start, observer._slots(Layout(places))
+        for actions in habit[: len(worths)]:
+            _, point = observer._attempt(truth, point, tuple(slots[one] for one in actions))
+        needed = 1 + observer._optimum.value(point) if len(point.found) < 2 else 0
+        total += len(worths) + needed
+    least = ideal_attempts(find_schema("CC3"), 3)
+    assert least is not None
+    assert regrets / len(seen) == pytest.approx(total / len(seen) - least, abs=1e-9)
+
+
 def test_the_ideal_observer_wastes_nothing_and_random_actions_nearly_everything() -> None:
     ideal = waste(played("ideal", "CC3-CE4", "CE4"))
     assert ideal["regret"].max() == 0.0

@@ -59,4 +59,26 @@ def test_the_record_costs_what_the_page_says(
     of = {name: measured["attempts", name, 10**6] for name in ("written", "read", "summarised")}
     size = measured["attempts", "on disk", 10**6] / 1e6
     times = "{written:.2f} s, {read:.2f} s and {summarised:.2f} s".format(**of)
-    assert f"a million attempts take {times}, and {size:.1f} MB of the disk" in page
+    assert f"A million attempts take {times}, and {size:.1f} MB of the disk" in page
+
+
+def test_growth_is_what_the_page_says(
+    page: str, measured: dict[tuple[str, str, int], float]
+) -> None:
+    def times(grows: str, of: str, small: int, large: int) -> str:
+        return f"{measured[grows, of, large] / measured[grows, of, small]:.1f}"
+
+    said = " ".join(page.split())
+    hundred = [times("subjects", of, 1, 100) for of in ("random", "tabular_q", "bayes")]
+    assert f"takes {hundred[0]} times as long as one of a single subject with `random`" in said
+    assert f"{hundred[1]} times with `tabular_q` and {float(hundred[2]):.0f} times" in said
+    assert f"ten take {times('subjects', 'ddqn', 1, 10)} times as long as one" in said
+    levers = max(times("levers", of, 3, 12) for of in ("random", "tabular_q", "ddqn"))
+    assert f"up to {levers} times as much in a room of twelve levers" in said
+    kinds = ("written", "read", "summarised")
+    few = [times("attempts", of, 10**4, 10**5) for of in kinds]
+    many = [times("attempts", of, 10**5, 10**6) for of in kinds]
+    assert (
+        f"writing takes {few[0]} times as long, reading {few[1]} and summarising {few[2]}" in said
+    )
+    assert f"to a million {many[0]}, {many[1]} and {many[2]} times" in said
