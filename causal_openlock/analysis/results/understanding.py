@@ -121,7 +121,8 @@ def understanding(
     Returns:
         A row for each trial of each subject: ``learner``, ``condition``, ``protocol``, ``subject``,
         ``visit`` (number of the trial in the whole condition, from 1), ``schema``, and what
-        :func:`compared` gives. A solved room of the paper leaves these learners next to
+        :func:`compared` gives. A solved room of the paper leaves these learners next to nothing to
+        doubt.
         nothing to doubt.
     """
     rows = [row for answer in answers if (row := _answered(results, answer))]
