@@ -91,7 +91,8 @@ def test_what_was_played_is_gone_after_the_second_try(
         walk_through(home, home.join(recruited={"PID": f"pid{number}"}), 1)
     cell = home._order[0].cell  # type: ignore[union-attr]
     home.close()
-    rewrite, rewritten = Log.rewrite, []
+    rewrite = Log.rewrite
+    rewritten: list[Log] = []
 
     def rewritten_until(self: Log, entries: Any) -> None:
         if rewritten or moment == "first log":
