@@ -126,5 +126,8 @@ class Server:
 
 def _place(url: str) -> tuple[str, str | None, int | None]:
     """Scheme, host and port of an address."""
-    parts = urlsplit(url)
-    return parts.scheme, parts.hostname, parts.port
+    try:
+        parts = urlsplit(url)
+        return parts.scheme, parts.hostname, parts.port
+    except ValueError:  # base_url was looked at before
+        raise LearnerError(f"{TRUSTED} in the environment is no address: {url[:200]}") from None

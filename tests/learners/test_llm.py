@@ -261,12 +261,15 @@ def test_the_key_goes_only_where_the_environment_says(monkeypatch: pytest.Monkey
     assert not any(SECRET in str(key) for key in server.keys)
 
 
-def test_there_is_no_server_without_a_key_or_a_model() -> None:
+def test_there_is_no_server_without_a_key_or_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
     session = Session(ONE_ROOM, protocol(), 1)
     with pytest.raises(LearnerError, match="set OPENAI_API_KEY in the environment"):
         session.play(create("learners.llm:LanguageModel", {"model": "m"}))
     with pytest.raises(LearnerError, match="needs the name of a model"):
         session.play(create("learners.llm:LanguageModel", {}))
+    monkeypatch.setenv(TRUSTED, "http://host:99999/v1")
+    with pytest.raises(LearnerError, match="in the environment is no address: http://host:99999"):
+        session.play(create("learners.llm:LanguageModel", {"model": "m"}))
 
 
 @pytest.mark.parametrize(
