@@ -13,10 +13,9 @@ import numpy as np
 
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.marginals import (
+    believed_structure,
     edge_probabilities,
-    expected_structure,
     most_probable,
-    structure_posteriors,
 )
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.contract.learner import Learner, Structure, View
@@ -77,9 +76,7 @@ class BeliefLearner(Learner):
         belief = self.beliefs.of[subject] or self.beliefs.left[subject]
         if belief is None:
             return None
-        parts = structure_posteriors(belief, self.classes(subject))
-        each = ((part.positions, part.structures, part.probability.sum(axis=1)) for part in parts)
-        return expected_structure(each, self.beliefs.positions)
+        return believed_structure(belief, self.classes(subject))
 
     def most_probable(self, subject: int) -> tuple[Schema, float]:
         """The most probable structure and its probability.

@@ -63,13 +63,14 @@ def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
 
     ``classes``, ``[C + 1]``, is the subject's probability of each schema class; so everywhere here.
     """
-    return expected_structure(
-        (
-            (part.positions, part.structures, part.probability.sum(axis=1))
-            for part in structure_posteriors(belief, classes)
-        ),
-        belief.space.sight.positions,
-    ).edges
+    return believed_structure(belief, classes).edges
+
+
+def believed_structure(belief: Belief, classes: FloatArray) -> Structure:
+    """Probabilities of edges and gates, of the room that a belief is about."""
+    parts = structure_posteriors(belief, classes)
+    each = ((part.positions, part.structures, part.probability.sum(axis=1)) for part in parts)
+    return expected_structure(each, belief.space.sight.positions)
 
 
 def expected_structure(

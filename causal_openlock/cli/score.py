@@ -81,7 +81,7 @@ def score(
             report=lambda done, total: status.update(f"{done} of {total} parts are scored"),
         )
     subjects, ranked = scores.subjects, scores.ranking
-    scores.save(out or folder / "scores")
+    files = scores.save(out or folder / "scores")
     console.print_whole(_table(ranked, scores.followed))
     who = [counted(subjects[name].nunique(), name) for name in ("learner", "condition")]
     console.print_line(
@@ -95,7 +95,7 @@ def score(
             f"{name} gives no probabilities: it was asked by inverse binomial sampling, with a "
             f"standard error of {errors.mean():.1f} nats for a subject; --hits makes it smaller"
         )
-    console.print_line(f"{(out or folder / 'scores') / 'actions.parquet'} and subjects.csv written")
+    console.print_line(f"{files[0]} and subjects.csv written")
 
 
 def _table(ranked: pd.DataFrame, followed: pd.DataFrame) -> Table:

@@ -43,6 +43,9 @@ if TYPE_CHECKING:
 KEPT = ("visit", "playing", "actions", "moved", "was_unlocked", "earned")
 """The changing state of a session, apart from the rooms, the log and the random numbers."""
 
+AT_ONCE = 40
+"""So many recorded subjects are played again in one session."""
+
 
 class Session:
     """B subjects in one condition under one protocol.
@@ -247,11 +250,9 @@ class Session:
         Yields:
             ``[B]`` whose actions these are, and the step.
         """
-        lengths = np.array([len(actions) for actions in done])
-        for moment in range(lengths.max(initial=0)):
-            acts = moment < lengths
-            now = [own[moment] if act else 0 for own, act in zip(done, acts, strict=True)]
-            yield acts, self.step(np.array(now, dtype=np.int64))
+        actions, exists = padded(done)
+        for now, acts in zip(actions.T, exists.T, strict=True):
+            yield acts, self.step(now)
 
     def step(self, action: Any) -> Step:
         """Take one action for each subject.
@@ -397,3 +398,12 @@ class Session:
     def record(self) -> pa.Table:
         """The attempts so far as a record, sorted by subject and time."""
         return assemble(self._log, self._visits, self._constants)
+
+
+def padded(done: Sequence[IntArray]) -> tuple[IntArray, BoolArray]:
+    """``[B, T]`` the actions of subjects, and which of them there are; 0 after the last."""
+    lengths = np.array([len(own) for own in done])
+    exists = np.arange(lengths.max(initial=0)) < lengths[:, None]
+    actions = np.zeros(exists.shape, dtype=np.int64)
+    actions[exists] = np.concatenate(done)
+    return actions, exists

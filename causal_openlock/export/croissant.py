@@ -30,6 +30,8 @@ _CONTEXT = Path(__file__).with_name("croissant_context.json")
 """The terms of Croissant 1.0, as its specification has them."""
 _TABLES = {"cells": "attempts", "reactions": "reactions", "structures": "structures"}
 """The tables of a results folder, by their folder."""
+_SCHEMAS = {"cells": record_schema, "reactions": reactions_schema, "structures": answers_schema}
+"""The columns of these tables."""
 _MEANING = {
     "attempts": "What every subject did: a row for each attempt.",
     "reactions": "How long people took: a row for each action.",
@@ -58,7 +60,7 @@ def croissant(
         }
         for path, content in sorted(contents.items())
     ]
-    tables = [part for part in _TABLES if any(f"results/{part}/" in path for path in contents)]
+    tables = _tables(contents)
     sets = [
         {
             "@type": "cr:FileSet",
@@ -82,9 +84,13 @@ def croissant(
     }
 
 
+def _tables(contents: Mapping[str, bytes]) -> list[str]:
+    """The folders of the tables that a bundle has."""
+    return [part for part in _TABLES if any(one.startswith(f"results/{part}/") for one in contents)]
+
+
 def _record_set(part: str) -> dict[str, Any]:
     name = _TABLES[part]
-    schemas = {"cells": record_schema, "reactions": reactions_schema, "structures": answers_schema}
     return {
         "@type": "cr:RecordSet",
         "@id": name,
@@ -100,7 +106,7 @@ def _record_set(part: str) -> dict[str, Any]:
                 **({"repeated": True} if str(field.type).startswith("list") else {}),
                 "source": {"fileSet": {"@id": f"{part}-files"}, "extract": {"column": field.name}},
             }
-            for field in schemas[part]()
+            for field in _SCHEMAS[part]()
         ],
     }
 
@@ -161,13 +167,8 @@ def data_card(
         protocols=experiment.protocols,
         licence=licence,
         tables={
-            part: [(one.name, meaning_of(one)) for one in schema()]
-            for part, schema in (
-                ("cells", record_schema),
-                ("reactions", reactions_schema),
-                ("structures", answers_schema),
-            )
-            if any(path.startswith(f"results/{part}/") for path in contents)
+            part: [(one.name, meaning_of(one)) for one in _SCHEMAS[part]()]
+            for part in _tables(contents)
         },
         consents=[path for path in sorted(contents) if path.startswith("results/consent_")],
     )

@@ -26,15 +26,13 @@ from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.fitting.actions import Fitted, of_share
 from causal_openlock.fitting.search import SearchSpace, bundled_search
-from causal_openlock.scoring.scores import LN2
-from causal_openlock.scoring.teacher_forcing import GROUP
+from causal_openlock.scoring.scores import LN2, SUBJECT
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.randomness import generators
 
 GROUPS = 200
 """Groups that are drawn, with replacement, from the subjects of a learner in a condition."""
 SIZES = (1, 2, 5, 10, 20, 40, 80, 160)
-WHO = [*GROUP, "subject"]
 
 
 @dataclass(frozen=True)
@@ -97,15 +95,15 @@ def recovery(actions: pd.DataFrame, seed: int = 0) -> Recovery:
         seed: Of the groups that are drawn.
     """
     names = list(dict.fromkeys(actions["scored"]))
-    by_trial = actions.groupby([*WHO, "trial", "scored"], observed=True)["log_probability"]
+    by_trial = actions.groupby([*SUBJECT, "trial", "scored"], observed=True)["log_probability"]
     sums = by_trial.sum().unstack("scored")[names]
-    so_far = sums.groupby(WHO, observed=True).cumsum()
+    so_far = sums.groupby(SUBJECT, observed=True).cumsum()
     last = int(sums.index.get_level_values("trial").max())
     single = dict.fromkeys(names, np.zeros(len(names)))
     groups, rows, most = dict(single), [], 0
     for trials in range(1, last + 1):
         ends = so_far[so_far.index.get_level_values("trial") <= trials]
-        whole = ends.groupby(WHO, observed=True).last()
+        whole = ends.groupby(SUBJECT, observed=True).last()
         parts = whole.groupby(["learner", "condition"], observed=True, sort=False)
         for (maker, condition), own in parts:
             found = own.to_numpy(float)
@@ -131,7 +129,7 @@ def recovery(actions: pd.DataFrame, seed: int = 0) -> Recovery:
         pd.DataFrame(rows, columns=["learner", "condition", "subjects", "trials", "right"]),
         bits.unstack("scored").loc[names, names],
         most,
-        len(sums.groupby(WHO, observed=True).size()),
+        len(sums.groupby(SUBJECT, observed=True).size()),
     )
 
 

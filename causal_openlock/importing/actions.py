@@ -17,7 +17,15 @@ MOST = 2**31 - 1
 
 
 class ImportFault(OpenLockError):  # noqa: N818 - a fault of a file
-    """A row that is none, or that could not have happened; the message names file and line."""
+    """A row that is none, or that could not have happened; the message names file and line.
+
+    Attributes:
+        place: Where it stands.
+    """
+
+    def __init__(self, place: Place, what: str) -> None:
+        super().__init__(f"{place}: {what}")
+        self.place = place
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,7 @@ class Place:
 
     def fault(self, what: str) -> ImportFault:
         """An error that names this place."""
-        return ImportFault(f"{self}: {what}")
+        return ImportFault(self, what)
 
 
 @dataclass(frozen=True)

@@ -126,13 +126,8 @@ def play_again(
         own = replace(placed, rooms={k: v for k, v in placed.rooms.items() if k == number})
         found.append(Checked(number, own, kept, entries[row], done[row], left_out))
     if faults:
-        raise faults[min(faults, key=lambda row: _line(entries[row], faults[row]))]
+        raise min(faults.values(), key=lambda fault: fault.place.line)
     return found
-
-
-def _line(own: Sequence[ActionEntry], fault: ImportFault) -> int:
-    """The line of a fault, to name the first one of a file."""
-    return next(one.place.line for one in own if str(fault).startswith(f"{one.place}:"))
 
 
 def _visits(own: Sequence[ActionEntry], visits: Sequence[Visit], condition: str) -> list[int]:

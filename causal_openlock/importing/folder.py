@@ -19,6 +19,7 @@ from causal_openlock.experiment.file_format import NAME_FORM, NAME_IN_WORDS
 from causal_openlock.experiment.folder_lock import FolderLock
 from causal_openlock.experiment.protocol import Condition, find_protocol
 from causal_openlock.experiment.record import with_times
+from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.schema_file import bundled_schemas
 from causal_openlock.importing.actions import ActionEntry
@@ -33,8 +34,6 @@ from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 from causal_openlock.world.room import Layout
 from causal_openlock.world.schema import Schema
 
-AT_ONCE = 40
-"""So many subjects are played again at once."""
 BESIDE = ".importing-"
 """The beginning of the name of the folder that is written to, beside ``out``."""
 
@@ -88,8 +87,8 @@ def import_files(
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise StoreError(f"{out} is there already; choose another folder")
     known = read_experiment(find_experiment(experiment)) if experiment else None
-    told = [None if path.suffix == ".json" else experiment_of(path) for path in paths]
-    heads = {head for head in told if head}
+    stated = [None if path.suffix == ".json" else experiment_of(path) for path in paths]
+    heads = {head for head in stated if head}
     if len(heads) > 1:
         raise OpenLockError(
             "these files are of several experiments, or seeds; import each by itself, then read "
@@ -104,7 +103,7 @@ def import_files(
     in_condition: dict[str, dict[str, None]] = defaultdict(dict)
     for (_, called, _), subjects in groups.items():
         in_condition[called].update(dict.fromkeys(subjects))
-    numbers = {called: _numbers([*names], all(told)) for called, names in in_condition.items()}
+    numbers = {called: _numbers([*names], all(stated)) for called, names in in_condition.items()}
     specs: dict[str, LearnerSpec] = {}
     conditions: dict[str, Condition] = {}
     found: list[tuple[LearnerSpec, Checked]] = []

@@ -320,7 +320,7 @@ class People:
 
     def _drop_unknown(self, recruited: Log) -> None:
         """Drop what people are called who are not in the log, or have been forgotten."""
-        numbers = [person.number for person in self._there]
+        numbers = {person.number for person in self._there}
         kept = [one for one in recruited.entries if one.get("join") in numbers]
         if len(kept) < len(recruited.entries):
             recruited.rewrite(kept)

@@ -127,13 +127,13 @@ class Tally:
         place = subject, moment
         self._own[place] += own.sum()
         self._asked[place] += len(own)
+        if self._hits[place] == self._draws.hits:
+            return
         # A lapse hits with its share of one action, and otherwise misses.
         hit = np.where(luck < self._lapse, luck < self._by_lapse, own)[valid]
         ends = np.flatnonzero(hit)[: self._draws.hits - self._hits[place]]
         settled = len(ends) + self._hits[place] == self._draws.hits
         used = ends[-1] + 1 if settled and len(ends) else len(hit)
-        if self._hits[place] == self._draws.hits:
-            return
         for hit_here in hit[:used].tolist():
             if hit_here:
                 self._hits[place] += 1

@@ -26,7 +26,7 @@ from causal_openlock.contract.probes import are_probabilities
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.session import Session
+from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.files.atomic import write_bytes
@@ -48,8 +48,6 @@ COLUMNS = [
     *("entropy", "highest", "impossible"),
 ]
 
-MOST_SUBJECTS = 40
-"""So many subjects are played again at once."""
 EXACT = Draws()
 
 
@@ -101,11 +99,10 @@ class Recorded:
 
     def check(self) -> None:
         """Refuse a record of which something else comes when it is played again."""
-        session, actions, exists = self.session(), *padded(self.done())
-        for moment in range(actions.shape[1]):
-            if not session.view.playing[exists[:, moment]].all():
+        session = self.session()
+        for acts, step in session.following(self.done()):
+            if not step.view.playing[acts].all():
                 raise StoreError("the record has more actions than its protocol allows")
-            session.step(actions[:, moment])
         again = session.record().to_pandas()
         columns = ["subject", "actions", "moved", "opened"]
         key = ["subject", "phase", "loop", "trial", "attempt"]
@@ -152,8 +149,8 @@ def recorded_subjects(
     parts = []
     for group, rows in attempts.groupby(GROUP, observed=True, sort=False):
         numbers = np.unique(rows["subject"])
-        for first in range(0, len(numbers), MOST_SUBJECTS):
-            own = rows[rows["subject"].isin(numbers[first : first + MOST_SUBJECTS])]
+        for first in range(0, len(numbers), AT_ONCE):
+            own = rows[rows["subject"].isin(numbers[first : first + AT_ONCE])]
             parts.append(Recorded(dict(zip(GROUP, group, strict=True)), own, experiment))
             parts[-1].check()
     return parts
@@ -284,15 +281,6 @@ def _trial_numbers(rows: pd.DataFrame) -> IntArray:
     first = (rows["attempt"] == 1).to_numpy()
     by_subject = pd.Series(first).groupby(rows["subject"].to_numpy())
     return by_subject.cumsum().to_numpy(np.int64)
-
-
-def padded(done: Sequence[IntArray]) -> tuple[IntArray, BoolArray]:
-    """``[B, T]`` the actions of subjects, and which of them there are; 0 after the last."""
-    lengths = np.array([len(own) for own in done])
-    exists = np.arange(lengths.max()) < lengths[:, None]
-    actions = np.zeros(exists.shape, dtype=np.int64)
-    actions[exists] = np.concatenate(done)
-    return actions, exists
 
 
 def _told(

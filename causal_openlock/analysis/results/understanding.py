@@ -25,15 +25,13 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.answers import Answer
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition
-from causal_openlock.experiment.session import Session
+from causal_openlock.experiment.session import AT_ONCE, Session
 from causal_openlock.experiment.stored import recorded_layout
 from causal_openlock.world.fsm import BoolArray, FloatArray
 from causal_openlock.world.rewards import PAPER_REWARD
 from causal_openlock.world.room import Layout, positions_for
 from causal_openlock.world.schema import DOOR, Schema
 
-AT_ONCE = 40
-"""So many subjects play again at once."""
 COLUMNS = (
     *("learner", "condition", "protocol", "subject", "visit", "schema"),
     *("shd", "f1", "brier", "gate_brier"),
