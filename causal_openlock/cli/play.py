@@ -12,7 +12,6 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli.options import ResultsFolder
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
 from causal_openlock.wording import counted
@@ -154,7 +153,8 @@ def _names(recruiting: str) -> list[str]:
 
 
 def forget(
-    folder: ResultsFolder,
+    # No store: what is deleted in the copy here would still be there.
+    folder: Annotated[Path, typer.Argument(help="Folder that play or import wrote to.")],
     subject: Annotated[int, typer.Argument(min=0, help="Number of the person.")],
     condition: Annotated[
         str | None, typer.Option("--condition", "-c", help="The condition that they played.")
