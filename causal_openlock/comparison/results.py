@@ -30,9 +30,10 @@ from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
 from causal_openlock.experiment.answers import read_answers
 from causal_openlock.experiment.building import LearnerForm, listed, make_experiment
+from causal_openlock.experiment.containment import check_inside
 from causal_openlock.experiment.folder_lock import LOCK
 from causal_openlock.experiment.remote import downloaded
-from causal_openlock.experiment.store import Store, check_inside
+from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.scoring.scores import LAPSE, Scores, score_learners
 from causal_openlock.scoring.teacher_forcing import known_learners

@@ -136,16 +136,16 @@ def run(
             fault = store.check(cell)
             if fault is None:
                 store.clear(cell)
-                store.clear_failure(cell)
+                store.failures.clear(cell)
                 continue
             if retry_failed:
-                store.clear_failure(cell)
+                store.failures.clear(cell)
             missing[cell.file_name] = cell
-            failures, why = store.failures(cell)
+            failures, why = store.failures.of(cell.file_name)
             if failures >= MOST_FAILURES:
                 left_out[cell.file_name] = (
                     f"{why}; it has failed {failures} times and is left out, --retry-failed tries "
-                    f"it again; see {store.error(cell)}"
+                    f"it again; see {store.failures.path(cell.file_name)}"
                 )
             elif fault != "missing":
                 warn(f"{fault}; its cell is run again")
@@ -275,7 +275,7 @@ class _Run:
         error = future.exception()
         kept = bool(how) and self.store.check(cell) is None
         if error is None or kept:  # a process may end after its record was written
-            self.store.clear_failure(cell)
+            self.store.failures.clear(cell)
             for warning in () if kept else future.result():
                 self._warn(warning)
             self.course.ended(cell, time.monotonic())
@@ -283,8 +283,8 @@ class _Run:
             return
         if future in self.overdue:
             what = f"was ended after {self.time_limit:g} s"
-            before = self.store.failures(cell)[0]  # it may have made progress
-            why = self.store.record_failure(cell, what, "It has no traceback.\n", before)
+            before = self.store.failures.of(cell.file_name)[0]  # it may have made progress
+            why = self.store.failures.record(cell, what, "It has no traceback.\n", before)
         elif how:
             what = f"ended its process ({how})"
             if self._has_lost(cell) < MOST_FAILURES:
@@ -293,14 +293,14 @@ class _Run:
                 self.pending.append(cell)
                 return
             trace = "A process that ends so leaves no traceback.\n"
-            why = self.store.record_failure(cell, what, trace, MOST_FAILURES)
+            why = self.store.failures.record(cell, what, trace, MOST_FAILURES)
         elif isinstance(error, LearnerError):
             why = str(error)
         elif isinstance(error, OpenLockError):  # such as a full disk, which stops all of them
             raise error
         else:
             why = record_failure(self.store, cell, error)
-        why = f"{why}; see {self.store.error(cell)}"
+        why = f"{why}; see {self.store.failures.path(cell.file_name)}"
         self.reasons[cell.file_name] = why
         self.course.ended(cell, time.monotonic(), failed=True)
         self.failed(cell, why)

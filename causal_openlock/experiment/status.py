@@ -66,7 +66,7 @@ def status_of(store: Store) -> Status:
             estimator.began(cell, now - seconds)
             estimator.heard(cell, 1, 0.0, now - seconds)
             estimator.heard(cell, 2, share, report[0] / 1e9)
-        elif why := store.failures(cell)[1]:
+        elif why := store.failures.of(cell.file_name)[1]:
             failures.append(why)
             estimator.ended(cell, now, failed=True)
         else:

@@ -23,7 +23,6 @@ played. One process at a time works in a folder (:mod:`causal_openlock.experimen
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -32,7 +31,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import OpenLockError, StoreError, in_short
+from causal_openlock.experiment.cell_file import read_cell_file, versions_of, write_cell_file
+from causal_openlock.experiment.containment import check_inside
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
+from causal_openlock.experiment.failures import Failures
 from causal_openlock.experiment.folder_lock import LOCK, FolderLock
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.versions import merged_versions, other_versions, versions
@@ -41,8 +43,6 @@ from causal_openlock.files.checksums import (
     ChecksumError,
     json_bytes,
     read_json,
-    read_table,
-    table_bytes,
 )
 from causal_openlock.version import RESULTS_VERSION
 
@@ -52,8 +52,6 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.shard import Shard
     from causal_openlock.experiment.stored import StoredExperiment, Versions
 
-IDENTITY = b"causal_openlock.cell"
-VERSIONS = b"causal_openlock.versions"
 AWAITED = ".awaited-"
 """The beginning of the names of files that are there while a run waits for its workers."""
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
@@ -63,10 +61,6 @@ TRANSCRIPTS = "transcripts"
 LOG = "log.jsonl"
 """The actions of people, in a folder of ``play``; see :mod:`causal_openlock.play.log`."""
 _SOURCE = re.compile(r"[\w.]{1,200}\.py [0-9a-f]{16}")
-_FAILURES = re.compile(r"\nfailures: (\d{1,6})\n\Z")
-_ERRORS = re.compile(r".+_[0-9a-f]{12}\.txt")
-_CELL = re.compile(r"(?!\.)[^/\\:\x00-\x1f\x7f-\x9f]{1,240}\.parquet")
-"""A file name that is not a path on any system."""
 
 
 class Store:
@@ -85,6 +79,7 @@ class Store:
         self.folder = Path(folder)
         self.cells = self.folder / "cells"
         self._declared = self.folder / "experiment.json"
+        self.failures = Failures(self.folder / "errors")
         self._lock = FolderLock(self.folder)
 
     # -- the folder -----------------------------------------------------------------------------
@@ -154,9 +149,7 @@ class Store:
             foreign = path.suffix in (CHECKPOINT, ATTEMPTS) and path.stem not in known
             if foreign or path.suffix == PROGRESS:
                 path.unlink(missing_ok=True)
-        for path in (self.folder / "errors").glob("*.txt"):
-            if path.stem not in known and _ERRORS.fullmatch(path.name):
-                path.unlink(missing_ok=True)
+        self.failures.tidy(known)
 
     def _is_of(self, experiment: Experiment, files: set[str], changed: bool) -> bool:
         """Whether ``experiment.json`` has to be written; refuses a folder of another experiment."""
@@ -258,7 +251,7 @@ class Store:
         found = []
         for path in self.cells.glob("*.parquet"):
             with suppress(StoreError):
-                found.append(_versions_of(self.read(path, columns=["subject"]), path))
+                found.append(versions_of(self.read(path, columns=["subject"]), path))
         return merged_versions(found)
 
     def close(self) -> None:
@@ -327,43 +320,6 @@ class Store:
         name, _, digest = package.partition(".py ")
         return self.folder / "code" / f"{name.replace('.', '_')}_{digest}.py"
 
-    def record_failure(self, cell: Cell, what: str, trace: str, failures: int | None = None) -> str:
-        """Save why a cell failed: a clause that follows its name, and the traceback.
-
-        Returns the sentence.
-
-        Args:
-            cell: The cell.
-            what: The clause.
-            trace: The traceback.
-            failures: How often it has failed now; by default once more than before.
-
-        Raises:
-            OpenLockError: If it cannot be written.
-        """
-        why = f"the learner {cell.in_words}, {what}"
-        many = self.failures(cell)[0] + 1 if failures is None else failures
-        text = f"{why}\n\n{trace}\nfailures: {many}\n"
-        write_bytes(self.error(cell), text.encode("utf-8", "backslashreplace"))
-        return why
-
-    def failures(self, cell: Cell) -> tuple[int, str]:
-        """How often a cell has failed without being played since, and the last reason."""
-        try:
-            text = self.error(cell).read_text("utf-8", "replace")
-        except OSError:
-            return 0, ""
-        many = _FAILURES.search(text)
-        return int(many[1]) if many else 1, text.partition("\n")[0]
-
-    def error(self, cell: Cell) -> Path:
-        """The path of the reason why a cell failed."""
-        return self.folder / "errors" / f"{Path(cell.file_name).stem}.txt"
-
-    def clear_failure(self, cell: Cell) -> None:
-        """Remove the reason why a cell failed."""
-        self.error(cell).unlink(missing_ok=True)
-
     def check(self, cell: Cell) -> str | None:
         """What is wrong with a cell's record: ``"missing"``, or what is damaged; else ``None``."""
         path = self.path(cell)
@@ -378,42 +334,19 @@ class Store:
     def read(
         self, path: Path, identity: str | None = None, columns: Sequence[str] | None = None
     ) -> pa.Table:
-        """The record in a cell's file; its metadata hold :data:`IDENTITY` and :data:`VERSIONS`.
+        """The record in a cell's file, whole and of that cell.
 
-        Args:
-            path: Its file.
-            identity: The cell's identity; by default that in the file's name.
-            columns: The columns to read; by default all.
+        The arguments are those of :func:`~causal_openlock.experiment.cell_file.read_cell_file`.
 
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
         """
-        import pyarrow as pa
-
-        from causal_openlock.experiment.record import record_schema
-
         try:
-            table = read_table(path.read_bytes(), columns)
+            return read_cell_file(path, identity, columns)
         except FileNotFoundError:
             raise StoreError(f"{path} is missing; run compare again to make it") from None
         except (OSError, ChecksumError) as error:
             raise self._damaged(path, str(error)) from None
-        metadata = table.schema.metadata or {}
-        held = metadata.get(IDENTITY, b"").decode(errors="replace")
-        if not held or not held.startswith(identity or path.stem.rpartition("_")[2]):
-            raise self._damaged(path, "it holds another cell")
-        schema = record_schema()
-        if columns is not None:
-            schema = pa.schema([schema.field(name) for name in columns])
-        try:
-            # Other programs may encode names differently.
-            table = table.replace_schema_metadata(None).cast(schema)
-            table.validate(full=True)
-        except (pa.ArrowException, ValueError):
-            table = None
-        if table is None or any(column.null_count for column in table.columns):
-            raise self._damaged(path, "its columns are not those of a record")
-        return table.replace_schema_metadata(metadata)
 
     def write(self, cell: Cell, record: pa.Table) -> None:
         """Save a cell's record.
@@ -421,10 +354,9 @@ class Store:
         Raises:
             StoreError: If it cannot be written; no part of it is left then.
         """
-        metadata = {IDENTITY: cell.identity.encode(), VERSIONS: json.dumps(versions()).encode()}
         path = self.path(cell)
         try:
-            write_bytes(path, table_bytes(record, metadata))
+            write_cell_file(path, cell, record)
         except OpenLockError as error:
             raise _unusable(path, in_short(error.__cause__ or error)) from None
 
@@ -485,19 +417,15 @@ class Store:
                         f"{self.folder} holds cells of the {column} {strange[0]!r}, which its "
                         "experiment.json does not list; give compare another --out"
                     )
-            made_with.append(_versions_of(table, path))
+            made_with.append(versions_of(table, path))
             table = table.replace_schema_metadata(None)
             tables.append(compact(table) if small else table)
-        failures = {}
-        for path in absent:
-            with suppress(OSError):
-                text = (self.folder / "errors" / f"{path.stem}.txt").read_text("utf-8", "replace")
-                failures[path.stem] = text.partition("\n")[0]
+        reasons = {path.stem: self.failures.of(path.name)[1] for path in absent}
         return pa.concat_tables(tables), replace(
             experiment,
             versions=merged_versions(made_with),
             missing=tuple(path.stem for path in absent),
-            failures=failures,
+            failures={stem: reason for stem, reason in reasons.items() if reason},
         )
 
     def files(self) -> tuple[list[Path], list[Path]]:
@@ -523,50 +451,6 @@ class Store:
         else:
             remedy = "run compare again, with the same command, to make it again"
         return StoreError(f"{path} is damaged ({what}); {remedy}")
-
-
-def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
-    """Make sure that no link or path in a results folder leads out of it.
-
-    Folders are shared: somebody else may have written ``experiment.json``, and an unpacked archive
-    may hold links. (The folder itself may be a link; its owner has made that.)
-
-    Args:
-        folder: The folder; it need not exist.
-        cells: The files of cells listed in its ``experiment.json``.
-
-    Raises:
-        StoreError: If a cell's name is not a file name, or a link leads elsewhere.
-    """
-    for name in cells:
-        if not (isinstance(name, str) and _CELL.fullmatch(name)):
-            raise StoreError(
-                f"{folder / 'experiment.json'} lists {str(name)[:80]!r} among the cells, which is "
-                f"no file in {folder / 'cells'}; do not use this folder, somebody has changed it"
-            )
-    home = folder.resolve()
-    for place, folders, files in os.walk(folder):  # which does not follow links to folders
-        for path in (Path(place, name) for name in (*folders, *files)):
-            if path.is_symlink():
-                if not path.resolve().is_relative_to(home):
-                    raise StoreError(
-                        f"{path} is a link that leads out of {folder}; put what it points to in "
-                        "its place, if you know where it comes from"
-                    )
-            elif not (path.is_file() or path.is_dir()) and path.exists():  # others may work in it
-                raise StoreError(f"{path} is neither a file nor a folder; remove it")
-
-
-def _versions_of(record: pa.Table, path: Path) -> dict[str, Any]:
-    """The versions of packages in the metadata of a cell's file."""
-    from pydantic import TypeAdapter, ValidationError
-
-    held = (record.schema.metadata or {}).get(VERSIONS, b"{}")
-    try:
-        return TypeAdapter(dict[str, str | list[str]]).validate_json(held)
-    except ValidationError:
-        message = f"{path} does not say what it was made with; do not use it"
-        raise StoreError(message) from None
 
 
 def _is_variant(held: Experiment, experiment: Experiment) -> bool:

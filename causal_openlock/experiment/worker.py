@@ -100,7 +100,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         raise LearnerError(record_failure(store, cell, error)) from None
     store.write(cell, record)
     store.clear(cell)
-    store.clear_failure(cell)
+    store.failures.clear(cell)
     warnings = [*checkpoint.warnings, *account.remarks]
     return [f"{cell.spec.name}: {warning}" for warning in warnings]
 
@@ -118,7 +118,7 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
         trace = "".join(traceback.format_exception(error))
     except Exception:  # a foreign exception's own attributes may raise
         trace = f"{type(error).__name__}\n"
-    return store.record_failure(cell, f"failed: {what}", trace)
+    return store.failures.record(cell, f"failed: {what}", trace)
 
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:

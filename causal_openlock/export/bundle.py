@@ -43,9 +43,9 @@ from causal_openlock.analysis.report.writing import files_of
 from causal_openlock.contract.registry import digest
 from causal_openlock.contract.session_code import is_of_session
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.containment import check_inside
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.store import check_inside
 from causal_openlock.experiment.stored import StoredExperiment, Versions
 from causal_openlock.export.croissant import as_json, croissant, data_card
 from causal_openlock.export.experiment_file import experiment_file

@@ -173,7 +173,7 @@ def test_everywhere_the_same_bytes(folder: Path, address: str) -> None:
     for shard in shards.values():
         shard.start()
     for shard in shards.values():
-        shard.join(60)
+        shard.join(600)
     died = [number for number, shard in shards.items() if shard.exitcode == -signal.SIGKILL]
     assert len(died) == 1
     assert sum(shard.exitcode == 0 for shard in shards.values()) == 2
@@ -198,7 +198,7 @@ def test_a_cell_that_loses_three_workers_is_left_out_until_it_is_asked_for(
     assert "the learner Dies in CC3, subjects 0-1, ended its process (the worker tcp://" in reason
     assert sum(one.endswith("; it is tried again") for one in told) == 2
     store, cell = Store(folder / "out"), experiment.cells()[0]
-    assert store.failures(cell)[0] == 3
+    assert store.failures.of(cell.file_name)[0] == 3
     assert len(store.files()[0]) == 1
     progress: list[RunProgress] = []
     (left_out,) = fails(experiment, folder / "out", workers=1, progress=progress.append).reasons
@@ -206,7 +206,7 @@ def test_a_cell_that_loses_three_workers_is_left_out_until_it_is_asked_for(
     assert (progress[-1].done, progress[-1].failed, progress[-1].over) == (1, 1, True)
     assert status_of(store).failures == (reason.partition("; see")[0],)
     fails(experiment, folder / "out", workers=1, retry_failed=True)
-    assert store.failures(cell)[0] == 3
+    assert store.failures.of(cell.file_name)[0] == 3
 
 
 def test_a_learner_that_raises_an_error_fails_three_times_and_is_left_out(folder: Path) -> None:
@@ -219,7 +219,7 @@ def test_a_learner_that_raises_an_error_fails_three_times_and_is_left_out(folder
     assert "left out" in fails(experiment, folder / "out", workers=0).reasons[0]
     (again,) = fails(experiment, folder / "out", workers=0, retry_failed=True).reasons
     assert "left out" not in again
-    assert Store(folder / "out").failures(experiment.cells()[0])[0] == 1
+    assert Store(folder / "out").failures.of(experiment.cells()[0].file_name)[0] == 1
 
 
 def first_actions(out: Path) -> list[int]:
@@ -300,7 +300,7 @@ def test_a_worker_that_nobody_waits_for_takes_a_checkpoint_and_ends(
     with pytest.raises(NotAwaitedError):
         play_cell(cell, str(store.folder), Watching(awaited=str(folder / "gone")))
     assert store.checkpointed(cell)
-    assert not store.failures(cell)[0]
+    assert not store.failures.of(cell.file_name)[0]
     assert store.check(cell) == "missing"
 
 
@@ -345,7 +345,7 @@ def test_status_says_what_is_done_running_silent_and_failed(folder: Path) -> Non
         path = store.path(cell).with_suffix(".progress")
         path.write_text("0.2500 10.0", encoding="utf-8")
         os.utime(path, (time.time() - age,) * 2)
-    store.record_failure(cells[2], "failed: of itself", "")
+    store.failures.record(cells[2], "failed: of itself", "")
     found = status_of(store)
     assert (found.progress.done, found.progress.failed, found.progress.cells) == (4, 1, 8)
     (one,) = found.progress.playing

@@ -18,12 +18,13 @@ import pytest
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.analysis.results.summary import summary_table, write_table
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment import runner
+from causal_openlock.experiment import cell_file, runner
 from causal_openlock.experiment import store as store_module
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import compact
 from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.versions import versions
 from causal_openlock.files import atomic
 from causal_openlock.files.checksums import json_bytes, read_json, table_bytes
 from causal_openlock.version import RESULTS_VERSION
@@ -495,11 +496,12 @@ def test_what_was_begun_with_other_versions_is_completed_only_if_that_is_allowed
     experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And then says so; a folder whose description lacks them, or is damaged, is no exception."""
-    here = dict(store_module.versions())
+    here = dict(versions())
     kept = play(experiment, tmp_path / "out")
     declared = tmp_path / "out" / "experiment.json"
     assert kept.experiment().versions == here
-    monkeypatch.setattr(store_module, "versions", lambda: {**here, "numpy": "9.9"})
+    for module in (store_module, cell_file):
+        monkeypatch.setattr(module, "versions", lambda: {**here, "numpy": "9.9"})
     play(experiment, tmp_path / "out")  # nothing is missing
     first = kept.path(experiment.cells()[0])
     first.unlink()

@@ -1,0 +1,81 @@
+"""The file of a cell: its record as Parquet, with the cell's identity, versions and a checksum."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from causal_openlock.errors import StoreError
+from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.versions import versions
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from causal_openlock.experiment.stored import Versions
+
+IDENTITY = b"causal_openlock.cell"
+VERSIONS = b"causal_openlock.versions"
+
+
+def read_cell_file(
+    path: Path, identity: str | None = None, columns: Sequence[str] | None = None
+) -> pa.Table:
+    """The record in a cell's file; its metadata hold :data:`IDENTITY` and :data:`VERSIONS`.
+
+    Args:
+        path: Its file.
+        identity: The cell's identity; by default that in the file's name.
+        columns: The columns to read; by default all.
+
+    Raises:
+        OSError: If it cannot be read.
+        ChecksumError: If it is damaged, or belongs to another cell.
+    """
+    import pyarrow as pa
+
+    from causal_openlock.experiment.record import record_schema
+
+    table = read_table(path.read_bytes(), columns)
+    metadata = table.schema.metadata or {}
+    held = metadata.get(IDENTITY, b"").decode(errors="replace")
+    if not held or not held.startswith(identity or path.stem.rpartition("_")[2]):
+        raise ChecksumError("it holds another cell")
+    schema = record_schema()
+    if columns is not None:
+        schema = pa.schema([schema.field(name) for name in columns])
+    try:
+        # Other programs may encode names differently.
+        table = table.replace_schema_metadata(None).cast(schema)
+        table.validate(full=True)
+    except (pa.ArrowException, ValueError):
+        table = None
+    if table is None or any(column.null_count for column in table.columns):
+        raise ChecksumError("its columns are not those of a record")
+    return table.replace_schema_metadata(metadata)
+
+
+def write_cell_file(path: Path, cell: Cell, record: pa.Table) -> None:
+    """Write a cell's record, completely or not at all.
+
+    Raises:
+        OpenLockError: If it cannot be written.
+    """
+    metadata = {IDENTITY: cell.identity.encode(), VERSIONS: json.dumps(versions()).encode()}
+    write_bytes(path, table_bytes(record, metadata))
+
+
+def versions_of(record: pa.Table, path: Path) -> Versions:
+    """The versions of packages in the metadata of a cell's file."""
+    from pydantic import TypeAdapter, ValidationError
+
+    held = (record.schema.metadata or {}).get(VERSIONS, b"{}")
+    try:
+        return TypeAdapter(dict[str, str | list[str]]).validate_json(held)
+    except ValidationError:
+        message = f"{path} does not say what it was made with; do not use it"
+        raise StoreError(message) from None

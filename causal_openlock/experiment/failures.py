@@ -1,0 +1,70 @@
+"""Why cells failed: a file for each with a sentence, the traceback, and how often it failed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from causal_openlock.experiment.experiment import Cell
+from causal_openlock.files.atomic import write_bytes
+
+_COUNT = re.compile(r"\nfailures: (\d{1,6})\n\Z")
+_NAME = re.compile(r".+_[0-9a-f]{12}\.txt")
+
+
+class Failures:
+    """The reasons why cells of a results folder failed.
+
+    Args:
+        folder: Where their files are.
+
+    Example:
+        >>> Failures(Path("results/first_look/errors")).of("bayes_CC4_0-9_0123456789ab.parquet")
+        (0, '')
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def path(self, file_name: str) -> Path:
+        """The path of the reason why a cell failed, by the name of its record's file."""
+        return self.folder / f"{Path(file_name).stem}.txt"
+
+    def record(self, cell: Cell, what: str, trace: str, failures: int | None = None) -> str:
+        """Save why a cell failed: a clause that follows its name, and the traceback.
+
+        Returns the sentence.
+
+        Args:
+            cell: The cell.
+            what: The clause.
+            trace: The traceback.
+            failures: How often it has failed now; by default once more than before.
+
+        Raises:
+            OpenLockError: If it cannot be written.
+        """
+        why = f"the learner {cell.in_words}, {what}"
+        many = self.of(cell.file_name)[0] + 1 if failures is None else failures
+        text = f"{why}\n\n{trace}\nfailures: {many}\n"
+        write_bytes(self.path(cell.file_name), text.encode("utf-8", "backslashreplace"))
+        return why
+
+    def of(self, file_name: str) -> tuple[int, str]:
+        """How often a cell has failed without being played since, and the last reason."""
+        try:
+            text = self.path(file_name).read_text("utf-8", "replace")
+        except OSError:
+            return 0, ""
+        many = _COUNT.search(text)
+        return int(many[1]) if many else 1, text.partition("\n")[0]
+
+    def clear(self, cell: Cell) -> None:
+        """Remove the reason why a cell failed."""
+        self.path(cell.file_name).unlink(missing_ok=True)
+
+    def tidy(self, known: set[str]) -> None:
+        """Remove the reasons of all but these cells, named as their files without the ending."""
+        for path in self.folder.glob("*.txt"):
+            if path.stem not in known and _NAME.fullmatch(path.name):
+                path.unlink(missing_ok=True)
