@@ -171,6 +171,12 @@ def is_forgotten(entry: Entry) -> bool:
     return entry.keys() == {"join", "forgotten"} and _is_number(entry["join"])
 
 
+def is_name(entry: Entry) -> bool:
+    """Whether an entry says what a recruiting service calls somebody who joined."""
+    told = [value for key, value in entry.items() if key != "join"]
+    return _is_number(entry.get("join")) and all(isinstance(value, str) for value in told)
+
+
 def is_turn(entry: Entry) -> bool:
     """Whether an entry is that of a turn.
 

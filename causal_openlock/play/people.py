@@ -36,7 +36,7 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.play.game import EXPERIMENT, Answer, Game
 from causal_openlock.play.log import Entry as LogEntry
-from causal_openlock.play.log import Log, is_forgotten, is_join, is_return, is_turn
+from causal_openlock.play.log import Log, is_forgotten, is_join, is_name, is_return, is_turn
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER, reactions_table, rows_kept, write_reactions
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
@@ -359,13 +359,16 @@ class People:
 
     def _take_names(self, recruited: Log) -> None:
         """What people are called; who is not in the log, or has been forgotten, is dropped."""
+        for line, one in enumerate(recruited.entries, start=1):
+            if not is_name(one):
+                raise recruited.fault(line, "this line names nobody who plays")
         there = {person.number: person for person in self._there}
-        kept = [one for one in recruited.entries if one.get("join") in there]
+        kept = [one for one in recruited.entries if one["join"] in there]
         if len(kept) < len(recruited.entries):
             recruited.rewrite(kept)
         for one in kept:
             if self.recruiting and (called := one.get(self.recruiting[0])):
-                self._called.setdefault(str(called), there[one["join"]])
+                self._called.setdefault(called, there[one["join"]])
         recruited.entries = []
 
     @property
