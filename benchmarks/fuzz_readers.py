@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from fuzz_mutations import (
@@ -27,6 +27,7 @@ from fuzz_mutations import (
 )
 
 from causal_openlock.contract.registry import create
+from causal_openlock.errors import OpenLockError
 from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import read_study
 from causal_openlock.experiment.answers import Answer, read_answers, write_answers
@@ -38,13 +39,19 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.files.state import write_state
+from causal_openlock.fitting.actions import FILE as FIT_TO_ACTIONS
+from causal_openlock.fitting.actions import Fitted, fit_table
+from causal_openlock.fitting.actions import _kept as _kept_of_actions
 from causal_openlock.fitting.search import bundled_search, read_search
 from causal_openlock.fitting.study import Candidate, Fit, Plan, _keep, _opened
 from causal_openlock.formats.graphs import FORMATS, export_schema, read_schema_as
 from causal_openlock.formats.schema_file import bundled_schemas, find_schema, read_schema
 from causal_openlock.importing.folder import import_files
-from causal_openlock.play.people import People
+from causal_openlock.play.people import RECRUITED, People
 from causal_openlock.play.reactions import read_reactions
+from causal_openlock.render.words import Wording
+from learners.language.answers import read_answer, read_structure
+from learners.language.replay import Replay
 from learners.meta.file import TrainingFile, read_training
 from learners.meta.training import MetaTraining, resume
 from learners.networks.network_file import read_network, write_network
@@ -104,8 +111,8 @@ def readers(work: Path) -> list[Reader]:
     # Some studies have their experiment beside them.
     shutil.copy(next((ROOT / "evidence").glob("*/experiment.yaml")), study)
     return [
-        _yaml("schema files", 11, schemas, "schema.yaml", read_schema),
-        _yaml("experiment files", 10, experiments, "experiments/one.yaml", read_experiment),
+        _yaml("schema files", 9, schemas, "schema.yaml", read_schema),
+        _yaml("experiment files", 9, experiments, "experiments/one.yaml", read_experiment),
         _yaml("study.yaml", 4, studies, "evidence/bayes/study.yaml", _study),
         _yaml("fit spaces", 6, spaces, "space.yaml", read_search),
         _yaml("meta-trainings", 3, trainings, "experiments/training.yaml", read_training),
@@ -139,7 +146,13 @@ def readers(work: Path) -> list[Reader]:
         ),
         Reader("logs of people", 2, [_log(work / "people")], spoil_log,
                "people/log.jsonl", _people),
+        Reader("names of people", 1, [(work / "people" / RECRUITED).read_bytes()], spoil_log,
+               f"people/{RECRUITED}", _people),
+        Reader("replies of models", 1, [_replies(work / "replies")], _spoil_lines,
+               "replies/one.jsonl", _replayed),
         Reader("fits", 1, [_fit(work)], _spoil_json_text, "fit/fit.json", _fitted),
+        Reader("fits to actions", 1, [_fit_to_actions()], _spoil_json_text,
+               f"fit/{FIT_TO_ACTIONS}", _fitted_to_actions),
         Reader("run.json", 1, [(study / "run.json").read_bytes()], _spoil_sealed,
                "evidence/run/run.json", _at("evidence/run", _run)),
         Reader("units.parquet", 1, [(study / "units.parquet").read_bytes()], spoil_table,
@@ -317,24 +330,25 @@ def _imported(name: str, work: Path) -> object:
         return import_files([work / name], Path(folder) / "imported")
 
 
-# -- people and fits ------------------------------------------------------------------------------
+# -- people ---------------------------------------------------------------------------------------
 
 
 def _opened_by(folder: Path) -> People:
     conditions = [Condition.named("CC3-CC4", find_schema)]
-    return People(folder, conditions, PROTOCOLS["human"], clock=lambda: 1e9)
+    return People(folder, conditions, PROTOCOLS["human"], recruiting=["PID"], clock=lambda: 1e9)
 
 
 def _log(folder: Path) -> bytes:
-    """The log of two people who left the practice room and took some turns."""
+    """The log of two people who left the practice room, took some turns, and came again."""
     people = _opened_by(folder)
-    for _ in range(2):
-        name = people.join()
+    for number in range(2):
+        name = people.join(recruited={"PID": f"person{number}"})
         for turn in range(4):
             people.act(name, turn, turn, 500)
         people.proceed(name, 4)
         for turn in range(5, 12):
             people.act(name, turn, turn % 15, None if turn % 2 else 300)
+        people.join(recruited={"PID": f"person{number}"})
     people.close()
     return (folder / "log.jsonl").read_bytes()
 
@@ -343,6 +357,56 @@ def _people(work: Path) -> object:
     people = _opened_by(work / "people")
     people.close()
     return people.number
+
+
+# -- replies of language models -------------------------------------------------------------------
+
+WORDS = Wording("levers", ("oak", "elm", "fir"), (0, 1, 2))
+CALL = {"id": "1", "function": {"name": "act", "arguments": '{"action": "push elm"}'}}
+SAID: tuple[dict[str, Any], ...] = (
+    {"content": "I try the first one.\nPush oak."},
+    {"content": None, "tool_calls": [CALL]},
+    {"content": "", "refusal": "I cannot."},
+    {"content": '{"enables": [{"cause": "oak", "effect": "the door"}]}'},
+)
+
+
+def _replies(folder: Path) -> bytes:
+    """What is kept of a model's replies: words, a call of a tool, a refusal, a structure."""
+    about = {"finish": "stop", "model": "m", "server": "s", "fingerprint": None, "retries": 0}
+    kept = Replay(folder)
+    for number, message in enumerate(SAID):
+        kept.put(str(number), {"message": message, **about, "tokens": [90, 9], "latency": 0.5})
+    (path,) = folder.iterdir()
+    content = path.read_bytes()
+    path.unlink()
+    return content
+
+
+def _spoil_lines(content: bytes, rng: random.Random) -> bytes:
+    """Change values in a line of JSON, or the text."""
+    if rng.random() < 0.2:
+        return spoil_text(content, rng)
+    lines = content.splitlines()
+    at = rng.randrange(len(lines))
+    lines[at] = json.dumps(spoil_json(json.loads(lines[at]), rng)).encode()
+    return b"".join(line + b"\n" for line in lines)
+
+
+def _replayed(work: Path) -> object:
+    """What the learner does with replies: it counts tokens and looks for actions and answers."""
+    kept = Replay(work / "replies")
+    kept.refresh()
+    replies = [reply for number in range(len(SAID)) if (reply := kept.get(str(number)))]
+    for reply in replies:
+        read_answer(reply["message"], reply["finish"], WORDS)
+        read_structure(reply["message"], WORDS, ("P0", "P1", "P2", "door"))
+    if len(replies) < len(SAID):
+        raise OpenLockError("it would be asked for again")
+    return kept.spent
+
+
+# -- fits -----------------------------------------------------------------------------------------
 
 
 @cache
@@ -361,3 +425,18 @@ def _fit(work: Path) -> bytes:
 
 def _fitted(work: Path) -> object:
     return _opened(_plan(), work / "fit" / "fit.json")
+
+
+SETTINGS = {"lapse": 0.01}
+
+
+def _fit_to_actions() -> bytes:
+    done = [
+        vars(Fitted("all", fold, {"softness": 0.5}, 30.5, 60, 31.0, 60, 0.5, 12))
+        for fold in (-1, 0, 1)
+    ]
+    return json.dumps({"settings": SETTINGS, "done": done}).encode()
+
+
+def _fitted_to_actions(work: Path) -> object:
+    return fit_table(_kept_of_actions(work / "fit" / FIT_TO_ACTIONS, SETTINGS))

@@ -23,7 +23,7 @@ sys.dont_write_bytecode = False
 
 LONGEST_FIRST = (
     "project/test_docs.py::test_the_site_builds_without_a_warning_and_is_whole",
-    "project/test_notebooks.py::test_it_runs_from_top_to_bottom_and_shows_pictures",
+    "project/test_notebooks.py",
     "project/test_docs.py::test_what_a_page_shows_is_what_happens",
     "learners/networks/test_double_q_compiled.py",
     "contract/test_learner_contract.py",

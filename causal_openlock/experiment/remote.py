@@ -6,8 +6,8 @@ is not played again; each finished cell goes there as a whole file. Shards on ma
 disk can so fill one place: a cell has one name and one content, whoever writes it. Checkpoints stay
 here, so a cell that was interrupted goes on where it was on this machine alone.
 
-`fsspec <https://filesystem-spec.readthedocs.io>`_ knows the stores: ``s3://`` with the package
-``s3fs``, ``gs://`` with ``gcsfs``, ``az://`` with ``adlfs``.
+`fsspec <https://filesystem-spec.readthedocs.io>`_ knows the stores: ``s3://`` with the extra
+``s3``, ``gs://`` with the package ``gcsfs``, ``az://`` with ``adlfs``.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ class Remote:
         except ImportError as error:
             raise StoreError(
                 f"{self.shown} needs a package that is not installed ({in_short(error)}); install "
-                "it, for s3:// with: pip install s3fs"
+                "it, for s3:// with: pip install 'causal-openlock[s3]'"
             ) from None
         except Exception as error:  # each store has errors of its own
             why = in_short(error).replace(self.url, self.shown)

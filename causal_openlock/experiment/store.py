@@ -218,7 +218,7 @@ class Store:
             "identity": identity or experiment.identity,
             **experiment.as_dict(),
             "cells": [*files],
-            "versions": dict(made_with or self._made_with() or versions()),
+            "versions": dict(made_with or self.made_with()),
         }
         content = json_bytes(held)
         with suppress(OSError):
@@ -232,7 +232,7 @@ class Store:
         Raises:
             StoreError: If the folder was made with others and that is not allowed.
         """
-        made_with = self._made_with()
+        made_with = self.made_with()
         if not (other := other_versions(made_with, versions())):
             return
         if not allow_version:
@@ -243,8 +243,11 @@ class Store:
         both = merged_versions([made_with, versions()])
         self.declare(experiment, experiment.cells(), made_with=both)
 
-    def _made_with(self) -> Versions:
-        """The versions that the folder was made with: its description says so, or its cells do."""
+    def made_with(self) -> Versions:
+        """The versions that the folder was made with: its description says so, or its cells do.
+
+        By default those here.
+        """
         with suppress(StoreError):
             if said := self.experiment().versions:
                 return said
@@ -252,7 +255,7 @@ class Store:
         for path in self.cells.glob("*.parquet"):
             with suppress(StoreError):
                 found.append(versions_of(self.read(path, columns=["subject"]), path))
-        return merged_versions(found)
+        return merged_versions(found) or versions()
 
     def close(self) -> None:
         """Release the locks on the folder."""

@@ -289,6 +289,8 @@ def _kept(path: Path, settings: dict[str, Any]) -> list[Fitted]:
     try:
         kept = json.loads(path.read_bytes())
         found = TypeAdapter(list[Fitted]).validate_python(kept["done"])
+        if any(one.actions < 1 for one in found):
+            raise ValueError("a fit to nothing")
         same = kept["settings"] == settings
     except (ValueError, OSError, TypeError, LookupError, RecursionError):
         raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None

@@ -151,18 +151,30 @@ def is_join(entry: Entry) -> bool:
     return (
         entry.keys() - {"ask", "consent"} == {"join", "key", "at", "practice"}
         and isinstance(entry.get("ask", False), bool)
-        and re.fullmatch("[0-9a-f]{16}|", str(entry.get("consent", ""))) is not None
         and _is_number(entry["join"])
-        and isinstance(entry["key"], str)
-        and re.fullmatch("[0-9a-f]{64}", entry["key"]) is not None
-        and _is_time(entry["at"])
+        and _is_session(entry)
         and isinstance(entry["practice"], bool)
+    )
+
+
+def is_return(entry: Entry) -> bool:
+    """Whether an entry gives a person who has joined before a further session."""
+    return (
+        entry.keys() - {"consent"} == {"of", "key", "at"}
+        and _is_number(entry["of"])
+        and _is_session(entry)
     )
 
 
 def is_forgotten(entry: Entry) -> bool:
     """Whether an entry stands for a person whose data were deleted."""
     return entry.keys() == {"join", "forgotten"} and _is_number(entry["join"])
+
+
+def is_name(entry: Entry) -> bool:
+    """Whether an entry says what a recruiting service calls somebody who joined."""
+    told = [value for key, value in entry.items() if key != "join"]
+    return _is_number(entry.get("join")) and all(isinstance(value, str) for value in told)
 
 
 def is_turn(entry: Entry) -> bool:
@@ -180,6 +192,16 @@ def is_turn(entry: Entry) -> bool:
         and _is_time(entry["at"])
         and (not acted or _is_number(entry["action"]))
         and (not acted or entry["reaction"] is None or _is_number(entry["reaction"]))
+    )
+
+
+def _is_session(entry: Entry) -> bool:
+    """Whether key, time and consent of a session are what they have to be."""
+    return (
+        re.fullmatch("[0-9a-f]{16}|", str(entry.get("consent", ""))) is not None
+        and isinstance(entry["key"], str)
+        and re.fullmatch("[0-9a-f]{64}", entry["key"]) is not None
+        and _is_time(entry["at"])
     )
 
 

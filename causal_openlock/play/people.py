@@ -5,6 +5,9 @@ only. The log holds a hash of it, so nobody who gets the folder can play in anot
 are numbered in the order of joining; conditions are dealt out in shuffled blocks, so that at any
 time every condition has as many people as any other, give or take one.
 
+Whom a recruiting service has called by the same name before gets a further session id of the person
+that they are, and goes on where they stopped; who has finished cannot play again.
+
 Every request that changes something carries the number of the turn that it is meant for. A request
 that comes twice, too late or too early is refused and changes nothing.
 """
@@ -33,7 +36,7 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.play.game import EXPERIMENT, Answer, Game
 from causal_openlock.play.log import Entry as LogEntry
-from causal_openlock.play.log import Log, is_forgotten, is_join, is_turn
+from causal_openlock.play.log import Log, is_forgotten, is_join, is_name, is_return, is_turn
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER, reactions_table, rows_kept, write_reactions
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
@@ -47,6 +50,8 @@ DATA = ("cells", FOLDER, STRUCTURES)
 """The folders that have a file for each person."""
 MOST_PEOPLE = 10_000
 """How many people can join in one folder."""
+MOST_RETURNS = 100
+"""How often a person can come again without the session id that they had."""
 
 
 class Refused(OpenLockError):  # noqa: N818 - an answer to the page
@@ -73,6 +78,10 @@ class TooManyPeople(Refused):
     """Nobody else can join."""
 
 
+class HasFinished(Refused):
+    """Somebody would play again who has played to the end."""
+
+
 class NotAgreed(Refused):
     """Somebody would join who has not agreed to the consent as it is now."""
 
@@ -83,7 +92,7 @@ class _Person:
     def __init__(
         self, number: int, cell: Cell, joined: float, practice: bool, ask: bool = False
     ) -> None:
-        self.number, self.cell, self.joined = number, cell, joined
+        self.number, self.cell, self.joined, self.returns = number, cell, joined, 0
         self.lock = threading.Lock()
         self.game = Game(
             cell.condition, cell.spec.protocol, cell.first_subject, cell.seed, practice, ask
@@ -123,6 +132,7 @@ class People:
         consent: What people have to agree to before they join, in Markdown; empty for nothing.
         recruiting: What a recruiting service adds to the address of the page to say who comes, such
             as ``("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")``. It is kept in ``recruited.jsonl``.
+            Who has the same of the first is the same person.
         command: The command that continues, for the report.
         clock: Returns the time in seconds.
 
@@ -160,12 +170,14 @@ class People:
         self.consent_mark = hashlib.sha256(consent.encode()).hexdigest()[:16] if consent else ""
         self.store = Store(folder)
         self._people: dict[str, _Person] = {}
+        self._called: dict[str, _Person] = {}  # by what the recruiting service calls them
         self._order: list[_Person | None] = []  # None: their data were deleted
         self._joining, self._keeping = threading.Lock(), threading.Lock()
         # Loaded now, and not while somebody waits for an answer.
         import pyarrow.parquet  # noqa: F401
 
         self.store.open(self.experiment, changed=False)
+        self._made_with = self.store.made_with()
         with ExitStack() as opened:
             opened.callback(self.store.close)
             self._log = Log(self.store.folder / "log.jsonl")
@@ -183,7 +195,7 @@ class People:
     # -- what the page requests -----------------------------------------------------------------
 
     def join(self, agreed: str = "", recruited: Mapping[str, str] | None = None) -> str:
-        """Add a person and return their session id.
+        """Add a person, or let one go on who came before, and return a session id of theirs.
 
         Args:
             agreed: The ``consent_mark`` of the text that the person was shown and has agreed to.
@@ -191,14 +203,19 @@ class People:
 
         Raises:
             NotAgreed: If there is a consent, and they have agreed to none or to another one.
+            HasFinished: If they have played to the end before.
             TooManyPeople: If nobody else can join.
             StoreError: If it cannot be written to the log.
         """
         if self.consent and agreed != self.consent_mark:
             raise NotAgreed("nobody joins without having agreed to the text that is shown now")
         told = {key: value for key, value in (recruited or {}).items() if key in self.recruiting}
+        called = told.get(self.recruiting[0], "") if self.recruiting else ""
         name = secrets.token_urlsafe(24)
         with self._joining:
+            if before := self._called.get(called):
+                self._return(before, name)
+                return name
             if len(self._order) >= MOST_PEOPLE:
                 raise TooManyPeople("nobody else can join")
             entry = {
@@ -215,7 +232,26 @@ class People:
             # Not before the log: nobody else may get a number that somebody is called by.
             if self._recruited is not None:
                 self._recruited.append({"join": entry["join"], **told})
+            if called:
+                self._called[called] = person
         return name
+
+    def _return(self, person: _Person, name: str) -> None:
+        """Give a person a further session id; the one they had stays good."""
+        with person.lock:
+            if person.game.view()["stage"] == "end":
+                raise HasFinished("this person has played to the end, and cannot play again")
+        if person.returns >= MOST_RETURNS:
+            raise TooManyPeople("this person has come again too often")
+        entry = {"of": person.number, "key": _key(name), "at": self._clock()}
+        if self.consent:
+            entry["consent"] = self.consent_mark
+        self._log.append(entry)
+        self._known_again(entry, person)
+
+    def _known_again(self, entry: LogEntry, person: _Person) -> None:
+        person.returns += 1
+        self._people[entry["key"]] = person
 
     def view(self, name: str) -> Answer:
         """What a person may know now.
@@ -299,10 +335,13 @@ class People:
             if is_forgotten(entry) and entry["join"] == len(self._order) < MOST_PEOPLE:
                 self._order.append(None)
                 continue
-            known = is_turn(entry) and entry["of"] < len(self._order)
+            known = (is_turn(entry) or is_return(entry)) and entry["of"] < len(self._order)
             person = self._order[entry["of"]] if known else None
             if person is None:
                 raise self._log.fault(number, "this line is no entry of a play")
+            if "key" in entry:
+                self._known_again(entry, person)
+                continue
             if entry["turn"] != person.game.turn:
                 raise self._log.fault(number, "a turn is missing before this one")
             if not _allows(person.game, entry):
@@ -310,7 +349,7 @@ class People:
             person.take(entry)
         self._log.entries = []
         if self._recruited is not None:
-            self._drop_unknown(self._recruited)
+            self._take_names(self._recruited)
         for person in self._there:
             done, ended = len(person.game.done), person.game.trials_over
             file = person.cell.file_name
@@ -318,12 +357,18 @@ class People:
             if whole and (not ended or self.store.check(person.cell) is None):
                 person.kept, person.kept_trials = done, ended
 
-    def _drop_unknown(self, recruited: Log) -> None:
-        """Drop what people are called who are not in the log, or have been forgotten."""
-        numbers = {person.number for person in self._there}
-        kept = [one for one in recruited.entries if one.get("join") in numbers]
+    def _take_names(self, recruited: Log) -> None:
+        """What people are called; who is not in the log, or has been forgotten, is dropped."""
+        for line, one in enumerate(recruited.entries, start=1):
+            if not is_name(one):
+                raise recruited.fault(line, "this line names nobody who plays")
+        there = {person.number: person for person in self._there}
+        kept = [one for one in recruited.entries if one["join"] in there]
         if len(kept) < len(recruited.entries):
             recruited.rewrite(kept)
+        for one in kept:
+            if self.recruiting and (called := one.get(self.recruiting[0])):
+                self._called.setdefault(called, there[one["join"]])
         recruited.entries = []
 
     @property
@@ -348,7 +393,9 @@ class People:
         (person,) = found
         with self._keeping, self._joining:
             self._order[person.number] = None
-            self._people = {key: one for key, one in self._people.items() if one is not person}
+            for known in (self._people, self._called):
+                for key in [key for key, one in known.items() if one is person]:
+                    del known[key]
             self._declare()
             deleted = delete_files(self.store, person.cell.file_name)
             # The log last: the same command deletes what a killed one has left.
@@ -415,7 +462,7 @@ class People:
         many = max((cell.first_subject + 1 for cell in cells), default=1)
         (spec,) = self.experiment.learners
         declared = replace(self.experiment, learners=(replace(spec, subjects=many),))
-        self.store.declare(declared, cells, self.experiment.identity)
+        self.store.declare(declared, cells, self.experiment.identity, self._made_with)
 
     def close(self) -> None:
         """Write the record and release the folder."""

@@ -4,7 +4,7 @@
 ``GET /`` and its files    the page
 ``GET /brief``             budgets, for the instructions
 ``GET /geometry/7``        where things are in a room of seven levers
-``POST /join``             start a new session; answers its id
+``POST /join``             start a session, or go on with that of somebody recruited; answers its id
 ``GET /state``             what the person may know now
 ``POST /proceed``          ``{"turn"}``: leave the practice room
 ``POST /act``              ``{"turn", "action", "reaction"}``: act; reaction in milliseconds or null
@@ -49,7 +49,14 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.escaping import printable
 from causal_openlock.play.game import Answer
 from causal_openlock.play.pages import as_html, geometry, static_files
-from causal_openlock.play.people import NotAgreed, OutOfTurn, People, TooManyPeople, UnknownPerson
+from causal_openlock.play.people import (
+    HasFinished,
+    NotAgreed,
+    OutOfTurn,
+    People,
+    TooManyPeople,
+    UnknownPerson,
+)
 from causal_openlock.world.room import positions_for
 
 MOST_BYTES = 2048
@@ -376,6 +383,8 @@ async def _refused(request: Request, error: Exception) -> Response:
             return JSONResponse({"error": str(error), "now": error.now}, 409)
         case NotAgreed():
             return JSONResponse({"error": str(error)}, 403)
+        case HasFinished():
+            return JSONResponse({"error": str(error)}, 410)
         case TooManyPeople():
             return JSONResponse({"error": str(error)}, 429)
         case StoreError():

@@ -17,6 +17,7 @@ from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.shard import Shard
 from causal_openlock.experiment.store import Store
 from support.command import at_once
+from support.watching import look_often
 
 TEXT = """\
 name: far
@@ -96,25 +97,11 @@ def test_a_cell_goes_there_as_soon_as_it_is_done(
         if len(files.find("/runs/far/cells")) == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("causal_openlock.comparison.comparing.shown_here", _Shown(stop))
-    monkeypatch.setattr("causal_openlock.experiment.runner.LOOK_EVERY", 0.0)
+    look_often(monkeypatch, stop)
     with pytest.raises(Interrupted):
         ol.compare("far.yaml", out=place, workers=0)
     store = Store(downloaded(place))
     assert [len(part) for part in store.files()] == [2, 2]
-
-
-class _Shown:
-    def __init__(self, show: object) -> None:
-        self.show = show
-
-    def __call__(self, name: str) -> _Shown:
-        return self
-
-    def __enter__(self) -> object:
-        return self.show
-
-    def __exit__(self, *_: object) -> None: ...
 
 
 def test_a_store_reaches_no_file_but_those_of_results(place: str) -> None:

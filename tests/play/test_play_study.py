@@ -8,9 +8,16 @@ import pytest
 
 from causal_openlock import Results
 from causal_openlock.errors import StoreError
+from causal_openlock.experiment import store
 from causal_openlock.experiment.answers import read_answers
 from causal_openlock.play.forgetting import forget_person
-from causal_openlock.play.people import NotAgreed, OutOfTurn
+from causal_openlock.play.people import (
+    HasFinished,
+    NotAgreed,
+    OutOfTurn,
+    TooManyPeople,
+    UnknownPerson,
+)
 from support.command import at_once
 from support.play_clients import asked, people, solving, walk_through
 
@@ -94,6 +101,77 @@ def test_nobody_agrees_to_a_text_that_they_were_not_shown(tmp_path: Path) -> Non
     assert shown not in (tmp_path / "log.jsonl").read_text()
 
 
+def test_who_is_called_the_same_goes_on_where_they_stopped(tmp_path: Path) -> None:
+    options = {"practice": False, "recruiting": ["PID", "SESSION"], "consent": "Yes"}
+    home = people(tmp_path, **options)
+    mark = home.consent_mark
+    first = home.join(mark, {"PID": "ann", "SESSION": "1"})
+    other = home.join(mark, {"PID": "ben", "SESSION": "1"})
+    nameless = [home.join(mark), home.join(mark, {"SESSION": "1"})]
+    walk_through(home, first, 2)
+    home.act(first, home.view(first)["turn"], 0, 5)
+    with pytest.raises(NotAgreed):
+        home.join("", {"PID": "ann"})
+    again = home.join(mark, {"PID": "ann", "SESSION": "2"})  # a new submission of the same person
+    assert again not in (first, other, *nameless)
+    assert home.number == 4
+    assert home.view(again) == home.view(first)
+    home.act(again, home.view(again)["turn"], 1, 5)
+    assert home.view(again) == home.view(first)  # both windows know of it
+    before = home.view(first)
+    home.close()
+
+    home = people(tmp_path, **options)
+    third = home.join(mark, {"PID": "ann"})
+    assert [home.view(name) for name in (first, again, third)] == [before] * 3
+    home.act(third, home.view(third)["turn"], 0, 5)  # the attempt is over
+    walk_through(home, third)
+    with pytest.raises(HasFinished, match="played to the end"):
+        home.join(mark, {"PID": "ann"})
+    assert home.view(third)["stage"] == "end"
+    assert home.number == 4
+    assert home.view(other)["room"]["trial"] == 1
+    home.close()
+    assert len(Results.read(tmp_path).trials) == 5
+    assert "ann" not in (tmp_path / "log.jsonl").read_text()
+
+
+def test_who_was_forgotten_or_comes_too_often_does_not_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("causal_openlock.play.people.MOST_RETURNS", 2)
+    home = people(tmp_path, "CC3", practice=False, recruiting=["PID"])
+    first = home.join(recruited={"PID": "ann"})
+    walk_through(home, first, 1)
+    keys = [first, *(home.join(recruited={"PID": "ann"}) for _ in range(2))]
+    with pytest.raises(TooManyPeople):
+        home.join(recruited={"PID": "ann"})
+    home.keep()
+    home.forget("CC3", 0)
+    for name in keys:
+        with pytest.raises(UnknownPerson):
+            home.view(name)
+    anew = home.join(recruited={"PID": "ann"})
+    assert (home.number, home.view(anew)["room"]["trial"]) == (2, 1)
+    home.close()
+    home = people(tmp_path, "CC3", practice=False, recruiting=["PID"])
+    assert home.view(anew)["room"]["trial"] == 1
+    home.close()
+
+
+def test_the_description_is_read_once_however_often_it_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = people(tmp_path, practice=False)
+    monkeypatch.setattr(store.Store, "experiment", lambda self: pytest.fail("it is read again"))
+    walk_through(home, home.join(), 1)
+    home.keep()
+    walk_through(home, home.join(), 1)
+    home.close()
+    monkeypatch.undo()
+    assert len(Results.read(tmp_path).trials) == 2
+
+
 def test_what_one_person_did_is_deleted_and_others_go_on(tmp_path: Path) -> None:
     options = {"practice": False, "ask": True, "recruiting": ["PID"]}
     home = people(tmp_path, "CC3", "CE3", **options)
@@ -169,6 +247,9 @@ def test_the_server_tells_of_consent_and_completion_and_takes_answers(tmp_path: 
         assert now["stage"] == "room"
         answered(home, me)
         assert asked(server.url, "state", id=me)["completion"].endswith("?cc=C0DE")
+        with pytest.raises(urllib.error.HTTPError) as caught:
+            asked(server.url, "join", agreed=mark, recruited={"PID": "5f"})
+        assert caught.value.code == 410
     finally:
         server.shutdown()
         thread.join()

@@ -334,6 +334,7 @@ $("begin").onclick = async () => {
     const { status, said } = await call("/join", { agreed, recruited: recruited() });
     $("begin").disabled = false;
     if (status === 403) return trouble("What you agree to has changed", "Please read it before you begin.", "Read it", () => location.reload());
+    if (status === 410) return trouble("You have taken part already", "Everything is saved. The way back is on the page on which you finished, in the browser in which you played.");
     if (status !== 200) return trouble("Nobody else can join now", "Please tell the person who invited you.");
     remember(said.id);
     state = (await call("/state")).said;
