@@ -11,6 +11,7 @@ from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.files.atomic import PARTIAL
+from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
@@ -43,7 +44,7 @@ def fit(
     ] = None,
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="With --to: share of actions taken to be random.")
-    ] = 0.01,
+    ] = LAPSE,
     folds: Annotated[
         int, typer.Option(min=2, help="With --to: parts of which each is held out once.")
     ] = 2,

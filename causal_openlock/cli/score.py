@@ -10,6 +10,7 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.errors import OpenLockError
+from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,7 +32,7 @@ def score(
     ] = None,
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="Share of actions that are taken to be random.")
-    ] = 0.01,
+    ] = LAPSE,
     hits: Annotated[
         int,
         typer.Option(

@@ -34,7 +34,8 @@ from causal_openlock.experiment.folder_lock import LOCK
 from causal_openlock.experiment.remote import downloaded
 from causal_openlock.experiment.store import Store, check_inside
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.scoring.scores import LAPSE, Scores, score_learners
+from causal_openlock.scoring import LAPSE
+from causal_openlock.scoring.scores import Scores, score_learners
 from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for

@@ -12,9 +12,8 @@ by what the subject saw and did before it, also where that is in another fold.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,17 +22,18 @@ import pandas as pd
 from pydantic import TypeAdapter
 from scipy.optimize import minimize
 
-from causal_openlock.contract.registry import parse_parameters
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.contract.registry import digest, parse_parameters
+from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.workers import worker_pool
-from causal_openlock.files.atomic import write_text
+from causal_openlock.fitting.kept import fit_of, keep_fit
 from causal_openlock.fitting.search import Range, SearchSpace
 from causal_openlock.fitting.study import proposals, require_optuna
+from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.scores import LN2
-from causal_openlock.scoring.teacher_forcing import EXACT, GROUP, Recorded, score_part
+from causal_openlock.scoring.teacher_forcing import EXACT, Recorded, score_part
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import BoolArray, FloatArray
@@ -42,6 +42,7 @@ FILE = "fit_to_actions.json"
 HOLD_OUT = ("trials", "subjects", "none")
 WHOLE = -1
 """The number of the fold in which nothing is held out."""
+DIFFERING = "its subjects, what they did, search space, seed, folds"
 TOLERANCE = 1e-3
 """Of parameters, as a share of their range, and of the log-likelihood, in nats."""
 
@@ -51,7 +52,7 @@ class ActionPlan:
     """The settings of a fit to actions."""
 
     space: SearchSpace
-    lapse: float = 0.01
+    lapse: float = LAPSE
     hold_out: str = "trials"  #: one of :data:`HOLD_OUT`
     folds: int = 2
     candidates: int = 40  #: that Optuna proposes
@@ -73,6 +74,10 @@ class ActionPlan:
     def numbers(self) -> list[int]:
         """The folds, and :data:`WHOLE`."""
         return [WHOLE, *range(self.folds if self.hold_out != "none" else 0)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """All that determines what is fitted."""
+        return {**asdict(self), "space": self.space.as_dict(), "version": RESULTS_VERSION}
 
     def spec(self, chosen: Mapping[str, float]) -> LearnerSpec:
         """The learner with some parameters."""
@@ -236,13 +241,7 @@ def jobs_of(parts: Sequence[Recorded], plan: ActionPlan, each: bool) -> list[Fit
             raise OpenLockError(f"there are fewer subjects than {plan.folds} folds; take fewer")
     groups: dict[str, tuple[Recorded, ...]] = {"all": tuple(parts)}
     if each:
-        groups = {
-            "/".join(str(part.group[name]) for name in GROUP) + f"/{number}": (
-                replace(part, rows=part.rows[part.rows["subject"] == number]),
-            )
-            for part in parts
-            for number in part.numbers
-        }
+        groups = {who: (own,) for part in parts for who, own in part.alone().items()}
     return [FitJob(who, own, fold, plan) for who, own in groups.items() for fold in plan.numbers]
 
 
@@ -261,18 +260,25 @@ def fit_all(
     """
     require_optuna()
     path, plan = folder / FILE, jobs[0].plan
-    settings = {**asdict(plan), "space": plan.space.as_dict(), "version": RESULTS_VERSION}
-    subjects = [[*one.group.values(), *one.numbers] for job in jobs for one in job.parts]
-    settings |= {"jobs": [[one.who, one.fold] for one in jobs], "subjects": subjects}
-    settings = json.loads(json.dumps(settings, default=str))
-    done = _kept(path, settings)
-    left = jobs[len(done) :]
-    for found in _fits(left, workers):
+    whole = {**plan.as_dict(), "jobs": [[one.who, one.fold] for one in jobs]}
+    whole["subjects"] = subjects_of([part for job in jobs for part in job.parts])
+    done = fit_of(path, whole, fits_of, "fit to actions", DIFFERING) or []
+    for found in _fits(jobs[len(done) :], workers):
         done.append(found)
-        rows = [asdict(one) for one in done]
-        write_text(path, json.dumps({"settings": settings, "done": rows}, indent=1) + "\n")
+        keep_fit(path, whole, done=[asdict(one) for one in done])
         report(len(done), len(jobs))
     return done
+
+
+def subjects_of(parts: Sequence[Recorded]) -> dict[str, str]:
+    """The names of all subjects, each with a digest of what it did."""
+    alone = {who: own for part in parts for who, own in part.alone().items()}
+    return {who: digest(own.done()[0].tobytes()) for who, own in alone.items()}
+
+
+def fits_of(kept: Mapping[str, Any]) -> list[Fitted]:
+    """The fits that a file keeps."""
+    return TypeAdapter(list[Fitted]).validate_python(kept["done"])
 
 
 def _fits(jobs: Sequence[FitJob], workers: int) -> Iterator[Fitted]:
@@ -281,23 +287,6 @@ def _fits(jobs: Sequence[FitJob], workers: int) -> Iterator[Fitted]:
         return
     with worker_pool(min(workers, len(jobs))) as pool:
         yield from pool.map(fit_job, jobs)
-
-
-def _kept(path: Path, settings: dict[str, Any]) -> list[Fitted]:
-    if not path.exists():
-        return []
-    try:
-        kept = json.loads(path.read_bytes())
-        found = TypeAdapter(list[Fitted]).validate_python(kept["done"])
-        same = kept["settings"] == settings
-    except (ValueError, OSError, TypeError, LookupError, RecursionError):
-        raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
-    if not same:
-        raise StoreError(
-            f"{path.parent} holds another fit to actions (its subjects, search space, seed, folds "
-            "or version differ); choose another folder with --out"
-        )
-    return found
 
 
 def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
