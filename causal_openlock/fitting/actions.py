@@ -2,8 +2,9 @@
 
 Maximum likelihood: candidates are proposed by Optuna, and the best of them are then moved downhill
 by Nelder and Mead's simplex (scipy), within the same bounds. All subjects follow the same
-parameters, or each subject its own. Nothing ties subjects to each other: of a person with few
-actions, parameters that the actions say little about can come out anywhere.
+parameters, or each subject its own. Nothing ties subjects to each other here: of a person with few
+actions, parameters that the actions say little about can come out anywhere. A prior that is fitted
+to all of them ties them (:mod:`~causal_openlock.fitting.hierarchical`).
 
 What was fitted is judged by what it was not fitted to. Trials, or subjects, are dealt into folds;
 for each fold the learner is fitted to the others and predicts this one. Every action is predicted
@@ -13,7 +14,7 @@ by what the subject saw and did before it, also where that is in another fold.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,10 @@ class Fitted:
         held_out_actions: Of so many actions.
         standard_error: Of ``nll``; 0 where it is exact.
         evaluations: How often likelihoods were computed.
+        bic: Of the learner with these parameters; of a subject of a hierarchical fit, its part of
+            the integrated BIC.
+        between: Of a hierarchical fit, by parameter between what two thirds of the group are, or
+            what a subject's is with a probability of two thirds.
     """
 
     who: str
@@ -111,6 +116,8 @@ class Fitted:
     held_out_actions: int
     standard_error: float
     evaluations: int
+    bic: float
+    between: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -123,24 +130,41 @@ class FitJob:
     plan: ActionPlan
 
 
+class Predictions:
+    """How likely some subjects' actions are, by the parameters of the learner that predicts them.
+
+    Attributes:
+        known: What was computed so far.
+    """
+
+    def __init__(self, parts: Sequence[Recorded], plan: ActionPlan) -> None:
+        self._parts, self._plan = parts, plan
+        self.known: dict[tuple[float, ...], pd.DataFrame] = {}
+
+    def __call__(self, chosen: Mapping[str, float]) -> pd.DataFrame:
+        """A row for each action."""
+        key, plan = tuple(chosen.values()), self._plan
+        if key not in self.known:
+            spec = plan.spec(chosen)
+            tables = [score_part(part, spec, plan.lapse, plan.draws) for part in self._parts]
+            self.known[key] = pd.concat(tables, ignore_index=True)
+        return self.known[key]
+
+    def loss(self, chosen: Mapping[str, float], fold: int) -> float:
+        """Negative log-likelihood of what is not held out, in nats."""
+        table = self(chosen)
+        own = ~held_out(table, self._plan, fold)
+        # Where something is impossible, search goes on from a number.
+        return float(np.minimum(-table["log_probability"][own], 1e6).sum())
+
+
 def fit_job(job: FitJob) -> Fitted:
     """Do one fit."""
     plan, ranges = job.plan, job.plan.space.ranges
-    known: dict[tuple[float, ...], pd.DataFrame] = {}
-
-    def predicted(chosen: Mapping[str, float]) -> pd.DataFrame:
-        key = tuple(chosen.values())
-        if key not in known:
-            spec = plan.spec(chosen)
-            tables = [score_part(part, spec, plan.lapse, plan.draws) for part in job.parts]
-            known[key] = pd.concat(tables, ignore_index=True)
-        return known[key]
+    predicted = Predictions(job.parts, plan)
 
     def loss(chosen: Mapping[str, float]) -> float:
-        table = predicted(chosen)
-        own = ~_held_out(table, plan, job.fold)
-        # Where something is impossible, search goes on from a number.
-        return float(np.minimum(-table["log_probability"][own], 1e6).sum())
+        return predicted.loss(chosen, job.fold)
 
     tried: list[tuple[dict[str, int | float], float]] = []
     while len(tried) < plan.candidates:
@@ -151,14 +175,15 @@ def fit_job(job: FitJob) -> Fitted:
         tried.append(_downhill(loss, chosen, ranges, plan.moves))
     best, nll = min(tried, key=lambda one: one[1])
     table = predicted(best)
-    out = _held_out(table, plan, job.fold)
-    apart = -table["log_probability"][out].sum()
+    out = held_out(table, plan, job.fold)
+    apart = -float(table["log_probability"][out].sum())
     error = float(np.sqrt((table["standard_error"][~out] ** 2).sum()))
-    sizes = int((~out).sum()), int(out.sum())
-    return Fitted(job.who, job.fold, best, nll, sizes[0], float(apart), sizes[1], error, len(known))
+    own, other, asked = int((~out).sum()), int(out.sum()), len(predicted.known)
+    bic = 2 * nll + len(ranges) * float(np.log(own))
+    return Fitted(job.who, job.fold, best, nll, own, apart, other, error, asked, bic)
 
 
-def _held_out(table: pd.DataFrame, plan: ActionPlan, fold: int) -> BoolArray:
+def held_out(table: pd.DataFrame, plan: ActionPlan, fold: int) -> BoolArray:
     """Which actions are of a fold: every so-many-th trial, or subject."""
     if fold == WHOLE:
         return np.zeros(len(table), dtype=bool)
@@ -293,7 +318,8 @@ def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
     """The fits without anything held out, a row each, with what was predicted in the folds.
 
     Returns:
-        Columns ``who``; the parameters; ``nll`` in nats with its ``standard_error``; ``actions``;
+        Columns ``who``; the parameters; of a hierarchical fit, ``NAME_low`` and ``NAME_high`` of
+        each (:attr:`Fitted.between`); ``nll`` in nats with its ``standard_error``; ``actions``;
         ``bits`` per action of what was fitted and ``held_out_bits``; ``bic``.
     """
     rows = []
@@ -307,12 +333,14 @@ def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
             {
                 "who": one.who,
                 **one.chosen,
+                **{f"{name}_low": low for name, (low, _) in one.between.items()},
+                **{f"{name}_high": high for name, (_, high) in one.between.items()},
                 "nll": one.nll,
                 "standard_error": one.standard_error,
                 "actions": one.actions,
                 "bits": one.nll / one.actions / LN2,
                 "held_out_bits": apart / of / LN2 if of else np.nan,
-                "bic": 2 * one.nll + len(one.chosen) * np.log(one.actions),
+                "bic": one.bic,
             }
         )
     return pd.DataFrame(rows)
