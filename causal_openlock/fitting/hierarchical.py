@@ -397,13 +397,14 @@ class GroupFit:
                     between=self._between(np.array(one.at), spread),
                 )
             )
-        summed = [
-            sum(getattr(one, name) for one in fits)
+        summed: dict[str, Any] = {
+            name: sum(getattr(one, name) for one in fits)
             for name in ("nll", "actions", "held_out", "held_out_actions", "standard_error",
                          "evaluations", "bic")
-        ]  # fmt: skip
+        }  # fmt: skip
+        middle = chosen_at(self.plan, group.mean)
         between = self._between(group.mean, group.spread)
-        of_group = Fitted(GROUP, fold, chosen_at(self.plan, group.mean), *summed, between=between)
+        of_group = Fitted(GROUP, fold, middle, **summed, between=between)
         return [of_group, *fits]
 
     def _between(self, mean: FloatArray, spread: FloatArray) -> dict[str, tuple[float, float]]:
