@@ -18,7 +18,11 @@ def keep_fit(path: Path, plan: Mapping[str, Any], **done: Any) -> None:
     write_text(path, json.dumps({"plan": plan, **done}, indent=1) + "\n")
 
 
-def kept_fit(path: Path, read: Callable[[dict[str, Any]], T]) -> tuple[Any, T]:
+def kept_fit(
+    path: Path,
+    read: Callable[[dict[str, Any]], T],
+    remedy: str = "choose another folder with --out",
+) -> tuple[Any, T]:
     """The plan that a file keeps, and what ``read`` makes of the whole.
 
     Raises:
@@ -29,7 +33,7 @@ def kept_fit(path: Path, read: Callable[[dict[str, Any]], T]) -> tuple[Any, T]:
         kept = json.loads(path.read_bytes())
         return kept["plan"], read(kept)
     except (ValueError, OSError, TypeError, LookupError, RecursionError):
-        raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
+        raise StoreError(f"{path}: this is no fit; {remedy}") from None
 
 
 def fit_of(
