@@ -8,6 +8,7 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.analysis.results.deep.probe import Probe, true_edges
 from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.world.fsm import compile_schema
 from causal_openlock.world.room import Layout, Room
 
 
@@ -17,7 +18,7 @@ def rooms(names: list[str], number: int, seed: int) -> list[Room]:
     for index in range(number):
         schema = ol.find_schema(names[index % len(names)])
         places = generator.permutation(7)[: len(schema.levers)].tolist()
-        found.append(Room(schema, Layout(tuple(places), 7)))
+        found.append(Room(compile_schema(schema), Layout(tuple(places), 7)))
     return found
 
 
