@@ -40,8 +40,8 @@ from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.files.state import write_state
 from causal_openlock.fitting.actions import FILE as FIT_TO_ACTIONS
-from causal_openlock.fitting.actions import Fitted, fit_table
-from causal_openlock.fitting.actions import _kept as _kept_of_actions
+from causal_openlock.fitting.actions import Fitted, fit_table, fits_of
+from causal_openlock.fitting.kept import fit_of
 from causal_openlock.fitting.search import bundled_search, read_search
 from causal_openlock.fitting.study import Candidate, Fit, Plan, _keep, _opened
 from causal_openlock.formats.graphs import FORMATS, export_schema, read_schema_as
@@ -432,11 +432,11 @@ SETTINGS = {"lapse": 0.01}
 
 def _fit_to_actions() -> bytes:
     done = [
-        vars(Fitted("all", fold, {"softness": 0.5}, 30.5, 60, 31.0, 60, 0.5, 12))
+        vars(Fitted("all", fold, {"softness": 0.5}, 30.5, 60, 31.0, 60, 0.5, 12, 65.1))
         for fold in (-1, 0, 1)
     ]
-    return json.dumps({"settings": SETTINGS, "done": done}).encode()
+    return json.dumps({"plan": SETTINGS, "done": done}).encode()
 
 
 def _fitted_to_actions(work: Path) -> object:
-    return fit_table(_kept_of_actions(work / "fit" / FIT_TO_ACTIONS, SETTINGS))
+    return fit_table(fit_of(work / "fit" / FIT_TO_ACTIONS, SETTINGS, fits_of, "fit", "plans") or [])

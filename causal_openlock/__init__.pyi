@@ -93,6 +93,7 @@ from .analysis.plots.subjects import plot_subjects as plot_subjects
 from .analysis.plots.survival import plot_survival as plot_survival
 from .analysis.report.writing import write_report as write_report
 from .analysis.results.cost import learning_costs as learning_costs
+from .analysis.results.deep.probe import probe_structure as probe_structure
 from .analysis.results.people.published import people as people
 from .analysis.results.standing import standings as standings
 from .analysis.results.summary import headline_table as headline_table

@@ -172,6 +172,30 @@ class RL2(Checkpointed, Learner):
         odds = action_odds(self._logits)
         return odds / odds.sum(axis=1, keepdims=True)
 
+    def memory(self) -> tuple[FloatArray, FloatArray]:
+        """``[B, P, H]`` hidden states of the levers, and ``[B, G]`` of the room.
+
+        They are those before the network perceives what the last action led to.
+
+        Raises:
+            LearnerError: If its network has no states of levers.
+        """
+        if self.network.sizes.kind != "levers":
+            raise LearnerError(
+                "this network of rl2 has no state for each lever; take a kind levers"
+            )
+        size, state = self.network.sizes, self._hidden_state.astype(float)
+        levers = state[:, : self.brief.positions * size.lever]
+        return levers.reshape(len(state), -1, size.lever), state[:, levers.shape[1] :]
+
+    def untrain(self, generator: np.random.Generator) -> None:
+        """Give its network the random weights of one that was never trained; after ``begin``."""
+        from learners.networks.recurrent_policy import make_policy
+
+        fresh = make_policy(self.network.sizes, self.brief.positions, [generator]).state_dict()
+        kept = self.network.state_dict()
+        self.network.load_state_dict({name: fresh[name].expand_as(kept[name]) for name in kept})
+
     def learn(self, step: Step) -> None:
         """Keep the hidden state, or reset it; update the weights if they change and it is time."""
         playing = step.view.playing

@@ -9,8 +9,9 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
-from causal_openlock.errors import LearnerError, StoreError
+from causal_openlock.errors import LearnerError, OpenLockError, StoreError
 from causal_openlock.files.atomic import PARTIAL
+from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
@@ -38,12 +39,15 @@ def fit(
         typer.Option(help="Fit to every action of the subjects in this results folder instead."),
     ] = None,
     each: Annotated[bool, typer.Option(help="With --to: fit each subject by itself.")] = False,
+    hierarchical: Annotated[
+        bool, typer.Option(help="With --to: fit each subject, and the group that they are from.")
+    ] = False,
     of: Annotated[
         list[str] | None, typer.Option(help="With --to: fit to these learners' subjects only.")
     ] = None,
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="With --to: share of actions taken to be random.")
-    ] = 0.01,
+    ] = LAPSE,
     folds: Annotated[
         int, typer.Option(min=2, help="With --to: parts of which each is held out once.")
     ] = 2,
@@ -100,9 +104,15 @@ def fit(
     from causal_openlock.fitting.study import Plan, require_optuna
     from causal_openlock.fitting.study import fit as run
 
-    require_optuna()
+    if hierarchical and (each or not to):
+        raise OpenLockError(
+            "--hierarchical fits each subject of a folder; give --to, and no --each"
+        )
+    if not hierarchical:
+        require_optuna()
     learner_class(learner)  # fails at once if there is none
-    folder = out or (to or Path("results")) / f"fit-{learner.replace(':', '.')}"
+    name = f"fit-{learner.replace(':', '.')}" + ("-hierarchical" if hierarchical else "")
+    folder = out or (to or Path("results")) / name
     _check_folder(folder)
     known = read_search(space) if space else bundled_search(learner)
     if known is not None and known.learner != learner:
@@ -116,7 +126,8 @@ def fit(
 
         how = hold_out or "trials"
         to_actions = ActionPlan(chosen, lapse, how, folds, candidates, seed=seed)
-        fit_to(to_actions, to, of or (), each, workers or available_cores(), folder)
+        how_many = "group" if hierarchical else "each" if each else "all"
+        fit_to(to_actions, to, of or (), how_many, workers or available_cores(), folder)
         return
     hold_out = hold_out or "transfer"
     conditions_to_fit(hold_out)  # fails at once if there is no such way
@@ -151,12 +162,15 @@ def fit(
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
     from causal_openlock.fitting.actions import FILE as OF_ACTIONS
+    from causal_openlock.fitting.hierarchical import PROGRESS
     from causal_openlock.fitting.study import FILE
 
     for place in (folder, *folder.parents):
         if place.exists() and not place.is_dir():
             raise StoreError(f"{place} is a file; choose a folder for the fit with --out")
-    if not folder.exists() or any((folder / name).exists() for name in (FILE, OF_ACTIONS)):
+    if not folder.exists() or any(
+        (folder / name).exists() for name in (FILE, OF_ACTIONS, PROGRESS)
+    ):
         return
     if (folder / "experiment.json").exists():
         raise StoreError(f"{folder} holds results of compare; choose another folder with --out")

@@ -10,6 +10,7 @@ import typer
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.errors import LearnerError
+from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
@@ -39,7 +40,7 @@ def recover(
     candidates: Annotated[int, typer.Option(min=1, help="Settings to try for each fit.")] = 40,
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="Share of actions that are taken to be random.")
-    ] = 0.01,
+    ] = LAPSE,
     draws: Annotated[
         int, typer.Option(min=1, help="Most copies to ask of a learner without probabilities.")
     ] = 128,

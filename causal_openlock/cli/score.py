@@ -10,6 +10,7 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.errors import OpenLockError
+from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,12 +27,16 @@ def score(
         str | None,
         typer.Option("--from", help="Take learners from this experiment, with their settings."),
     ] = None,
+    fits: Annotated[
+        list[Path] | None,
+        typer.Option(help="Let what was fitted predict: a folder that fit NAME --to wrote."),
+    ] = None,
     of: Annotated[
         list[str] | None, typer.Option("--of", help="Predict these learners' subjects only.")
     ] = None,
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="Share of actions that are taken to be random.")
-    ] = 0.01,
+    ] = LAPSE,
     hits: Annotated[
         int,
         typer.Option(
@@ -54,8 +59,8 @@ def score(
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.store import Store
     from causal_openlock.experiment.workers import available_cores
+    from causal_openlock.fitting.predicting import read_fit, score_fits
     from causal_openlock.scoring.inverse_binomial import Draws
-    from causal_openlock.scoring.scores import score_learners
     from causal_openlock.scoring.teacher_forcing import known_learners
     from causal_openlock.wording import counted
 
@@ -66,13 +71,18 @@ def score(
         predicting = known_learners(learner, asked) if learner else list(asked)
     elif learner:
         predicting = list(make_experiment(["CC4"], learner).learners)
+    elif fits:
+        predicting = []
     else:
-        raise OpenLockError("name who predicts, with --learner or --from")
+        raise OpenLockError("name who predicts, with --learner, --from or --fits")
     known_learners(of or (), played.learners)
+    named = [one.learner for one in predicting]
+    fitted = [read_fit(one, named) for one in fits or ()]
     with console.status("") as status:
-        scores = score_learners(
+        scores = score_fits(
             record,
             played,
+            fitted,
             predicting,
             of=of or (),
             lapse=lapse,
@@ -89,6 +99,13 @@ def score(
         "actions are taken to be random; log2 of the number of actions is what one needs who knows "
         "nothing"
     )
+    for one in fitted:
+        by = (
+            "each action by what was fitted without it"
+            if one.holds_out
+            else "what it was fitted to; parameters have a price in who is followed alone"
+        )
+        console.print_line(f"{one.label} predicts {by}")
     drawn = subjects[subjects["standard_error"] > 0]
     for name, errors in drawn.groupby("scored", observed=True)["standard_error"]:
         console.print_line(

@@ -35,7 +35,9 @@ from causal_openlock.experiment.folder_lock import LOCK
 from causal_openlock.experiment.remote import downloaded
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.scoring.scores import LAPSE, Scores, score_learners
+from causal_openlock.fitting.predicting import read_fit, score_fits
+from causal_openlock.scoring import LAPSE
+from causal_openlock.scoring.scores import Scores
 from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
@@ -209,8 +211,9 @@ class Results(Material):
 
     def score(
         self,
-        learners: LearnerForm | Sequence[LearnerForm],
+        learners: LearnerForm | Sequence[LearnerForm] = (),
         *,
+        fits: Sequence[Path | str] = (),
         of: Sequence[str] = (),
         lapse: float = LAPSE,
         workers: int = 1,
@@ -219,6 +222,7 @@ class Results(Material):
 
         Args:
             learners: As in :func:`~causal_openlock.compare`.
+            fits: Folders of fits to actions; each predicts by its folder's name.
             of: Labels of the learners whose subjects are predicted; by default all.
             lapse: The share of actions that are taken to be random.
             workers: How many processes work; with one it is this process.
@@ -235,10 +239,14 @@ class Results(Material):
         """
         if len(self.folders) != 1:
             raise StoreError("score the results of one folder at a time")
-        predicting = make_experiment(["CC4"], listed(learners)).learners
+        asked = listed(learners)
+        predicting = make_experiment(["CC4"], asked).learners if asked else ()
+        fitted = [read_fit(Path(one), [spec.learner for spec in predicting]) for one in fits]
         known_learners(of, self.experiment.learners)
         record, experiment = Store(self.folders[0]).record()
-        return score_learners(record, experiment, predicting, of=of, lapse=lapse, workers=workers)
+        return score_fits(
+            record, experiment, fitted, predicting, of=of, lapse=lapse, workers=workers
+        )
 
     # -- what is made of them -------------------------------------------------------------------
 

@@ -2,8 +2,9 @@
 
 Maximum likelihood: candidates are proposed by Optuna, and the best of them are then moved downhill
 by Nelder and Mead's simplex (scipy), within the same bounds. All subjects follow the same
-parameters, or each subject its own. Nothing ties subjects to each other: of a person with few
-actions, parameters that the actions say little about can come out anywhere.
+parameters, or each subject its own. Nothing ties subjects to each other here: of a person with few
+actions, parameters that the actions say little about can come out anywhere. A prior that is fitted
+to all of them ties them (:mod:`~causal_openlock.fitting.hierarchical`).
 
 What was fitted is judged by what it was not fitted to. Trials, or subjects, are dealt into folds;
 for each fold the learner is fitted to the others and predicts this one. Every action is predicted
@@ -12,9 +13,8 @@ by what the subject saw and did before it, also where that is in another fold.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,17 +23,18 @@ import pandas as pd
 from pydantic import TypeAdapter
 from scipy.optimize import minimize
 
-from causal_openlock.contract.registry import parse_parameters
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.contract.registry import digest, parse_parameters
+from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.workers import worker_pool
-from causal_openlock.files.atomic import write_text
+from causal_openlock.fitting.kept import fit_of, keep_fit
 from causal_openlock.fitting.search import Range, SearchSpace
 from causal_openlock.fitting.study import proposals, require_optuna
+from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.scores import LN2
-from causal_openlock.scoring.teacher_forcing import EXACT, GROUP, Recorded, score_part
+from causal_openlock.scoring.teacher_forcing import EXACT, Recorded, score_part
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import BoolArray, FloatArray
@@ -42,6 +43,7 @@ FILE = "fit_to_actions.json"
 HOLD_OUT = ("trials", "subjects", "none")
 WHOLE = -1
 """The number of the fold in which nothing is held out."""
+DIFFERING = "its subjects, what they did, search space, seed, folds"
 TOLERANCE = 1e-3
 """Of parameters, as a share of their range, and of the log-likelihood, in nats."""
 
@@ -51,7 +53,7 @@ class ActionPlan:
     """The settings of a fit to actions."""
 
     space: SearchSpace
-    lapse: float = 0.01
+    lapse: float = LAPSE
     hold_out: str = "trials"  #: one of :data:`HOLD_OUT`
     folds: int = 2
     candidates: int = 40  #: that Optuna proposes
@@ -74,6 +76,10 @@ class ActionPlan:
         """The folds, and :data:`WHOLE`."""
         return [WHOLE, *range(self.folds if self.hold_out != "none" else 0)]
 
+    def as_dict(self) -> dict[str, Any]:
+        """All that determines what is fitted."""
+        return {**asdict(self), "space": self.space.as_dict(), "version": RESULTS_VERSION}
+
     def spec(self, chosen: Mapping[str, float]) -> LearnerSpec:
         """The learner with some parameters."""
         name = self.space.learner
@@ -95,6 +101,10 @@ class Fitted:
         held_out_actions: Of so many actions.
         standard_error: Of ``nll``; 0 where it is exact.
         evaluations: How often likelihoods were computed.
+        bic: Of the learner with these parameters; of a subject of a hierarchical fit, its part of
+            the integrated BIC.
+        between: Of a hierarchical fit, by parameter between what two thirds of the group are, or
+            what a subject's is with a probability of two thirds.
     """
 
     who: str
@@ -106,6 +116,8 @@ class Fitted:
     held_out_actions: int
     standard_error: float
     evaluations: int
+    bic: float
+    between: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -118,24 +130,41 @@ class FitJob:
     plan: ActionPlan
 
 
+class Predictions:
+    """How likely some subjects' actions are, by the parameters of the learner that predicts them.
+
+    Attributes:
+        known: What was computed so far.
+    """
+
+    def __init__(self, parts: Sequence[Recorded], plan: ActionPlan) -> None:
+        self._parts, self._plan = parts, plan
+        self.known: dict[tuple[float, ...], pd.DataFrame] = {}
+
+    def __call__(self, chosen: Mapping[str, float]) -> pd.DataFrame:
+        """A row for each action."""
+        key, plan = tuple(chosen.values()), self._plan
+        if key not in self.known:
+            spec = plan.spec(chosen)
+            tables = [score_part(part, spec, plan.lapse, plan.draws) for part in self._parts]
+            self.known[key] = pd.concat(tables, ignore_index=True)
+        return self.known[key]
+
+    def loss(self, chosen: Mapping[str, float], fold: int) -> float:
+        """Negative log-likelihood of what is not held out, in nats."""
+        table = self(chosen)
+        own = ~held_out(table, self._plan, fold)
+        # Where something is impossible, search goes on from a number.
+        return float(np.minimum(-table["log_probability"][own], 1e6).sum())
+
+
 def fit_job(job: FitJob) -> Fitted:
     """Do one fit."""
     plan, ranges = job.plan, job.plan.space.ranges
-    known: dict[tuple[float, ...], pd.DataFrame] = {}
-
-    def predicted(chosen: Mapping[str, float]) -> pd.DataFrame:
-        key = tuple(chosen.values())
-        if key not in known:
-            spec = plan.spec(chosen)
-            tables = [score_part(part, spec, plan.lapse, plan.draws) for part in job.parts]
-            known[key] = pd.concat(tables, ignore_index=True)
-        return known[key]
+    predicted = Predictions(job.parts, plan)
 
     def loss(chosen: Mapping[str, float]) -> float:
-        table = predicted(chosen)
-        own = ~_held_out(table, plan, job.fold)
-        # Where something is impossible, search goes on from a number.
-        return float(np.minimum(-table["log_probability"][own], 1e6).sum())
+        return predicted.loss(chosen, job.fold)
 
     tried: list[tuple[dict[str, int | float], float]] = []
     while len(tried) < plan.candidates:
@@ -146,14 +175,15 @@ def fit_job(job: FitJob) -> Fitted:
         tried.append(_downhill(loss, chosen, ranges, plan.moves))
     best, nll = min(tried, key=lambda one: one[1])
     table = predicted(best)
-    out = _held_out(table, plan, job.fold)
-    apart = -table["log_probability"][out].sum()
+    out = held_out(table, plan, job.fold)
+    apart = -float(table["log_probability"][out].sum())
     error = float(np.sqrt((table["standard_error"][~out] ** 2).sum()))
-    sizes = int((~out).sum()), int(out.sum())
-    return Fitted(job.who, job.fold, best, nll, sizes[0], float(apart), sizes[1], error, len(known))
+    own, other, asked = int((~out).sum()), int(out.sum()), len(predicted.known)
+    bic = 2 * nll + len(ranges) * float(np.log(own))
+    return Fitted(job.who, job.fold, best, nll, own, apart, other, error, asked, bic)
 
 
-def _held_out(table: pd.DataFrame, plan: ActionPlan, fold: int) -> BoolArray:
+def held_out(table: pd.DataFrame, plan: ActionPlan, fold: int) -> BoolArray:
     """Which actions are of a fold: every so-many-th trial, or subject."""
     if fold == WHOLE:
         return np.zeros(len(table), dtype=bool)
@@ -236,13 +266,7 @@ def jobs_of(parts: Sequence[Recorded], plan: ActionPlan, each: bool) -> list[Fit
             raise OpenLockError(f"there are fewer subjects than {plan.folds} folds; take fewer")
     groups: dict[str, tuple[Recorded, ...]] = {"all": tuple(parts)}
     if each:
-        groups = {
-            "/".join(str(part.group[name]) for name in GROUP) + f"/{number}": (
-                replace(part, rows=part.rows[part.rows["subject"] == number]),
-            )
-            for part in parts
-            for number in part.numbers
-        }
+        groups = {who: (own,) for part in parts for who, own in part.alone().items()}
     return [FitJob(who, own, fold, plan) for who, own in groups.items() for fold in plan.numbers]
 
 
@@ -261,18 +285,28 @@ def fit_all(
     """
     require_optuna()
     path, plan = folder / FILE, jobs[0].plan
-    settings = {**asdict(plan), "space": plan.space.as_dict(), "version": RESULTS_VERSION}
-    subjects = [[*one.group.values(), *one.numbers] for job in jobs for one in job.parts]
-    settings |= {"jobs": [[one.who, one.fold] for one in jobs], "subjects": subjects}
-    settings = json.loads(json.dumps(settings, default=str))
-    done = _kept(path, settings)
-    left = jobs[len(done) :]
-    for found in _fits(left, workers):
+    whole = {**plan.as_dict(), "jobs": [[one.who, one.fold] for one in jobs]}
+    whole["subjects"] = subjects_of([part for job in jobs for part in job.parts])
+    done = fit_of(path, whole, fits_of, "fit to actions", DIFFERING) or []
+    for found in _fits(jobs[len(done) :], workers):
         done.append(found)
-        rows = [asdict(one) for one in done]
-        write_text(path, json.dumps({"settings": settings, "done": rows}, indent=1) + "\n")
+        keep_fit(path, whole, done=[asdict(one) for one in done])
         report(len(done), len(jobs))
     return done
+
+
+def subjects_of(parts: Sequence[Recorded]) -> dict[str, str]:
+    """The names of all subjects, each with a digest of what it did."""
+    alone = {who: own for part in parts for who, own in part.alone().items()}
+    return {who: digest(own.done()[0].tobytes()) for who, own in alone.items()}
+
+
+def fits_of(kept: Mapping[str, Any]) -> list[Fitted]:
+    """The fits that a file keeps."""
+    found = TypeAdapter(list[Fitted]).validate_python(kept["done"])
+    if any(one.fold == WHOLE and one.actions < 1 for one in found):
+        raise ValueError("a fit to nothing")
+    return found
 
 
 def _fits(jobs: Sequence[FitJob], workers: int) -> Iterator[Fitted]:
@@ -283,30 +317,12 @@ def _fits(jobs: Sequence[FitJob], workers: int) -> Iterator[Fitted]:
         yield from pool.map(fit_job, jobs)
 
 
-def _kept(path: Path, settings: dict[str, Any]) -> list[Fitted]:
-    if not path.exists():
-        return []
-    try:
-        kept = json.loads(path.read_bytes())
-        found = TypeAdapter(list[Fitted]).validate_python(kept["done"])
-        if any(one.actions < 1 for one in found):
-            raise ValueError("a fit to nothing")
-        same = kept["settings"] == settings
-    except (ValueError, OSError, TypeError, LookupError, RecursionError):
-        raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
-    if not same:
-        raise StoreError(
-            f"{path.parent} holds another fit to actions (its subjects, search space, seed, folds "
-            "or version differ); choose another folder with --out"
-        )
-    return found
-
-
 def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
     """The fits without anything held out, a row each, with what was predicted in the folds.
 
     Returns:
-        Columns ``who``; the parameters; ``nll`` in nats with its ``standard_error``; ``actions``;
+        Columns ``who``; the parameters; of a hierarchical fit, ``NAME_low`` and ``NAME_high`` of
+        each (:attr:`Fitted.between`); ``nll`` in nats with its ``standard_error``; ``actions``;
         ``bits`` per action of what was fitted and ``held_out_bits``; ``bic``.
     """
     rows = []
@@ -320,12 +336,14 @@ def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
             {
                 "who": one.who,
                 **one.chosen,
+                **{f"{name}_low": low for name, (low, _) in one.between.items()},
+                **{f"{name}_high": high for name, (_, high) in one.between.items()},
                 "nll": one.nll,
                 "standard_error": one.standard_error,
                 "actions": one.actions,
                 "bits": one.nll / one.actions / LN2,
                 "held_out_bits": apart / of / LN2 if of else np.nan,
-                "bic": 2 * one.nll + len(one.chosen) * np.log(one.actions),
+                "bic": one.bic,
             }
         )
     return pd.DataFrame(rows)

@@ -14,7 +14,6 @@ numbers that are reported come from a third seed that nothing was chosen by.
 from __future__ import annotations
 
 import importlib.util
-import json
 import logging
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,10 +27,11 @@ import pandas as pd
 from pydantic import TypeAdapter
 
 from causal_openlock.analysis.results.people.human_likeness import points_of
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.workers import worker_pool
-from causal_openlock.files.atomic import sweep, write_text
+from causal_openlock.files.atomic import sweep
+from causal_openlock.fitting.kept import fit_of, keep_fit
 from causal_openlock.fitting.objective import (
     Job,
     Score,
@@ -41,7 +41,7 @@ from causal_openlock.fitting.objective import (
     play,
     score,
 )
-from causal_openlock.fitting.search import SearchSpace
+from causal_openlock.fitting.search import SHARE, SearchSpace
 from causal_openlock.version import RESULTS_VERSION
 
 FILE = "fit.json"
@@ -267,11 +267,8 @@ def proposals(
 def _opened(plan: Plan, path: Path) -> Fit:
     """The fit that a folder holds, or a new one."""
     sweep(path.parent)
-    if not path.exists():
-        return Fit(plan)
-    try:
-        kept = json.loads(path.read_bytes())
-        same = kept["plan"] == json.loads(json.dumps(plan.as_dict()))
+
+    def read(kept: dict[str, Any]) -> Fit:
         state = Fit(
             plan,
             TypeAdapter(list[Candidate]).validate_python(kept["done"]),
@@ -279,20 +276,16 @@ def _opened(plan: Plan, path: Path) -> Fit:
         )
         if [one.number for one in state.done] != [*range(len(state.done))]:
             raise ValueError("the candidates are not numbered in order")
-        if same and any(set(one.chosen) != set(plan.space.searched) for one in state.done):
+        space = kept["plan"]["space"]
+        names = {*space["search"], *([SHARE] if "second" in space else [])}
+        if any(set(one.chosen) != names for one in state.done):
             raise ValueError("a candidate has other parameters")
-    except (ValueError, OSError, TypeError, LookupError, RecursionError):
-        raise StoreError(f"{path}: this is no fit; choose another folder with --out") from None
-    if not same:
-        raise StoreError(
-            f"{path.parent} holds another fit (its search space, seed, subjects, held-out points, "
-            "objective, target or version differ); choose another folder with --out"
-        )
-    return state
+        return state
+
+    parts = "its search space, seed, subjects, held-out points, objective, target"
+    return fit_of(path, plan.as_dict(), read, "fit", parts) or Fit(plan)
 
 
 def _keep(state: Fit, path: Path) -> None:
     again = {str(number): rmse for number, rmse in sorted(state.again.items())}
-    done = [asdict(one) for one in state.done]
-    whole = {"plan": state.plan.as_dict(), "done": done, "again": again}
-    write_text(path, json.dumps(whole, indent=1) + "\n")
+    keep_fit(path, state.plan.as_dict(), done=[asdict(one) for one in state.done], again=again)

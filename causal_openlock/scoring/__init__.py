@@ -7,3 +7,6 @@ sees what the subject saw, says how likely each action is, and is then told what
 what came of it (:mod:`~causal_openlock.scoring.teacher_forcing`). The logarithms of the
 probabilities of what was done are its score (:mod:`~causal_openlock.scoring.scores`).
 """
+
+LAPSE = 0.01
+"""The share of actions that are taken to be random, where nothing else is said."""

@@ -23,6 +23,7 @@ from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_bytes, write_text
 from causal_openlock.files.checksums import table_bytes
 from causal_openlock.files.escaping import csv_of
+from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.model_selection import select_models
 from causal_openlock.scoring.teacher_forcing import EXACT, GROUP, score_actions
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
 
 SUBJECT = [*GROUP, "subject"]
 LN2 = float(np.log(2.0))
-LAPSE = 0.01
-"""The share of actions that are taken to be random, where nothing else is said."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,6 +79,14 @@ class Recorded:
     def done(self) -> list[IntArray]:
         """``[B]`` arrays of all actions of each subject."""
         return [np.concatenate(own) for own in self.attempts]
+
+    def alone(self) -> dict[str, Recorded]:
+        """Each subject by itself, by a name that tells it from all others."""
+        group = "/".join(str(self.group[name]) for name in GROUP)
+        return {
+            f"{group}/{number}": replace(self, rows=self.rows[self.rows["subject"] == number])
+            for number in self.numbers
+        }
 
     def session(
         self, scored: LearnerSpec | None = None, places: Sequence[int] | None = None

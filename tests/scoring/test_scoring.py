@@ -181,7 +181,7 @@ def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ([], "name who predicts, with --learner or --from"),
+        ([], "name who predicts, with --learner, --from or --fits"),
         (["-l", "byes"], "did you mean bayes?"),
         (["-l", "bayes", "--of", "nobody"], "there is no learner 'nobody'"),
         (["--from", "default", "-l", "mine"], "there is no learner 'mine'"),
