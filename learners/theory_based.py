@@ -19,6 +19,9 @@ room make up a causal schema, and some schemas are likelier than others.
   that begin as the attempt has begun, times what the bottom-up theory expects of its lever; the
   greatest is taken, at random among equals. An unlocked door is pushed.
 
+Its probabilities are exact where beliefs are means: sums over ties. Where beliefs are sampled, they
+are integrals without a closed form, and are estimated (:mod:`learners.theory.draws`).
+
 Equations 2 to 9 are the paper's; what it leaves open is a parameter or is said here, and
 docs/rivals.md lists it. ``form: cogsci_2019`` is the model before: it settles on a whole chain for
 each attempt, knows no verbs (levers are pushed), prunes nothing, samples its beliefs anew for each
@@ -275,7 +278,7 @@ class TheoryBased(Checkpointed, Learner):
         if room.likely is None:
             likely = self._top_down(room)
             (room.likely,) = self._schema_belief(subject, room, generator, 1) @ likely.T
-        worth = self._worth(theta, room.likely[None], room)
+        worth = self._worth(theta, np.ones((1, 1)), room.likely[:, None], room)
         chosen = pick(best(worth)[0], generator.random())
         if self._earlier:
             room.chain = self._chains(room).actions[chosen].tolist()
@@ -293,18 +296,30 @@ class TheoryBased(Checkpointed, Learner):
         expected[:, [action for action in room.done if action < expected.shape[1]]] = 0.0
         return expected
 
-    def _worth(self, theta: FloatArray, likely: FloatArray, room: RoomTheory) -> FloatArray:
-        """``[N, 2P]`` how much both theories expect of each action now, or ``[N, C]`` of chains."""
+    def _worth(
+        self, theta: FloatArray, belief: FloatArray, likely: FloatArray, room: RoomTheory
+    ) -> FloatArray:
+        """``[N, 2P]`` how much both theories expect of each action now, or ``[N, C]`` of chains.
+
+        Args:
+            theta: ``[N, K]`` beliefs in attributes.
+            belief: ``[N, G]`` beliefs in schemas.
+            likely: ``[C, G]`` probability of each chain, by schemas.
+            room: What else is thought of the room.
+        """
         chains, place = self._chains(room), len(room.done)
-        expected = self._bottom_up(theta, room)
+        on = np.flatnonzero(chains.beginning_with(room.done) & likely.any(axis=1))
+        expected = np.ascontiguousarray(self._bottom_up(theta, room).T)
+        worth = likely[on] @ belief.T
+        judged = chains.actions[on, place + (not self._earlier) :].T
+        for later in judged if self._earlier or self.parameters.foresight else ():
+            worth *= expected[later]
         if self._earlier:
-            return likely * expected[:, chains.actions].prod(axis=2)
-        on = np.flatnonzero(chains.beginning_with(room.done))
-        worth = likely[:, on]
-        if self.parameters.foresight:
-            worth = worth * expected[:, chains.actions[on, place + 1 :]].prod(axis=2)
-        firsts = chains.actions[on, place, None] == np.arange(expected.shape[1])
-        return worth @ firsts.astype(float) * expected
+            whole = np.zeros((len(chains.actions), len(theta)))
+            whole[on] = worth
+            return whole.T
+        firsts = chains.actions[on, place] == np.arange(len(expected))[:, None]
+        return (firsts.astype(float) @ worth * expected).T
 
     # -- its probabilities ----------------------------------------------------------------------
 
@@ -357,7 +372,7 @@ class TheoryBased(Checkpointed, Learner):
         on = chains.beginning_with(room.done) & likely.any(axis=1)
         possible = np.bincount(chains.actions[on, len(room.done)], minlength=levers) > 0
         return Moment(
-            lambda theta, belief: self._worth(theta, belief @ likely.T, room),
+            lambda theta, belief: self._worth(theta, belief, likely, room),
             lambda many: self._schema_belief(subject, room, self._others[subject], many),
             int(room.allowed.sum()),
             possible | ~possible.any(),
@@ -376,7 +391,7 @@ class TheoryBased(Checkpointed, Learner):
             theta = generator.standard_gamma(np.repeat(local, each, axis=0))
             belief = self._schema_belief(subject, room, generator, len(theta))
             on = np.flatnonzero(likely.any(axis=1))
-            worth = self._worth(theta, belief @ likely.T, room)[:, on]
+            worth = self._worth(theta, belief, likely, room)[:, on]
             chosen = np.zeros((LOCAL, len(likely)))
             chosen[:, on] = best(worth).reshape(LOCAL, each, -1).mean(axis=1)
             drawn.settle(chosen, each, likely.any(axis=1))

@@ -65,9 +65,9 @@ def best(worth: FloatArray) -> FloatArray:
     >>> best(np.array([[3.0, 1.0, 3.0]])).tolist()
     [[0.5, 0.0, 0.5]]
     """
-    greatest = worth >= worth.max(axis=1, keepdims=True) * (1 - TIE)
-    shares: FloatArray = greatest / greatest.sum(axis=1, keepdims=True)
-    return shares
+    greatest = (worth >= worth.max(axis=1, keepdims=True) * (1 - TIE)).astype(float)
+    greatest /= greatest.sum(axis=1, keepdims=True)
+    return greatest
 
 
 def independent(weight: FloatArray) -> float:
