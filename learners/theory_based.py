@@ -394,7 +394,7 @@ class TheoryBased(Checkpointed, Learner):
             worth = self._worth(theta, belief, likely, room)[:, on]
             chosen = np.zeros((LOCAL, len(likely)))
             chosen[:, on] = best(worth).reshape(LOCAL, each, -1).mean(axis=1)
-            drawn.settle(chosen, each, likely.any(axis=1))
+            drawn.settle(chosen, each, likely.sum(axis=1) > 0)
         return drawn
 
     def _note(self, subject: int, room: RoomTheory, action: int, step: Step) -> None:
