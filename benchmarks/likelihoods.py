@@ -55,7 +55,7 @@ BOTH = [
     ol.learner("recurrent", hidden_units=8, burn_in=2, unroll=4, batch_size=2, replay_size=16),
 ]  # fmt: skip
 OTHER = "win_stay"
-ESTIMATED = ["posterior_sampling", "theory_based"]
+CALIBRATED = ["posterior_sampling", "theory_based", "win_stay", "bayes_consistent"]
 ASKED = ("bayes", "rl2", "ddqn", "semi_markov", "recurrent")
 """Those that rely on having been asked before they are told."""
 
@@ -64,8 +64,8 @@ def main() -> None:
     """Measure, print, and write what was found."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--subjects", type=int, default=2)
-    parser.add_argument("--repeats", type=int, default=4, help="sets of random numbers, each")
-    parser.add_argument("--seeds", type=int, default=12, help="the same, where nothing is exact")
+    parser.add_argument("--repeats", type=int, default=6, help="sets of random numbers, each")
+    parser.add_argument("--seeds", type=int, default=30, help="the same, where nothing is exact")
     parser.add_argument("--json", type=Path, default=None)
     asked = parser.parse_args()
     experiment = make_experiment(
@@ -123,9 +123,9 @@ def main() -> None:
     off = [row["errors_off"] for row in found["agreement"]]
     found["root_mean_square_of_errors_off"] = round(float(np.sqrt(np.mean(np.square(off)))), 2)
     found["calibration"] = []
-    for name in ESTIMATED:
-        for of in (name, OTHER):
-            values, errors = by_draws(learner_class(name), name, of, asked.seeds)
+    for name in CALIBRATED:
+        for of in dict.fromkeys((name, OTHER)):
+            values, errors = by_draws(learner_class(specs[name].learner), name, of, asked.seeds)
             row = {"scored": name, "of": of, "seeds": asked.seeds,
                    "mean": round(float(values.mean()), 3),
                    "spread": round(float(values.std(ddof=1)), 3),
