@@ -222,11 +222,11 @@ class Learner(ABC):
     def probabilities(self, view: View) -> FloatArray | None:
         """``[B, A]`` the probability of each action now; None if the learner cannot say.
 
-        ``act`` draws from exactly these (but for the error of :meth:`sample_size`), given all that was perceived and done so far. What is
-        hidden in a learner, such as an intention that it carries out, is averaged over as what was
-        done leaves it. It may be asked before ``act``, which it does not change, or in its place:
-        where it is known what a subject did, ``learn`` follows at once. Rows of subjects that have
-        finished are ignored.
+        ``act`` draws from exactly these, but for the error that :meth:`sample_size` tells of,
+        given all that was perceived and done so far. What is hidden in a learner, such as an
+        intention that it carries out, is averaged over as what was done leaves it. It may be asked
+        before ``act``, which it does not change, or in its place: where it is known what a subject
+        did, ``learn`` follows at once. Rows of subjects that have finished are ignored.
         """
         return None
 
