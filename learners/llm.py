@@ -9,6 +9,9 @@ to a limit. After that the action counts as *unanswered*: it is spent on a lever
 where it is, which changes nothing, the model is told so, and it is counted. A subject that leaves
 too many actions unanswered ends its cell with an error that says how many and why.
 
+It gives no probabilities: servers do not tell those of whole answers. Asking again and again what
+it would do (inverse binomial sampling) works, and costs as many requests.
+
 Everything that was said is kept in ``transcripts/`` of the results folder: for each subject a line
 about it, and one for each answer, with tokens, latency, and model and server as the reply named
 them.

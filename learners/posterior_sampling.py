@@ -15,6 +15,12 @@ the same verb, on levers of the same colour that stand the same way, or on a doo
 the same, came to what.
 
 Solutions of the trial that were found count nothing in the plan.
+
+It gives no probabilities. That of an action is an integral, over thousands of Dirichlet draws that
+make a model (3,480 gamma variates in a room of the paper), of whether the action is the best in it;
+the best is a maximum over maxima, which has no closed form, and there is nothing to enumerate. It
+is scored by inverse binomial sampling (:mod:`causal_openlock.scoring.inverse_binomial`): what it
+draws lasts for one attempt, as that takes for granted.
 """
 
 from __future__ import annotations

@@ -10,6 +10,9 @@ The library draws from NumPy's, torch's and Python's global generators, and seed
 swapped whenever a model runs: each model continues with global generators of its own, and everyone
 else finds them as they were.
 
+It gives no probabilities. Each algorithm has its own way of acting and of exploring, and a model
+learns from the actions that it took itself, so it could not be put in another subject's place.
+
 A model in the midst of ``learn`` cannot be saved. Everything that it was given is saved, a few
 bytes for each action, and a new model is brought to the same point with it.
 """

@@ -19,6 +19,9 @@ room make up a causal schema, and some schemas are likelier than others.
   that begin as the attempt has begun, times what the bottom-up theory expects of its lever; the
   greatest is taken, at random among equals. An unlocked door is pushed.
 
+Its probabilities are exact where beliefs are means: sums over ties. Where beliefs are sampled, they
+are integrals without a closed form, and are estimated (:mod:`learners.theory.draws`).
+
 Equations 2 to 9 are the paper's; what it leaves open is a parameter or is said here, and
 docs/rivals.md lists it. ``form: cogsci_2019`` is the model before: it settles on a whole chain for
 each attempt, knows no verbs (levers are pushed), prunes nothing, samples its beliefs anew for each
@@ -32,8 +35,9 @@ paper of 2020 publishes of its own model (docs/rivals.md).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -43,13 +47,16 @@ from pydantic import Field
 from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
 from causal_openlock.experiment.expected_cost import Cost
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.randomness import pick
+from causal_openlock.world.randomness import certain, pick
 from causal_openlock.world.room import positions_for
 from causal_openlock.world.schema import Schema
 from learners.networks.checkpointed import Checkpointed
 from learners.theory.chains import CHAIN_LIMIT, Chains, chains_of, number_of_chains
-from learners.theory.schemas import ATOMIC, Schemas, edit_distances, schemas_of
+from learners.theory.draws import DRAWS, LOCAL, AttemptDraws, Moment, Odds, RoomDraws, best
+from learners.theory.schemas import ATOMIC, edit_distances, schemas_of
 
+DRAWN_CHAINS = 2**20
+"""Chains that are looked at together, for the probabilities."""
 MOST = 10.0
 """The greatest local belief at the start of a room; the least is 1 (both papers)."""
 NotNegative = Annotated[float, Field(ge=0)]
@@ -96,6 +103,7 @@ class RoomTheory:
     chain: list[int] = field(default_factory=list)  # settled on for the attempt (CogSci 2019)
     likely: FloatArray | None = None  # [C] probability of the chains, until something changes
     schemas: IntArray | None = None  # those that are still possible
+    structured: bool = False  # whether any is
 
 
 class TheoryBased(Checkpointed, Learner):
@@ -123,6 +131,7 @@ class TheoryBased(Checkpointed, Learner):
     def begin(self, brief: Brief) -> None:
         """Begin with the same belief in everything."""
         self.brief, self._earlier = brief, self.parameters.form == "cogsci_2019"
+        self._samples = self._earlier or self.parameters.beliefs == "sampled"
         # Columns: white and grey, pushed and pulled, and the positions.
         self._parts = slice(0, 2), slice(2, 4), slice(4, 4 + brief.positions)
         self._global = np.ones((brief.subjects, 4 + brief.positions))
@@ -132,14 +141,18 @@ class TheoryBased(Checkpointed, Learner):
         self._abstract: list[dict[tuple[int, int], FloatArray]] = [{} for _ in brief.generators]
         self._rooms: list[RoomTheory | None] = [None] * brief.subjects
         self._left: list[RoomTheory | None] = [None] * brief.subjects
+        # For its probabilities, which leave what it draws itself as it is.
+        self._others = [generator.spawn(1)[0] for generator in brief.generators]
+        self._attempts: dict[int, AttemptDraws] = {}
+        self._settling: dict[int, RoomDraws] = {}
 
     # -- the two theories -----------------------------------------------------------------------
 
-    def _drawn(self, subject: int, alpha: FloatArray) -> FloatArray:
-        """Probabilities that are Dirichlet-distributed: a sample, or their mean."""
-        if self._earlier or self.parameters.beliefs == "sampled":
-            return self.brief.generators[subject].dirichlet(alpha)
-        share: FloatArray = alpha / alpha.sum()
+    def _drawn(self, generator: np.random.Generator, alpha: FloatArray, many: int) -> FloatArray:
+        """``[many, K]`` probabilities that are Dirichlet-distributed: samples, or their mean."""
+        if self._samples:
+            return generator.dirichlet(alpha, many)
+        share: FloatArray = np.tile(alpha / alpha.sum(), (many, 1))
         return share
 
     def _enter(self, view: View, subject: int) -> RoomTheory:
@@ -151,40 +164,55 @@ class TheoryBased(Checkpointed, Learner):
         if self._earlier:
             every &= (chains_of(positions, length).actions < positions).all(axis=1)
         room = self._rooms[subject] = RoomTheory(length, solutions, grey, every)
-        for part in self._parts:
-            alpha = self._global[subject, part]
-            alpha = self.brief.generators[subject].dirichlet(alpha) if self._earlier else alpha
-            self._local[subject, part] = np.clip(alpha / alpha.min(), 1.0, MOST)
+        (self._local[subject],) = self._begun(subject, self.brief.generators[subject], 1)
         self._changes[subject] = 0.0
         self._draw_theta(subject)
         return room
 
-    def _draw_theta(self, subject: int) -> None:
+    def _begun(self, subject: int, generator: np.random.Generator, many: int) -> FloatArray:
+        """``[many, K]`` local beliefs at the start of a room."""
+        begun = np.tile(self._global[subject], (many, 1))
         for part in self._parts:
-            self._theta[subject, part] = self._drawn(subject, self._local[subject, part])
+            alpha = self._global[subject, part]
+            begun[:, part] = generator.dirichlet(alpha, many) if self._earlier else alpha
+            begun[:, part] /= begun[:, part].min(axis=1, keepdims=True)
+        return np.clip(begun, 1.0, MOST)
 
-    def _bottom_up(self, subject: int, room: RoomTheory) -> FloatArray:
-        """``[2P]`` how much is expected of each action on a lever, by its attributes."""
+    def _draw_theta(self, subject: int) -> None:
+        generator, local = self.brief.generators[subject], self._local[subject]
+        for part in self._parts:
+            (self._theta[subject, part],) = self._drawn(generator, local[part], 1)
+
+    def _bottom_up(self, theta: FloatArray, room: RoomTheory) -> FloatArray:
+        """``[N, 2P]`` how much is expected of each action on a lever, by its attributes."""
         if not self.parameters.bottom_up:
-            return np.ones(2 * self.brief.positions)
-        colour, verb, position = (self._theta[subject, part] for part in self._parts)
-        by_lever = colour[room.grey] * position
-        verb = np.ones(2) if self._earlier else verb
-        expected: FloatArray = np.concatenate([verb[0] * by_lever, verb[1] * by_lever])
-        return expected
+            return np.ones((len(theta), 2 * self.brief.positions))
+        colour, verb, position = (theta[:, part] for part in self._parts)
+        by_lever = colour[:, room.grey] * position
+        verb = np.ones_like(verb) if self._earlier else verb
+        return np.hstack([verb[:, :1] * by_lever, verb[:, 1:] * by_lever])
 
-    def _schema_belief(self, subject: int, schemas: Schemas, room: RoomTheory) -> FloatArray:
-        """``[G]`` probability of the abstract schemas."""
+    def _schema_belief(
+        self, subject: int, room: RoomTheory, generator: np.random.Generator, many: int
+    ) -> FloatArray:
+        """``[many, G]`` probability of the abstract schemas."""
+        schemas = schemas_of(self.brief.positions, room.length, room.solutions)
+        if schemas is None or not room.structured:
+            return np.ones((many, 1))
         if self._earlier:
             key = room.length, room.solutions
             alpha = self._abstract[subject].setdefault(key, np.ones(len(schemas.distance)))
-            return self._drawn(subject, alpha)
+            return self._drawn(generator, alpha, many)
         near = np.exp(-self.parameters.edit_weight * schemas.distance)
-        belief: FloatArray = near / near.sum(axis=0) @ self._drawn(subject, self._atomic[subject])
-        return belief
+        atomic = self._drawn(generator, self._atomic[subject], many)
+        return atomic @ (near / near.sum(axis=0)).T
 
-    def _top_down(self, subject: int, room: RoomTheory) -> FloatArray:
-        """``[C]`` probability of each chain, given what failed and what was found."""
+    def _top_down(self, room: RoomTheory) -> FloatArray:
+        """``[C, G]`` probability of each chain under each abstract schema that is possible.
+
+        What failed and what was found is taken into account. Where schemas are not believed in,
+        or none is possible, there is a single column.
+        """
         chains = self._chains(room)
         found = chains.path[room.found]
         left = room.allowed & ~np.isin(chains.path, found)
@@ -195,7 +223,7 @@ class TheoryBased(Checkpointed, Learner):
         # A path has as many chains as are left of it, and a schema as many forms as their product.
         versions = np.bincount(chains.path[left], minlength=len(chains.paths)).astype(float)
         versions[found] = 1.0
-        worth = versions.copy()
+        worth, room.structured = versions[:, None], False
         schemas = schemas_of(self.brief.positions, room.length, room.solutions)
         if self.parameters.top_down and schemas:
             which, of_each, abstract = room.schemas, schemas.paths, schemas.abstract
@@ -210,14 +238,15 @@ class TheoryBased(Checkpointed, Learner):
                 which, of_each = which[left_over], of_each[:, left_over]
                 forms, abstract = forms[left_over], abstract[left_over]
             room.schemas = which
-            if len(forms):
-                many = np.bincount(abstract, forms, len(schemas.distance))
-                belief = self._schema_belief(subject, schemas, room)
-                forms *= (belief / np.where(many > 0, many, 1.0))[abstract]
-                worth = np.zeros(len(versions))
-                for paths in of_each:
-                    worth += np.bincount(paths, forms, len(worth))
-        likely: FloatArray = left * (worth / np.maximum(versions, 1))[chains.path]
+            room.structured = len(forms) > 0
+            if room.structured:
+                kinds = len(schemas.distance)
+                many = np.bincount(abstract, forms, kinds)
+                forms /= many[abstract]
+                size = len(versions) * kinds
+                both = (np.bincount(paths * kinds + abstract, forms, size) for paths in of_each)
+                worth = np.add.reduce([*both]).reshape(-1, kinds)
+        likely: FloatArray = left[:, None] * (worth / np.maximum(versions, 1)[:, None])[chains.path]
         return likely
 
     def _chains(self, room: RoomTheory) -> Chains:
@@ -228,37 +257,159 @@ class TheoryBased(Checkpointed, Learner):
     def act(self, view: View) -> IntArray:
         """``[B]`` the action that both theories together favour."""
         actions = np.full(self.brief.subjects, 2 * self.brief.positions)
+        for subject, room in self._deciding(view):
+            actions[subject] = self._next(subject, room)
+        return actions
+
+    def _deciding(self, view: View) -> Iterator[tuple[int, RoomTheory]]:
+        """The subjects that do not go for the door, and what they think of their rooms."""
         for subject in np.flatnonzero(view.playing & (view.observation[:, -2] == 1)).tolist():
             room = self._rooms[subject] or self._enter(view, subject)
             if len(room.done) < room.length:
-                actions[subject] = self._next(subject, room)
-        return actions
+                yield subject, room
 
     def _next(self, subject: int, room: RoomTheory) -> int:
-        chains, place, levers = self._chains(room), len(room.done), 2 * self.brief.positions
+        place, generator = len(room.done), self.brief.generators[subject]
         if room.chain:
             return room.chain[place]
-        expected = self._bottom_up(subject, room)
-        begun = chains.beginning_with(room.done)
-        if place and not (begun & room.allowed).any():
-            # The attempt is lost; what is left of it is for the attributes.
-            expected[room.done] = 0.0
-            return self._best(subject, expected)
+        theta = self._theta[[subject]]
+        if self._lost(room):
+            return pick(best(self._beside_chains(theta, room))[0], generator.random())
         if room.likely is None:
-            room.likely = self._top_down(subject, room)
+            likely = self._top_down(room)
+            (room.likely,) = self._schema_belief(subject, room, generator, 1) @ likely.T
+        worth = self._worth(theta, np.ones((1, 1)), room.likely[:, None], room)
+        chosen = pick(best(worth)[0], generator.random())
         if self._earlier:
-            chain = self._best(subject, room.likely * expected[chains.actions].prod(axis=1))
-            room.chain = chains.actions[chain].tolist()
+            room.chain = self._chains(room).actions[chosen].tolist()
             return room.chain[place]
-        likely = room.likely * begun
-        if self.parameters.foresight:
-            likely *= expected[chains.actions[:, place + 1 :]].prod(axis=1)
-        worth = np.bincount(chains.actions[:, place], likely, levers)
-        return self._best(subject, worth * expected)
+        return chosen
 
-    def _best(self, subject: int, worth: FloatArray) -> int:
-        best = worth >= worth.max() * (1 - 1e-9)
-        return pick(best.astype(float), self.brief.generators[subject].random())
+    def _lost(self, room: RoomTheory) -> bool:
+        """Whether no chain is left that begins as the attempt has begun."""
+        begun = self._chains(room).beginning_with(room.done)
+        return len(room.done) > 0 and not (begun & room.allowed).any()
+
+    def _beside_chains(self, theta: FloatArray, room: RoomTheory) -> FloatArray:
+        """``[N, 2P]`` what is left of a lost attempt is for the attributes."""
+        expected = self._bottom_up(theta, room)
+        expected[:, [action for action in room.done if action < expected.shape[1]]] = 0.0
+        return expected
+
+    def _worth(
+        self, theta: FloatArray, belief: FloatArray, likely: FloatArray, room: RoomTheory
+    ) -> FloatArray:
+        """``[N, 2P]`` how much both theories expect of each action now, or ``[N, C]`` of chains.
+
+        Args:
+            theta: ``[N, K]`` beliefs in attributes.
+            belief: ``[N, G]`` beliefs in schemas.
+            likely: ``[C, G]`` probability of each chain, by schemas.
+            room: What else is thought of the room.
+        """
+        chains, place = self._chains(room), len(room.done)
+        on = np.flatnonzero(chains.beginning_with(room.done) & likely.any(axis=1))
+        expected = np.ascontiguousarray(self._bottom_up(theta, room).T)
+        worth = likely[on] @ belief.T
+        judged = chains.actions[on, place + (not self._earlier) :].T
+        for later in judged if self._earlier or self.parameters.foresight else ():
+            worth *= expected[later]
+        if self._earlier:
+            whole = np.zeros((len(chains.actions), len(theta)))
+            whole[on] = worth
+            return whole.T
+        firsts = chains.actions[on, place] == np.arange(len(expected))[:, None]
+        return (firsts.astype(float) @ worth * expected).T
+
+    # -- its probabilities ----------------------------------------------------------------------
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of ties; where beliefs are sampled, estimated (see ``sample_size``)."""
+        door = 2 * self.brief.positions
+        found = certain(np.full(self.brief.subjects, door), self.brief.actions)
+        self._sizes = np.full(self.brief.subjects, np.inf)
+        for subject, room in self._deciding(view):
+            found[subject, :door], self._sizes[subject] = self._odds(subject, room)
+            found[subject, door] = 0.0
+        return found
+
+    def sample_size(self) -> FloatArray | None:
+        """``[B]`` how many draws of its beliefs the probabilities are shares of."""
+        return self._sizes if self._samples else None
+
+    def _odds(self, subject: int, room: RoomTheory) -> Odds:
+        """The probabilities of the actions on levers."""
+        if self._earlier:
+            return self._settled(subject, room).ask(self._chains(room).actions[:, len(room.done)])
+        moment = self._moment(subject, room)
+        if not self._samples:
+            worth = moment.worth(self._theta[[subject]], moment.schemas(1))
+            return Odds(best(worth)[0], np.inf)
+        if subject not in self._attempts:
+            local, generator = self._local[subject].copy(), self._others[subject]
+            self._attempts[subject] = AttemptDraws(
+                lambda many: np.hstack(
+                    [self._drawn(generator, local[part], many) for part in self._parts]
+                ),
+                self._many(room),
+            )
+        return self._attempts[subject].ask(moment)
+
+    def _many(self, room: RoomTheory) -> int:
+        """How many draws are made, for memory."""
+        return int(np.clip(DRAWN_CHAINS // len(room.allowed), LOCAL, DRAWS))
+
+    def _moment(self, subject: int, room: RoomTheory) -> Moment:
+        room, levers = replace(room), 2 * self.brief.positions  # as it is now
+        if self._lost(room):
+            return Moment(
+                lambda theta, _: self._beside_chains(theta, room),
+                lambda many: np.zeros((many, 0)),
+                -1,
+                ~np.isin(np.arange(levers), room.done),
+            )
+        likely, chains = self._top_down(room), self._chains(room)
+        on = chains.beginning_with(room.done) & likely.any(axis=1)
+        possible = np.bincount(chains.actions[on, len(room.done)], minlength=levers) > 0
+        return Moment(
+            lambda theta, belief: self._worth(theta, belief, likely, room),
+            lambda many: self._schema_belief(subject, room, self._others[subject], many),
+            int(room.allowed.sum()),
+            possible | ~possible.any(),
+        )
+
+    def _settled(self, subject: int, room: RoomTheory) -> RoomDraws:
+        """What it may have settled on for the attempt."""
+        generator = self._others[subject]
+        if subject not in self._settling:
+            self._settling[subject] = RoomDraws(self._begun(subject, generator, LOCAL))
+        drawn = self._settling[subject]
+        if drawn.settled is None:
+            likely, each = self._top_down(room), self._many(room) // LOCAL
+            local = drawn.local + self.parameters.local_gain * self._changes[subject]
+            # All chains have as many factors, so that these need not add up to 1.
+            theta = generator.standard_gamma(np.repeat(local, each, axis=0))
+            belief = self._schema_belief(subject, room, generator, len(theta))
+            on = np.flatnonzero(likely.any(axis=1))
+            worth = self._worth(theta, belief, likely, room)[:, on]
+            chosen = np.zeros((LOCAL, len(likely)))
+            chosen[:, on] = best(worth).reshape(LOCAL, each, -1).mean(axis=1)
+            drawn.settle(chosen, each, likely.sum(axis=1) > 0)
+        return drawn
+
+    def _note(self, subject: int, room: RoomTheory, action: int, step: Step) -> None:
+        """Learn from what was done what it may have drawn."""
+        place, over = len(room.done), bool(step.attempt_over[subject])
+        if subject in self._attempts:
+            self._attempts[subject].acted(action)
+            if over:
+                del self._attempts[subject]
+        if subject in self._settling:
+            actions = self._chains(room).actions
+            asked = actions[:, place] == action if place < room.length else True
+            self._settling[subject].acted(asked, over)
+            if step.trial_over[subject]:
+                del self._settling[subject]
 
     # -- learning -------------------------------------------------------------------------------
 
@@ -268,6 +419,7 @@ class TheoryBased(Checkpointed, Learner):
         for subject in np.flatnonzero(step.view.playing).tolist():
             room = self._rooms[subject] or self._enter(step.view, subject)
             action = int(step.action[subject])
+            self._note(subject, room, action, step)
             self._observe(subject, room, action, bool(changed[subject]))
             if step.attempt_over[subject]:
                 opened = step.outcome[subject, -1] == 1

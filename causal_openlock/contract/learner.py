@@ -222,11 +222,19 @@ class Learner(ABC):
     def probabilities(self, view: View) -> FloatArray | None:
         """``[B, A]`` the probability of each action now; None if the learner cannot say.
 
-        ``act`` draws from exactly these, given all that was perceived and done so far. What is
-        hidden in a learner, such as an intention that it carries out, is averaged over as what was
-        done leaves it. It may be asked before ``act``, which it does not change, or in its place:
-        where it is known what a subject did, ``learn`` follows at once. Rows of subjects that have
-        finished are ignored.
+        ``act`` draws from exactly these, but for the error that :meth:`sample_size` tells of,
+        given all that was perceived and done so far. What is hidden in a learner, such as an
+        intention that it carries out, is averaged over as what was done leaves it. It may be asked
+        before ``act``, which it does not change, or in its place: where it is known what a subject
+        did, ``learn`` follows at once. Rows of subjects that have finished are ignored.
+        """
+        return None
+
+    def sample_size(self) -> FloatArray | None:
+        """``[B]`` of how many draws the probabilities just given are shares; None if of none.
+
+        Probabilities are sums as a rule, and exact. Where they are integrals without a closed form,
+        a learner may estimate them, by draws that are no part of what it does.
         """
         return None
 

@@ -301,7 +301,7 @@ def _told(
 ) -> dict[str, NDArray[Any]]:
     """``[B, T]`` scores of a learner that gives its probabilities."""
     shape = exists.shape
-    own, entropy, highest = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    own, entropy, highest, spread = (np.zeros(shape) for _ in range(4))
     for moment in range(shape[1]):
         acts = exists[:, moment]
         found = learner.probabilities(session.view)
@@ -317,15 +317,19 @@ def _told(
         own[:, moment] = found[np.arange(len(found)), actions[:, moment]]
         surprise = -np.log(found, where=found > 0, out=np.zeros_like(found, dtype=float))
         entropy[:, moment], highest[:, moment] = (found * surprise).sum(axis=1), found.max(axis=1)
+        if (draws := learner.sample_size()) is not None:
+            share = own[:, moment]
+            spread[:, moment] = np.sqrt(share * (1.0 - share) / (draws + 1.0))
         step = session.step(actions[:, moment])
         learner.learn(step)
         if isinstance(learner, InformedLearner) and step.trial_over.any():
             learner.inform(session.truth)
+    mixed = (1.0 - lapse) * own + lapse / session.brief.actions
     with np.errstate(divide="ignore"):
-        log_probability = np.log((1.0 - lapse) * own + lapse / session.brief.actions)
+        log_probability = np.log(mixed)
     return {
         "log_probability": log_probability,
-        "standard_error": np.zeros(shape),
+        "standard_error": (1.0 - lapse) * spread / np.maximum(mixed, np.finfo(float).tiny),
         "entropy": entropy,
         "highest": highest,
         "impossible": own == 0,

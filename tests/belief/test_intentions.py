@@ -9,8 +9,14 @@ import pytest
 from scipy import stats
 
 from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
+from causal_openlock.belief import intentions
 from causal_openlock.belief.intentions import Intention, Intentions, courses, drawn_solutions
-from causal_openlock.belief.planning import Situation, sample_solution
+from causal_openlock.belief.planning import (
+    Situation,
+    _in_order,
+    fitting_solutions,
+    sample_solution,
+)
 
 DRAWS = 1500
 
@@ -45,6 +51,29 @@ def test_what_may_be_drawn_is_as_likely_as_it_is_drawn(
     assert set(drawn) <= set(odds)
     off = [(drawn[plan] - DRAWS * chance) ** 2 / (DRAWS * chance) for plan, chance in odds.items()]
     assert sum(off) < stats.chi2.ppf(0.999, len(odds))
+
+
+@pytest.mark.parametrize("sorts", [False, True])
+@pytest.mark.parametrize(("schema", "steps"), [("CC3", 5), ("two_of_four", 0), ("chain3", 2)])
+def test_what_may_be_drawn_is_what_all_draws_come_to(
+    schema: str, steps: int, sorts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every hypothesis and each of its solutions, one after another, by the rule for one."""
+    monkeypatch.setattr(intentions, "DENSE", 0 if sorts else 4096)
+    session, learner = seen("bayes", schema, steps)
+    belief = learner.belief(0)  # type: ignore[attr-defined]
+    possible = belief.space.hypotheses[belief.which]
+    situation = Situation.of(session.view, 0, belief.slots, belief.found)
+    fitting = fitting_solutions(possible, belief.weight, situation)
+    expected: Counter[tuple[int, ...]] = Counter()
+    for row, column in zip(*np.nonzero(fitting), strict=True):
+        solution = int(possible.solutions[row, column])
+        plan = _in_order(possible, row, solution, situation.pushed)
+        expected[plan] += belief.weight[row] / fitting[row].sum()
+    drawn = drawn_solutions(possible, belief.weight, situation, by_weight=True)
+    assert {plan for _, plan in drawn} == set(expected)
+    for chance, plan in drawn:
+        assert chance == pytest.approx(expected[plan] / expected.total(), abs=1e-9)
 
 
 def at(pushed: int, unlocked: bool = False) -> Situation:

@@ -15,7 +15,7 @@ import pytest
 from pydantic import Field
 
 from causal_openlock.contract.learner import Learner
-from causal_openlock.contract.registry import create
+from causal_openlock.contract.registry import create, learner_class
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, plan
 from causal_openlock.experiment.session import Session
@@ -236,6 +236,26 @@ def test_every_learner_of_this_package_is_tested() -> None:
         if isinstance(value, type) and issubclass(value, LearnerContract) and value.learner
     }
     assert ours <= here, f"write a contract test above for {', '.join(sorted(ours - here))}"
+
+
+WITHOUT_PROBABILITIES = {"posterior_sampling", "sb3", "llm"}
+"""By choice: their modules say why, and the guide to scores names them."""
+
+
+def test_every_learner_gives_its_probabilities_or_says_why_not() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    guide = (ROOT / "docs" / "howto" / "score.md").read_text()
+    for name in project["project"]["entry-points"]["causal_openlock.learners"]:
+        kind = learner_class(name)
+        gives = kind.probabilities is not Learner.probabilities
+        assert gives == (name not in WITHOUT_PROBABILITIES), name
+        if not gives:
+            assert "It gives no probabilities" in " ".join(
+                sys.modules[kind.__module__].__doc__.split()
+            )
+            assert f"`{name}`" in guide
+        if kind.sample_size is not Learner.sample_size:  # they are estimated
+            assert f"`{name}`" in guide
 
 
 # -- the contract tells good learners from bad ----------------------------------------------------

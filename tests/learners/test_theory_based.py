@@ -116,7 +116,8 @@ def test_chains_are_as_likely_as_the_schemas_that_they_complete(with_solution):
         for instance in instances:
             for chain in instance:
                 expected[chain] += belief[g] / len(instances)
-    likely = learner._top_down(0, room)
+    by_schema = learner._top_down(room)
+    (likely,) = learner._schema_belief(0, room, np.random.default_rng(0), 1) @ by_schema.T
     for chain, value in zip(chains_of(7, 2).actions.tolist(), likely.tolist(), strict=True):
         wanted = 0.0 if tuple(chain) == found else expected[tuple(chain)]
         assert value == pytest.approx(wanted), chain
@@ -155,14 +156,14 @@ def test_changes_speak_for_their_attributes_in_the_room_and_beyond():
     assert white_grey.tolist() == push_pull[::-1].tolist() == [1.0, 2.0]
     assert np.flatnonzero(positions > 1).tolist() == sorted((first, one))
     share = learner._theta[0, 1] * learner._theta[0, 2] * learner._theta[0, 4 + first]
-    assert learner._bottom_up(0, learner._rooms[0])[first] == share
+    assert learner._bottom_up(learner._theta, learner._rooms[0])[0, first] == share
     # Four changes in the trial, shared out: a gain of two for grey, half of it for the cause.
     learner, session = shown([first, one, 14, first, other, 14])
     assert session.over
     assert learner._global[0, :4].tolist() == [1.0, 3.0, 3.0, 1.0]
     assert learner._global[0, 4 + first] == 2.0
     plain, _ = shown([first], bottom_up=False)
-    assert (plain._bottom_up(0, plain._rooms[0]) == 1).all()
+    assert (plain._bottom_up(plain._theta, plain._rooms[0]) == 1).all()
 
 
 def test_local_beliefs_begin_between_one_and_ten():
