@@ -389,10 +389,10 @@ class Study:
                     found.append(f"{place}: {name!r} is not played; {nearest(name, known)}")
             if (measure == CORRELATION) != (side.parameter is not None):
                 found.append(f"{place}: r is of a parameter, and nothing else is")
-            elif side.parameter and side.parameter not in (known := self._searched(side.learner)):
+            elif side.parameter and side.parameter not in (own := self._searched(side.learner)):
                 found.append(
                     f"{place}: {side.parameter!r} of {side.learner} is not recovered; "
-                    f"{nearest(side.parameter, known)}"
+                    f"{nearest(side.parameter, own)}"
                 )
         return found
 

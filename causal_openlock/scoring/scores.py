@@ -19,7 +19,7 @@ import pandas as pd
 from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.registry import changed_parameters
-from causal_openlock.errors import StoreError, in_short
+from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_bytes, write_text
@@ -28,6 +28,7 @@ from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.model_selection import select_models
 from causal_openlock.scoring.teacher_forcing import COLUMNS, EXACT, GROUP, score_actions
+from causal_openlock.wording import nearest
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -104,10 +105,32 @@ class Scores:
     def plot(
         self, *, of: str | None = None, learners: Sequence[str] | None = None, ax: Any = None
     ) -> Any:
-        """Bits per action over trials; see :func:`~causal_openlock.scoring.figure.plot_scores`."""
-        from causal_openlock.scoring.figure import plot_scores
+        """Draw how many bits per action learners need in each trial; the fewer, the better.
 
-        return plot_scores(self, of=of, learners=learners, ax=ax)
+        A panel for each condition, a line for each learner that predicts, the one that predicts
+        best first; with at most four a band is the 95% bootstrap interval over subjects. A trial in
+        which somebody did what a learner takes for impossible has no point.
+
+        Args:
+            of: Label of the learner whose subjects are predicted; by default the first.
+            learners: Labels of those that predict; by default all.
+            ax: As for :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
+
+        Raises:
+            OpenLockError: If one is not in the scores.
+        """
+        from causal_openlock.scoring.figure import draw_scores
+
+        whose = str(self.actions["learner"].iloc[0]) if of is None else of
+        for column, asked in (("learner", [whose]), ("scored", learners or ())):
+            known = [str(name) for name in self.actions[column].unique()]
+            for name in asked:
+                if name not in known:
+                    raise OpenLockError(f"{name} is not in these scores; {nearest(name, known)}")
+        own = self.of(whose)
+        names = [str(name) for name in own.ranking["scored"]]
+        names = [name for name in names if learners is None or name in learners]
+        return draw_scores(own.over("condition", "trial"), names, ax)
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``actions.parquet`` and ``subjects.csv``; returns where.

@@ -15,11 +15,10 @@ import pandas as pd
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.report.section import Section, SectionPlot
 from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.scoring.failures import failures, worst_attempts
-from causal_openlock.scoring.figure import plot_scores
 from causal_openlock.scoring.scores import FOLDER, SUBJECT, Scores
 from causal_openlock.wording import file_names
 from causal_openlock.world.room import action_names, positions_for
@@ -76,7 +75,7 @@ def section(material: Material, decisions: Decisions) -> Section | None:
     }
     who: list[dict[str, Any]] = []
     tables: dict[str, list[pd.DataFrame]] = {"scores": [], "failures": [], "worst_attempts": []}
-    plots = []
+    plots: list[SectionPlot] = []
     each = dict(_each(material))
     parts = file_names(each)
     for of, one in each.items():
@@ -100,7 +99,7 @@ def section(material: Material, decisions: Decisions) -> Section | None:
             name = f"scores_{parts[of]}"
             call = f"results.scores.plot(of={of!r})"
             plots.append(
-                _PROSE.plot("scores", plot_scores, one, {"of": of}, name, call, of=of,
+                _PROSE.plot("scores", Scores.plot, one, {"of": of}, name, call, of=of,
                             bands=len(ranked))
             )  # fmt: skip
     if not who:

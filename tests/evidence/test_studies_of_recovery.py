@@ -17,8 +17,9 @@ from causal_openlock.evidence.confusions import (
     units_of_parameters,
     units_of_recovery,
 )
+from causal_openlock.evidence.keeping import Watched
 from causal_openlock.evidence.measured import Evidence
-from causal_openlock.evidence.running import Watched, run_study
+from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import Contrast, Selection, read_study
 from causal_openlock.evidence.units import Selected
