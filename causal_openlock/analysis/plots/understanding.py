@@ -58,6 +58,7 @@ def draw_understanding(
     if table.empty:
         raise NothingToDrawError("nobody said what they take the structure of a room to be")
     names = ordered(table["learner"].unique(), results.learners)
+    top = max(1.0, 1.04 * float(table[["shd", "ci_high"]].max(axis=None)))
     looks = {name: style.current().line(number) for number, name in enumerate(names)}
     shown = ordered(table["condition"].unique(), results.conditions)
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.0)) as at:
@@ -71,7 +72,7 @@ def draw_understanding(
                     ends = own["ci_low"], own["ci_high"]
                     axes.fill_between(own["visit"], *ends, color=look["color"], alpha=0.15, lw=0)
             style.panel_title(axes, condition, style.sizes(here))
-            axes.set(xlabel="Trial", ylim=(-0.1, max(1.0, float(table["shd"].max()) * 1.1)))
+            axes.set(xlabel="Trial", ylim=(-0.1, top))
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         at.label_y("Edges wrong")
         keys = [Line2D([], [], label=style.label(name, 24), **looks[name]) for name in names]
