@@ -91,6 +91,7 @@ from .analysis.plots.style import PlotStyle as PlotStyle
 from .analysis.plots.style import plot_style as plot_style
 from .analysis.plots.subjects import plot_subjects as plot_subjects
 from .analysis.plots.survival import plot_survival as plot_survival
+from .analysis.plots.understanding import plot_understanding as plot_understanding
 from .analysis.report.writing import write_report as write_report
 from .analysis.results.cost import learning_costs as learning_costs
 from .analysis.results.deep.probe import probe_structure as probe_structure

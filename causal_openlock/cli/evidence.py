@@ -80,7 +80,8 @@ def _run(
     studies: list[Study], results: Path, workers: int | None, anew: bool, console: Terminal
 ) -> None:
     from causal_openlock.comparison.progress import shown
-    from causal_openlock.evidence.running import Watched, run_study
+    from causal_openlock.evidence.keeping import Watched
+    from causal_openlock.evidence.running import run_study
 
     with resumable():
         for study in studies:

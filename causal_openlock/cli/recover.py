@@ -9,12 +9,12 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
-from causal_openlock.errors import LearnerError
 from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.experiment import Experiment, LearnerSpec
     from causal_openlock.fitting.recovery import Recovery
 
 FEW = 20
@@ -56,46 +56,44 @@ def recover(
     with --parameters what was recovered of each parameter.
     """
     from causal_openlock.analysis.plots import style
-    from causal_openlock.comparison.comparing import play
     from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.recovering import (
+        Running,
+        ToRecover,
+        parameters_recovered,
+        predicted,
+    )
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.store import Store
     from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.recovery import recovery
     from causal_openlock.fitting.recovery_figure import draw_recovery
-    from causal_openlock.scoring.inverse_binomial import Draws
-    from causal_openlock.scoring.teacher_forcing import known_learners, score_actions
+    from causal_openlock.scoring.teacher_forcing import known_learners
 
     console = Terminal()
     changes = Changes(conditions=condition or None, subjects=subjects, seed=seed)
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
-    specs = list(chosen.learners)
-    wanted = known_learners(parameters or (), specs)
+    wanted = known_learners(parameters or (), chosen.learners)
     folder = out or Path("results") / f"recover-{chosen.name}"
-    cores = workers or available_cores()
+    size = ToRecover(draws=draws, lapse=lapse, sets=sets, each=each, candidates=candidates)
     with resumable(), console.status("") as status:
-        status.update("subjects are simulated")
-        if failed := play(chosen, folder / "simulated", workers=cores, warn=console.warn):
-            raise failed
-        actions = score_actions(
-            *Store(folder / "simulated").record(),
-            specs,
-            lapse,
-            draws=Draws(most=draws),
-            workers=cores,
-            keep=folder / "scores",
-            report=lambda done, total: status.update(f"{done} of {total} parts are scored"),
-        )
-        found = recovery(actions, chosen.seed)
+
+        def told(what: str) -> Running:
+            status.update(f"{what}: 0 parts are done")
+            return Running(
+                workers or available_cores(),
+                console.warn,
+                report=lambda done, total: status.update(f"{what}: {done} of {total} parts"),
+            )
+
+        found = recovery(predicted(chosen, folder, size, told("scores")), chosen.seed)
         files = found.save(folder)
         style.save(draw_recovery(found), folder / "recovery")
         _print(found, console)
         for spec in wanted:
-            status.update(f"parameters of {spec.name} are recovered")
-            files += _parameters(
-                spec, chosen, folder, (sets, each, candidates), lapse, cores, console
-            )
+            own = folder / f"parameters_{spec.name}"
+            tables = parameters_recovered(spec, chosen, own, size, told(spec.name))
+            files += _parameters(spec.name, folder, tables, console)
     names = ", ".join(file.name for file in files)
     console.print_line(f"{folder}: {names} and recovery.svg written")
 
@@ -135,56 +133,17 @@ def _print(found: Recovery, console: Terminal) -> None:
 
 
 def _parameters(
-    spec: LearnerSpec,
-    experiment: Experiment,
-    folder: Path,
-    size: tuple[int, int, int],
-    lapse: float,
-    workers: int,
-    console: Terminal,
+    name: str, folder: Path, tables: tuple[pd.DataFrame, pd.DataFrame], console: Terminal
 ) -> list[Path]:
-    from causal_openlock.comparison.comparing import play
     from causal_openlock.comparison.console import plain_table
-    from causal_openlock.experiment.building import make_experiment
-    from causal_openlock.experiment.store import Store
     from causal_openlock.files.atomic import write_text
     from causal_openlock.files.escaping import csv_of
-    from causal_openlock.fitting.actions import ActionPlan, FitJob, fit_all
-    from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, space_of
-    from causal_openlock.fitting.study import require_optuna
-    from causal_openlock.scoring.teacher_forcing import recorded_subjects
 
-    require_optuna()
-    space = space_of(spec)
-    if space is None:
-        raise LearnerError(
-            f"{spec.name} has no search space of its own as it is set, so its parameters cannot "
-            "be recovered; bayes with the policy thompson and theory_based have one"
-        )
-    sets, each, candidates = size
-    truth = drawn_sets(space, sets, experiment.seed)
-    made = make_experiment(
-        list(experiment.conditions),
-        made_with(space, truth, each),
-        protocol=spec.protocol,
-        seed=experiment.seed,
-    )
-    own = folder / f"parameters_{spec.name}"
-    if failed := play(made, own / "simulated", workers=workers, warn=console.warn):
-        raise failed
-    record, played = Store(own / "simulated").record()
-    plan = ActionPlan(space, lapse, "none", candidates=candidates, seed=experiment.seed)
-    jobs = [
-        FitJob(one.name, tuple(recorded_subjects(record, played, [one.name])), -1, plan)
-        for one in made.learners
-    ]
-    fits = fit_all(jobs, own, workers=workers)
-    pairs, correlated = recovered(truth, fits, space)
-    shown = plain_table(f"parameter of {spec.name}", "r", "sets")
-    for row in correlated.itertuples():
+    shown = plain_table(f"parameter of {name}", "r", "sets")
+    for row in tables[1].itertuples():
         shown.add_row(row.parameter, f"{row.r:.2f}", str(row.sets))
     console.print_whole(shown)
-    files = [folder / f"parameters_{spec.name}.csv", folder / f"r_{spec.name}.csv"]
-    for file, table in zip(files, (pairs, correlated), strict=True):
+    files = [folder / f"parameters_{name}.csv", folder / f"r_{name}.csv"]
+    for file, table in zip(files, tables, strict=True):
         write_text(file, csv_of(table.round(6)))
     return files

@@ -19,6 +19,7 @@ from causal_openlock.analysis.plots.course import plot_course
 from causal_openlock.analysis.plots.likeness import plot_likeness
 from causal_openlock.analysis.plots.subjects import plot_subjects
 from causal_openlock.analysis.plots.survival import plot_survival
+from causal_openlock.analysis.plots.understanding import plot_understanding
 from causal_openlock.analysis.results.material import Material
 
 
@@ -64,6 +65,7 @@ class Plots:
     pairs = _Of(plot_pairs)
     subjects = _Of(plot_subjects)
     beliefs = _Of(plot_beliefs)
+    understanding = _Of(plot_understanding)
 
     def __repr__(self) -> str:
         return f"plots: {', '.join(dir(self))}; each takes ax= and returns the axes"

@@ -17,7 +17,7 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.report.cautions import warnings_of
 from causal_openlock.analysis.report.missing import missing_cells
-from causal_openlock.analysis.report.sections import columns_of
+from causal_openlock.analysis.report.sections import ORDER, columns_of
 from causal_openlock.analysis.report.writing import Report, make_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
@@ -28,7 +28,6 @@ from causal_openlock.analysis.results.verdict import VerdictTable, verdict_table
 from causal_openlock.analysis.results.waste import waste
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
-from causal_openlock.experiment.answers import read_answers
 from causal_openlock.experiment.building import LearnerForm, listed, make_experiment
 from causal_openlock.experiment.containment import check_inside
 from causal_openlock.experiment.folder_lock import LOCK
@@ -38,6 +37,7 @@ from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.fitting.predicting import read_fit, score_fits
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.scores import Scores
+from causal_openlock.scoring.section import scores_on_record
 from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
@@ -50,6 +50,13 @@ SUBJECTS = [*CELL, *SUBJECT]
 ROOM = [*VISIT, "schema", "layout"]
 """Columns that identify a trial of a subject, and its room."""
 
+SECTIONS = (
+    *ORDER[: ORDER.index("paper_findings")],
+    "causal_openlock.scoring.section",
+    *ORDER[ORDER.index("paper_findings") :],
+)
+"""Sections of the report of a folder: those of a record, and one of the scores beside it."""
+
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Results(Material):
@@ -58,9 +65,6 @@ class Results(Material):
     A notebook shows the table of attempts, people beside the learners where these played the same,
     and below it what a reader should know. Tables are pandas data frames, in tidy form.
 
-    Attributes:
-        folders: The results folders that they were read from.
-
     Example:
         >>> from causal_openlock import compare
         >>> results = compare("CC4", ["oracle"], subjects=2, workers=1)
@@ -68,12 +72,10 @@ class Results(Material):
         [[0, 1, 3, True], [0, 2, 3, True]]
     """
 
-    folders: tuple[Path, ...] = ()
-
     @classmethod
     def read(cls, *folders: Path | str) -> Results:
         """The results in these folders together; see :func:`open_results`."""
-        found = [read_results(Store(folder), columns_of()) for folder in folders]
+        found = [read_results(Store(folder), columns_of(SECTIONS)) for folder in folders]
         return cls._together(found, tuple(Path(folder).resolve() for folder in folders))
 
     @classmethod
@@ -168,8 +170,23 @@ class Results(Material):
         See :func:`~causal_openlock.analysis.results.understanding.understanding`. People were asked
         where ``play --ask-structure`` was used.
         """
-        answers = [one for folder in self.folders for one in read_answers(folder)]
-        return understanding(self, answers)
+        return understanding(self)
+
+    @cached_property
+    def scores(self) -> Scores:
+        """How well learners predict these subjects, as ``causal-openlock score`` left it.
+
+        Raises:
+            StoreError: If they were not scored, or the scores are damaged.
+        """
+        found = scores_on_record(self)
+        if found is None:
+            where = self.folders[0] if self.folders else "FOLDER"
+            raise StoreError(
+                f"these subjects are not scored; do it with: causal-openlock score {where} "
+                "--learner NAME, or in Python results.score(NAMES)"
+            )
+        return found
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
@@ -263,7 +280,7 @@ class Results(Material):
         if folder is None:
             several = len(self.folders) != 1
             folder = tempfile.mkdtemp(prefix="report-") if several else self.folders[0]
-        return make_report(self, folder)
+        return make_report(self, folder, SECTIONS)
 
     def save(self, folder: Path | str) -> Path:
         """Copy the results into a folder of their own, where they stay.

@@ -11,6 +11,7 @@ from causal_openlock.analysis.results.cost import costs_by_learner
 from causal_openlock.analysis.results.people.human_likeness import Likeness, likeness
 from causal_openlock.analysis.results.people.yardsticks import beside_yardsticks, chosen_settings
 from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.confusions import confusion
 from causal_openlock.evidence.stored import COSTS, read_units
 from causal_openlock.evidence.study import Study
 
@@ -73,5 +74,6 @@ def _needs(attempts: float, low: float, high: float, asked: float) -> str:
 DERIVED: Mapping[str, Callable[[Study, pd.DataFrame], pd.DataFrame]] = {
     "distances_from_people": distances_from_people,
     "learning_costs": learning_costs,
+    "confusion": confusion,
 }
 """What a study may declare as ``derived``."""

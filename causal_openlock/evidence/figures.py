@@ -4,8 +4,9 @@ A study names under ``figures`` which of its tables are drawn. Where the columns
 course a panel has a thin line for each unit and a thick one for their mean, and of a curve a dashed
 one for what AAAI 2020 published of the same algorithm; otherwise a panel for each column has a dot
 for each unit of a row, and their mean with its interval. Of distances from people the figure has
-people's means and the nearest learner's. A figure stands in the study's folder beside what it was
-made from, and holds a mark of that: so a figure of other units is found without drawing it anew.
+people's means and the nearest learner's, and of a recovery who is taken for whom. A figure stands
+in the study's folder beside what it was made from, and holds a mark of that: so a figure of other
+units is found without drawing it anew.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 
 from causal_openlock.analysis.results.people.human_likeness import PUBLISHED_MODEL
 from causal_openlock.errors import EvidenceError
+from causal_openlock.evidence.confusions import recovery_of
 from causal_openlock.evidence.derived import beside_people
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.stored import UNITS
@@ -64,9 +66,12 @@ def drawn(evidence: Evidence, name: str) -> str:
     from matplotlib.figure import Figure
 
     from causal_openlock.analysis.plots import style
+    from causal_openlock.fitting.recovery_figure import draw_recovery
 
     figure = Figure()
-    if name == OF_ALL:
+    if name == OF_ALL and evidence.study.file.derived == "confusion":
+        figure = draw_recovery(recovery_of(evidence.own_units, evidence.study.asked.seed))
+    elif name == OF_ALL:
         draw_distances(evidence, figure)
     else:
         table = evidence.study.file.tables[name]
@@ -253,4 +258,6 @@ def _measure(table: Table) -> str:
         "opens": "share of attempts",
         "unlocks": "share of attempts",
         "else": "share of attempts",
+        "single": "share attributed right",
+        "groups": "share attributed right",
     }[table.measure]

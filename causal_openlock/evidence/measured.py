@@ -17,6 +17,7 @@ from causal_openlock.evidence.published import published_units
 from causal_openlock.evidence.stored import RUN, read_run, read_units
 from causal_openlock.evidence.study import (
     ATTEMPTS,
+    CORRELATION,
     OF_ALL,
     PUBLISHED,
     Claim,
@@ -31,7 +32,7 @@ from causal_openlock.evidence.verdicts import (
     Estimate,
     Verdict,
     estimate,
-    mean_of,
+    of_side,
     together,
     verdict,
 )
@@ -179,8 +180,9 @@ class Evidence:
             )
         if ending in ("verdict", "without_sign"):
             raise EvidenceError(f"{title!r} asks for the {ending} of what is no claim")
-        values = selected(self.units, Selection.parse(rest), kind)
-        return _written(mean_of(values), kind, ending, values)
+        chosen = Selection.parse(rest)
+        of = None if kind == CORRELATION else selected(self.units, chosen, kind)
+        return _written(of_side(self.units, chosen, kind), kind, ending, of)
 
     def _derived_number(self, words: Sequence[str]) -> str:
         *learner, column = words
@@ -244,19 +246,22 @@ class Evidence:
             for column in table.columns:
                 try:
                     chosen = Selection.parse([*row.split(), *column.split()])
-                    values = selected(units, chosen, table.measure)
+                    of = None
+                    if table.measure != CORRELATION:
+                        of = selected(units, chosen, table.measure)
+                    one = of_side(units, chosen, table.measure)
+                    cells.append(_written(one, table.measure, ""))
                 except EvidenceError:
                     cells.append("–")
                     continue
-                one = mean_of(values)
-                cells.append(_written(one, table.measure, ""))
                 if chosen.learner not in PUBLISHED:
                     own.add(one.units[0])
                     if table.interval and np.isfinite(one.interval[0]):
-                        cells[-1] += f" ({_written(one, table.measure, 'interval', values)})"
+                        cells[-1] += f" ({_written(one, table.measure, 'interval', of)})"
             rows.append([label, *cells])
             sizes.append(" or ".join(map(str, sorted(own))) or "–")
-        note = f"Means over n {self.study.unit}s"
+        of_what = f"Means over n {self.study.unit}s"
+        note = "Correlations over n sets of parameters" if table.measure == CORRELATION else of_what
         note += ", 95% intervals." if table.interval else "."
         rows = [[*row, size] for row, size in zip(rows, sizes, strict=True)]
         return f"{markdown(['', *table.columns, 'n'], rows)}\n\n{note}\n"
@@ -340,7 +345,11 @@ def _side(selection: Selection | float) -> str:
     of = selection.condition or []
     words += [joined([of] if isinstance(of, str) else of)] if of else []
     words += [selection.phase] if selection.phase else []
-    words += [f"{name} {at}" for name in ("trial", "part") if (at := getattr(selection, name))]
+    words += [
+        f"{name} {at}"
+        for name in ("trial", "part", "parameter")
+        if (at := getattr(selection, name))
+    ]
     return " ".join(words)
 
 

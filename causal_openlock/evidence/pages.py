@@ -16,8 +16,8 @@ one for each claim, or for each of those named after it.
 prose of a page that no link, table or code (for settings, such as ```.005```) accounts for.
 
 A link's title is ``MEASURE LEARNER [CONDITION] [train|test] [trial N|part N]``, the mean over
-units, or ``claim NAME [CONTRAST]``, the difference; ended by ``interval``, ``units``, ``sd``,
-``verdict`` or ``without_sign``, that of it.
+units (of a recovery also ``r LEARNER parameter NAME``), or ``claim NAME [CONTRAST]``, the
+difference; ended by ``interval``, ``units``, ``sd``, ``verdict`` or ``without_sign``, that of it.
 ``derived LEARNER COLUMN`` is of a table that is computed from all units; ``core_hours``,
 ``machine`` and ``date`` are of the run.
 """
@@ -205,10 +205,12 @@ def page_of(evidence: Evidence) -> str:
 def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
     study = evidence.study
     experiment = f"[{study.experiment.name}]({study.file.experiment})"
+    recovers = study.file.measured == "recovery"
+    predicts = " and lets every learner predict every subject" if recovers else ""
     lines = [
         f"    causal-openlock evidence {study.name}",
         "",
-        f"plays {experiment}, which takes about {_hours(study.file.hours)} of one core.",
+        f"plays {experiment}{predicts}, which takes about {_hours(study.file.hours)} of one core.",
     ]
     if networks := study.file.networks:
         files = ", ".join(f"[{label}]({path})" for label, path in networks.files.items())

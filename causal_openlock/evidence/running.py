@@ -9,18 +9,13 @@ instance, goes on from there: what was measured is not played again.
 
 from __future__ import annotations
 
-import os
-import platform
-import re
 import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,71 +23,27 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL
 from causal_openlock.analysis.results.cost import subject_costs
 from causal_openlock.comparison.comparing import play
-from causal_openlock.comparison.progress import Show
 from causal_openlock.comparison.results import Results
 from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import CellsFailed, EvidenceError
-from causal_openlock.evidence.stored import COSTS, UNITS, read_run, read_units, write_run
+from causal_openlock.evidence.keeping import (
+    OF_A_RUN,
+    Measured,
+    Part,
+    Watched,
+    each_once,
+    of_this_run,
+    parts_of,
+    write_measured,
+)
+from causal_openlock.evidence.recovering import run_recovery
+from causal_openlock.evidence.stored import COSTS, UNITS, read_run, read_units
 from causal_openlock.evidence.study import FILE, MEASURED, Networks, Study
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.versions import merged_versions
-from causal_openlock.wording import joined
 from causal_openlock.world.fsm import BoolArray
-
-
-@dataclass(frozen=True)
-class Watched:
-    """How a run is watched.
-
-    Attributes:
-        say: Called with a sentence on what goes on.
-        warn: Called with a sentence on what a reader should know.
-        show: Called with the progress every second.
-        workers: Number of processes; by default one for each core.
-    """
-
-    say: Callable[[str], None] = lambda _: None
-    warn: Callable[[str], None] = lambda _: None
-    show: Show | None = None
-    workers: int | None = None
-
-
-@dataclass(frozen=True)
-class Part:
-    """What is played in one go: all of a study without networks, or one network.
-
-    Attributes:
-        name: Of its results folder.
-        label: Of the networks that it is one of; empty without networks.
-        seed: Of its training.
-        trained: Label of the training; a variant plays with the networks of another one.
-    """
-
-    name: str
-    label: str = ""
-    seed: int = 0
-    trained: str = ""
-
-
-def parts_of(study: Study) -> list[Part]:
-    """The parts of a study in the order in which they are run: a network of each kind, and so on.
-
-    A part is named after a hash of how its network is trained, so that a training that has changed
-    since is another part.
-    """
-    networks = study.file.networks
-    if not networks:
-        return [Part("played")]
-    first = next(iter(networks.files))
-    return [
-        Part(f"{label}-{seed}-{study.training(trained)[:8]}", label, seed, trained)
-        for seed in networks.seeds
-        for trained in networks.files
-        for label in (trained, *(networks.parameters if trained == first else ()))
-    ]
 
 
 def run_study(study: Study, results: Path, watched: Watched, anew: bool = False) -> None:
@@ -111,6 +62,9 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
     """
     if faults := study.faults():
         raise EvidenceError(f"{study.folder / FILE}: {faults[0]}")
+    if study.file.measured == "recovery":
+        run_recovery(study, results, watched, anew)
+        return
     failed: list[CellsFailed] = []
     found = {} if anew else _stored(study)
     try:
@@ -181,38 +135,7 @@ def _train(study: Study, networks: Networks, part: Part, results: Path, watched:
     return out
 
 
-_RUN = ("date", "machine", "commit", "versions")
-
-
-@dataclass(frozen=True)
-class _Measured:
-    """What was measured of a part.
-
-    Attributes:
-        tables: By file, what is kept: a row for each unit and time, or subject.
-        cells: File names of the cells that these are of; of a network, its name.
-        missing: How many cells were not played yet.
-        seconds: How long the others took together.
-        run: Of the run: ``date``, ``machine``, ``commit`` and ``versions``, a list of each.
-    """
-
-    tables: dict[str, pd.DataFrame]
-    cells: tuple[str, ...]
-    missing: int
-    seconds: float
-    run: dict[str, list[Any]]
-
-    def as_dict(self) -> dict[str, Any]:
-        """All but the tables, as ``run.json`` holds it."""
-        return {
-            "cells": list(self.cells),
-            "missing": self.missing,
-            "seconds": round(self.seconds),
-            **self.run,
-        }
-
-
-def keep(study: Study, results: Path, found: dict[str, _Measured] | None = None) -> bool:
+def keep(study: Study, results: Path, found: dict[str, Measured] | None = None) -> bool:
     """Keep what has been played so far; returns whether that is more than was kept before.
 
     Args:
@@ -229,27 +152,10 @@ def keep(study: Study, results: Path, found: dict[str, _Measured] | None = None)
             found[part.name] = _added(study, played, before)
     if not found:
         return False
-    tables = {
-        name: pd.concat([one.tables[name] for one in found.values()], ignore_index=True)
-        for name in next(iter(found.values())).tables
-    }
-    claims = {name: study.margin(name) for name in study.file.claims}
-    try:
-        last, more = read_run(study), len(read_units(study)) > len(tables[UNITS])
-    except EvidenceError:
-        pass
-    else:
-        same = last["declared"] == study.declared
-        if same and more:
-            return False
-        # What was stated or changed once results were known stays marked, whatever is run later.
-        known = same or bool(_stored(study))
-        claims = last["claims"] if known else {**claims, **last["claims"]}
-    write_run(study, tables, _about(study, found, claims))
-    return True
+    return write_measured(study, found, bool(_stored(study)))
 
 
-def _stored(study: Study) -> dict[str, _Measured]:
+def _stored(study: Study) -> dict[str, Measured]:
     """By part, what is stored with the study, as far as the study asks for it now."""
     try:
         run, tables = read_run(study), {UNITS: read_units(study)}
@@ -263,18 +169,18 @@ def _stored(study: Study) -> dict[str, _Measured]:
     for part in parts_of(study):
         if not (held := run["parts"].get(part.name)):
             continue
-        of_run = {name: held[name] for name in _RUN}
+        of_run = {name: held[name] for name in OF_A_RUN}
         names, seconds, units = held["cells"], held["seconds"], tables[UNITS]
         if part.label and held.get("asked") == study.asks_of(part.label):
             own = units[(units["learner"] == part.label) & (units["unit"] == part.seed)]
-            found[part.name] = _Measured({UNITS: own}, tuple(names), 0, seconds, of_run)
+            found[part.name] = Measured({UNITS: own}, tuple(names), 0, seconds, of_run)
         elif not part.label and set(MEASURED[study.file.measured]) <= set(units):
             # A name holds the hash of all that decides a cell: a learner that was added since
             # leaves the others as they are.
             asked = study.asked.cells()
             if not (cells := [cell for cell in asked if cell.file_name in names]):
                 continue
-            found[part.name] = _Measured(
+            found[part.name] = Measured(
                 tables={name: table[_of(table, cells)] for name, table in tables.items()},
                 cells=tuple(cell.file_name for cell in cells),
                 missing=len(asked) - len(cells),
@@ -284,7 +190,7 @@ def _stored(study: Study) -> dict[str, _Measured]:
     return found
 
 
-def _played(study: Study, part: Part, results: Path) -> _Measured | None:
+def _played(study: Study, part: Part, results: Path) -> Measured | None:
     """What has been played of a part, if it is what the study asks for now."""
     folder = _folder(results, part)
     if not any((folder / "cells").glob("*.parquet")):
@@ -307,18 +213,13 @@ def _played(study: Study, part: Part, results: Path) -> _Measured | None:
         tables = {UNITS: of_network(tables[UNITS], part.label, part.seed)}
     elif study.file.derived == "learning_costs":
         tables[COSTS] = subject_costs(read, read.trials).astype(dict.fromkeys(CELL, str))
-    last = datetime.fromtimestamp(max(cell.stat().st_mtime for cell in cells), UTC)
-    return _Measured(
+    last = max(cell.stat().st_mtime for cell in cells)
+    return Measured(
         tables=tables,
         cells=(part.name,) if part.label else tuple(cell.name for cell in cells),
         missing=len(read.experiment.missing),
         seconds=_seconds(cells),
-        run={
-            "date": [last.date().isoformat()],
-            "machine": [_machine()],
-            "commit": [_commit(study.folder)],
-            "versions": [dict(read.experiment.versions)],
-        },
+        run=of_this_run(study, last, read.experiment.versions),
     )
 
 
@@ -333,13 +234,13 @@ def _is_part(study: Study, part: Part, learners: Sequence[LearnerSpec]) -> bool:
     return spec.learner == networks.learner and changed == wanted
 
 
-def _added(study: Study, played: _Measured, before: _Measured | None) -> _Measured:
+def _added(study: Study, played: Measured, before: Measured | None) -> Measured:
     """What was played now and, of other cells, before."""
     names = set(before.cells) - set(played.cells) if before else set()
     cells = [cell for cell in study.asked.cells() if cell.file_name in names]
     if not (before and cells):
         return played
-    return _Measured(
+    return Measured(
         tables={
             name: pd.concat([before.tables[name][_of(before.tables[name], cells)], table])
             for name, table in played.tables.items()
@@ -347,7 +248,7 @@ def _added(study: Study, played: _Measured, before: _Measured | None) -> _Measur
         cells=(*(cell.file_name for cell in cells), *played.cells),
         missing=played.missing - len(cells),
         seconds=played.seconds + before.seconds * len(cells) / len(before.cells),
-        run={name: _each_once([*before.run[name], *played.run[name]]) for name in _RUN},
+        run={name: each_once([*before.run[name], *played.run[name]]) for name in OF_A_RUN},
     )
 
 
@@ -362,58 +263,6 @@ def _of(table: pd.DataFrame, cells: list[Cell]) -> BoolArray:
             & subjects.between(cell.first_subject, cell.first_subject + cell.subjects - 1)
         ).to_numpy()
     return own
-
-
-def _each_once(values: list[Any]) -> list[Any]:
-    return [value for i, value in enumerate(values) if value not in values[:i]]
-
-
-def _about(study: Study, found: dict[str, _Measured], claims: dict[str, str]) -> dict[str, Any]:
-    """What ``run.json`` holds."""
-    kept = found.values()
-    missing = sum(one.missing for one in kept) + len(parts_of(study)) - len(found)
-    cells = missing + sum(len(one.cells) for one in kept)
-    run = {name: _each_once([value for one in kept for value in one.run[name]]) for name in _RUN}
-    return {
-        "command": f"causal-openlock evidence {study.name}",
-        "declared": study.declared,
-        "claims": claims,
-        "complete": not missing,
-        "cells": f"{cells - missing} of {cells}",
-        "core_hours": round(sum(one.seconds for one in kept) / 3600, 2),
-        "date": max(run["date"]),
-        "machine": joined(run["machine"]),
-        "versions": merged_versions(run["versions"]),
-        "parts": {
-            part.name: {
-                **found[part.name].as_dict(),
-                **({"asked": study.asks_of(part.label)} if part.label else {}),
-            }
-            for part in parts_of(study)
-            if part.name in found
-        },
-    }
-
-
-def _commit(folder: Path) -> str:
-    """The commit that the study's folder is at, if it is under version control."""
-    try:
-        words = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12"]
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
-    except OSError:
-        return ""
-    return done.stdout.strip()
-
-
-def _machine() -> str:
-    """The processor in words."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-    except OSError:
-        text = ""
-    model = re.search(r"model name\s*:\s*(.+)", text)
-    name = model[1].strip() if model else platform.processor() or platform.machine()
-    return f"{name}, {os.cpu_count()} cores, {platform.system()}"
 
 
 def _seconds(cells: list[Path]) -> float:

@@ -41,12 +41,16 @@ from causal_openlock.experiment.file_format import NAME_FORM
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import plain, read_document
+from causal_openlock.fitting.recovery import space_of
 from causal_openlock.wording import nearest
 
 FILE = "study.yaml"
 
 OF_ALL = "derived"
 """The name of the table that is computed from all units."""
+
+DRAWN = ("distances_from_people", "confusion")
+"""Those of such tables that have a figure."""
 
 RL_2020 = {f"paper_{name.lower()}": name for name in ("DQN", "A2C", "TRPO", "PPO", "MAML")}
 """The published curves of AAAI 2020 by the names under which studies compare and show them."""
@@ -64,11 +68,26 @@ BLOCK = 50
 ATTEMPTS = ("attempts", "first_solution")
 """Those of all measures that are numbers of attempts; the others are shares."""
 
-MEASURED: Mapping[str, Sequence[str]] = {"trials": TRIALS, "course": COURSE, "curve": TRIALS}
+RECOVERED = ("single", "groups")
+"""Of a recovery: shares that are attributed to the learner that made them; every row is a unit."""
+
+CORRELATION = "r"
+"""Of a recovery: of parameters that made subjects with what is fitted to these."""
+
+EVERYONE = "everyone"
+"""Of a recovery: all learners together."""
+
+MEASURED: Mapping[str, Sequence[str]] = {
+    "trials": TRIALS,
+    "course": COURSE,
+    "curve": TRIALS,
+    "recovery": (*RECOVERED, CORRELATION),
+}
 
 Measure = Literal[
-    "attempts", "first_solution", "solved", "found", "opens", "finds_all", "else", "unlocks"
-]
+    "attempts", "first_solution", "solved", "found", "opens", "finds_all", "else", "unlocks",
+    "single", "groups", "r",
+]  # fmt: skip
 """What is measured of each unit: see :mod:`~causal_openlock.evidence.units`."""
 
 Label = Annotated[str, Field(pattern=NAME_FORM)]
@@ -88,13 +107,16 @@ class Selection(StrictModel):
     phase: Literal["train", "test"] | None = None
     trial: Count | None = None
     part: Count | None = None
+    parameter: Label | None = None
 
     @classmethod
     def parse(cls, words: Sequence[str]) -> Selection:
         """A selection in words: ``LEARNER [CONDITION] [train|test] [trial N|part N]``.
 
+        Of a recovery it is ``LEARNER [CONDITION]``, or ``LEARNER parameter NAME``.
+
         >>> Selection.parse(["ddqn", "CC4", "part", "5"])
-        Selection(learner='ddqn', condition='CC4', phase=None, trial=None, part=5)
+        Selection(learner='ddqn', condition='CC4', phase=None, trial=None, part=5, parameter=None)
 
         Raises:
             EvidenceError: If the words have another form.
@@ -107,7 +129,11 @@ class Selection(StrictModel):
             word = rest.pop(0)
             key = "phase" if word in ("train", "test") else "condition"
             value: Any = word
-            if word in ("trial", "part"):
+            if word == "parameter":
+                if not rest:
+                    raise EvidenceError(f"{word} in {' '.join(words)!r} needs a name after it")
+                key, value = word, rest.pop(0)
+            elif word in ("trial", "part"):
                 if not (rest and re.fullmatch("[1-9][0-9]{0,5}", rest[0])):
                     raise EvidenceError(f"{word} in {' '.join(words)!r} needs a number after it")
                 key, value = word, int(rest.pop(0))
@@ -191,6 +217,19 @@ class Networks(StrictModel):
         return [word.format(**places) for word in shlex.split(self.command)]
 
 
+class RecoverySettings(StrictModel):
+    """How a recovery is done; see :class:`~causal_openlock.comparison.recovering.ToRecover`."""
+
+    parameters: Annotated[
+        list[Label], Field(description="Learners whose parameters are recovered, too.")
+    ] = Field(default_factory=list)
+    draws: Count = 128
+    lapse: Annotated[float, Field(ge=0, le=1)] = 0.01
+    sets: Annotated[int, Field(ge=3)] = 20
+    each: Count = 1
+    candidates: Count = 40
+
+
 class StudyFile(StrictModel):
     """A ``study.yaml``."""
 
@@ -201,14 +240,15 @@ class StudyFile(StrictModel):
         Field(pattern=r"^[^\x00]+$", description="Its file, as seen from the study's folder."),
     ]
     measured: Annotated[
-        Literal["trials", "course", "curve"],
+        Literal["trials", "course", "curve", "recovery"],
         Field(
-            description="Each trial of people's protocol, parts of a long course, or the trials of "
-            "one by fifties."
+            description="Each trial of people's protocol, parts of a long course, the trials of "
+            "one by fifties, or who is attributed to whom."
         ),
     ] = "trials"
+    recovery: RecoverySettings = Field(default_factory=RecoverySettings)
     derived: Annotated[
-        Literal["distances_from_people", "learning_costs"] | None,
+        Literal["distances_from_people", "learning_costs", "confusion"] | None,
         Field(description="A table that is computed from all units together."),
     ] = None
     networks: Networks | None = None
@@ -221,14 +261,32 @@ class StudyFile(StrictModel):
 
     @model_validator(mode="after")
     def _figures_are_of_tables(self) -> StudyFile:
-        known = [*self.tables, *([OF_ALL] if self.derived == "distances_from_people" else [])]
+        known = [*self.tables, *([OF_ALL] if self.derived in DRAWN else [])]
         for name in self.figures:
             if name not in known:
                 raise ValueError(f"figures: there is no table {name}; {nearest(name, known)}")
         return self
 
     @model_validator(mode="after")
+    def _recovery_is_by_itself(self) -> StudyFile:
+        if (self.derived == "confusion") > (self.measured == "recovery"):
+            raise ValueError("derived: confusion is of measured: recovery")
+        if self.measured != "recovery":
+            if "recovery" in self.model_fields_set:
+                raise ValueError("recovery: is of measured: recovery")
+            return self
+        if self.networks or self.derived not in (None, "confusion"):
+            raise ValueError("a recovery has no networks:, and derives only confusion")
+        for claim in self.claims.values():
+            for contrast in claim.contrasts.values():
+                if not isinstance(contrast.minus, float):
+                    raise ValueError("minus: of a recovery is a number")  # noqa: TRY004
+        return self
+
+    @model_validator(mode="after")
     def _sides_can_be_selected(self) -> StudyFile:
+        if self.measured == "recovery":
+            return self
         for claim in self.claims.values():
             for contrast in claim.contrasts.values():
                 for side in (contrast.of, contrast.minus):
@@ -290,8 +348,13 @@ class Study:
                 "trainings": [self.training(label) for label in self.training_files],
                 "parameters": networks and networks.parameters,
                 **({"learner": networks.learner} if networks else {}),
+                **({"recovery": self.file.recovery.model_dump()} if self._recovers else {}),
             }
         )
+
+    @property
+    def _recovers(self) -> bool:
+        return self.file.measured == "recovery"
 
     def asks_of(self, label: str) -> str:
         """A hash of what a trained network plays, and as what; not of how it is trained."""
@@ -307,6 +370,8 @@ class Study:
         learners = {one.name for one in self.asked.learners}
         if networks:
             learners = {*networks.files, *networks.parameters}
+        if self._recovers:
+            learners |= {EVERYONE}
         conditions = {one.name for one in self.asked.conditions}
         measures = MEASURED[self.file.measured]
         found = []
@@ -322,7 +387,20 @@ class Study:
             ):  # fmt: skip
                 if name not in known:
                     found.append(f"{place}: {name!r} is not played; {nearest(name, known)}")
+            if (measure == CORRELATION) != (side.parameter is not None):
+                found.append(f"{place}: r is of a parameter, and nothing else is")
+            elif side.parameter and side.parameter not in (own := self._searched(side.learner)):
+                found.append(
+                    f"{place}: {side.parameter!r} of {side.learner} is not recovered; "
+                    f"{nearest(side.parameter, own)}"
+                )
         return found
+
+    def _searched(self, label: str) -> list[str]:
+        """The parameters that are recovered of a learner."""
+        specs = [one for one in self.asked.learners if one.name == label]
+        spaces = [space_of(one) for one in specs if label in self.file.recovery.parameters]
+        return [name for space in spaces if space for name in space.ranges]
 
     def _sides(self) -> Iterator[tuple[str, str, Selection]]:
         for name, claim in self.file.claims.items():
@@ -344,8 +422,12 @@ class Study:
 
     def margin(self, name: str) -> str:
         """A hash of the contrasts of a claim."""
-        contrasts = self.file.claims[name].contrasts
-        return _digest({part: one.model_dump() for part, one in contrasts.items()})
+        dumps = {part: one.model_dump() for part, one in self.file.claims[name].contrasts.items()}
+        for sides in dumps.values():
+            for side in (sides["of"], sides["minus"]):
+                if isinstance(side, dict) and side["parameter"] is None:
+                    del side["parameter"]  # the hashes of what has none are older than it
+        return _digest(dumps)
 
 
 def _digest(content: Any) -> str:

@@ -16,6 +16,8 @@ whether a condition is judged by this row; ``unit``, the number of the subject o
 - ``found``: solutions found of those to be found.
 - ``opens``, ``unlocks``, ``else``, of a course: the shares of attempts that open the door, that
   unlock it and do not open it, and that do neither.
+
+Those of a recovery are in :mod:`~causal_openlock.evidence.confusions`.
 """
 
 from __future__ import annotations
@@ -29,7 +31,15 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.deep.visits import shares
 from causal_openlock.errors import EvidenceError
-from causal_openlock.evidence.study import ATTEMPTS, BLOCK, COURSE, TRIALS, Selection
+from causal_openlock.evidence.study import (
+    ATTEMPTS,
+    BLOCK,
+    COURSE,
+    EVERYONE,
+    RECOVERED,
+    TRIALS,
+    Selection,
+)
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.wording import joined
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
@@ -124,12 +134,14 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         EvidenceError: If the study has no such learner, condition or measure.
     """
     conditions = selection.condition
+    everyone = selection.learner == EVERYONE and measure in RECOVERED
     wanted: dict[str, Any] = {
-        "learner": [selection.learner],
+        "learner": [] if everyone else [selection.learner],
         "condition": [conditions] if isinstance(conditions, str) else conditions,
         "phase": selection.phase and [selection.phase],
         "trial": selection.trial and [selection.trial],
         "part": selection.part and [selection.part],
+        "parameter": selection.parameter and [selection.parameter],
     }
     if selection.phase or selection.trial or selection.part:
         kept = np.ones(len(units), dtype=bool)
@@ -148,6 +160,14 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
     rows = units[kept]
     if measure not in rows or rows[measure].isna().all():
         raise EvidenceError(f"{measure} was not measured of {selection.learner}")
+    if measure in RECOVERED:  # every row is a unit
+        rows = rows.dropna(subset=measure)
+        return Selected(
+            values=rows[measure].to_numpy(float),
+            units=np.arange(len(rows)),
+            share=True,
+            draws=int(rows["subjects"].sum()),
+        )
     each = rows.groupby(["unit", "condition"])[measure].mean().unstack().dropna()
     if each.empty:
         raise EvidenceError(f"no unit has been run with {joined(each.columns)} together")

@@ -19,12 +19,13 @@ level (Schuirmann, 1987). A claim of several contrasts holds if all of them do, 
 correction, as each must pass its own test; it does not hold if none does, not even in part; it is
 undecided while one of them is, and holds in part otherwise.
 
-Intervals are Student's t; of two independent groups Welch's. Fewer than three units decide nothing.
-There are two exceptions. Of shares of which each subject has 0 or 1 they are Clopper and Pearson's
-(1934). And where units are all equal, at the limit of attempts for instance, they cover what so
-many draws can miss: of n draws a fraction of ``1 - 0.025 ** (1 / n)``, each as far off as the
-measure reaches; a network counts for as many draws as it had subjects. Differences with such a side
-are put together from the intervals of both (Newcombe, 1998).
+Intervals are Student's t; of two independent groups Welch's; of correlations Fisher's. Fewer than
+three units decide nothing. There are two exceptions. Of shares of which each subject has 0 or 1
+they are Clopper and Pearson's (1934). And where units are all equal, at the limit of attempts for
+instance, they cover what so many draws can miss: of n draws a fraction of ``1 - 0.025 ** (1 / n)``,
+each as far off as the measure reaches; a network, or a group of a recovery, counts for as many
+draws as it had subjects. Differences with such a side are put together from the intervals of both
+(Newcombe, 1998).
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from scipy import stats
 
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.published import published_units
-from causal_openlock.evidence.study import PUBLISHED, Contrast, Expected, Selection
+from causal_openlock.evidence.study import CORRELATION, PUBLISHED, Contrast, Expected, Selection
 from causal_openlock.evidence.units import Selected, selected
 
 Verdict = Literal["holds", "in part", "does not hold", "undecided"]
@@ -90,6 +91,41 @@ def mean_of(found: Selected) -> Estimate:
     return Estimate(
         mean, {level: _ends(found, level) for level in (LEVEL, EQUIVALENCE)}, (len(values),)
     )
+
+
+def correlation(units: pd.DataFrame, selection: Selection) -> Estimate:
+    """The correlation of a parameter with what is fitted, over sets, with Fisher's interval.
+
+    Raises:
+        EvidenceError: If the parameter was not recovered, of too few sets, or comes out the same
+            in all of them.
+    """
+    known = {"learner", "parameter", "true", "fitted"} <= set(units)
+    rows = units[
+        (units["learner"] == selection.learner) & (units["parameter"] == selection.parameter)
+    ] if known else units[:0]  # fmt: skip
+    if rows.empty:
+        raise EvidenceError(f"{selection.parameter} of {selection.learner} was not recovered")
+    values = rows[["true", "fitted"]].to_numpy(float).T
+    if len(rows) <= LEAST:
+        raise EvidenceError(f"{selection.parameter} was recovered of too few sets")
+    if np.ptp(values, axis=1).min() == 0:
+        raise EvidenceError(f"{selection.parameter} comes out the same, whatever made subjects")
+    found = stats.pearsonr(*values)
+    ends = {level: found.confidence_interval(level) for level in (LEVEL, EQUIVALENCE)}
+    intervals = {level: (float(one.low), float(one.high)) for level, one in ends.items()}
+    return Estimate(float(found.statistic), intervals, (len(rows),))
+
+
+def of_side(units: pd.DataFrame, selection: Selection, measure: str) -> Estimate:
+    """The mean of what is selected; of ``r`` the correlation.
+
+    Raises:
+        EvidenceError: If it has not been run.
+    """
+    if measure == CORRELATION:
+        return correlation(units, selection)
+    return mean_of(selected(units, selection, measure))
 
 
 def _ends(found: Selected, level: float) -> Ends:
@@ -149,10 +185,10 @@ def estimate(
     Raises:
         EvidenceError: If a side has not been run.
     """
-    of = selected(units, contrast.of, contrast.measure)
     known = contrast.minus
     if not isinstance(known, Selection):
-        return from_known(mean_of(of), known)
+        return from_known(of_side(units, contrast.of, contrast.measure), known)
+    of = selected(units, contrast.of, contrast.measure)
     if known.learner in PUBLISHED:
         there = selected(published_units(), known, contrast.measure)
         error = 0.0  # that of shares is not known

@@ -11,28 +11,35 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import Group, weighted_difference
+from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.registry import changed_parameters
+from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_bytes, write_text
-from causal_openlock.files.checksums import table_bytes
+from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.model_selection import select_models
-from causal_openlock.scoring.teacher_forcing import EXACT, GROUP, score_actions
+from causal_openlock.scoring.teacher_forcing import COLUMNS, EXACT, GROUP, score_actions
+from causal_openlock.wording import nearest
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 SUBJECT = [*GROUP, "subject"]
 LN2 = float(np.log(2.0))
+FOLDER, ACTIONS, BY_SUBJECT = "scores", "actions.parquet", "subjects.csv"
+"""Where scores are kept in a results folder."""
+SUBJECT_COLUMNS = ["scored", *SUBJECT, "actions", "nll", "bits", "expected", "bic", "impossible"]
+_TEXTS = dict.fromkeys(["scored", "learner", "condition", "protocol", "experiment"], str)
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,72 @@ class Scores:
         """Which learners subjects follow, if each follows one; see :func:`followed`."""
         return followed(self.subjects)
 
+    @classmethod
+    def read(cls, folder: Path) -> Scores:
+        """The scores that :meth:`save` wrote into a folder.
+
+        Raises:
+            StoreError: If there are none, or they are damaged.
+        """
+        try:
+            actions = read_table((folder / ACTIONS).read_bytes()).to_pandas()
+            made = cls(actions, pd.read_csv(folder / BY_SUBJECT, dtype=_TEXTS))
+            for table, columns in ((actions, COLUMNS), (made.subjects, SUBJECT_COLUMNS)):
+                if missing := {*columns} - {*table.columns}:
+                    raise ValueError(f"it has no column {min(missing)}")
+        except FileNotFoundError:
+            raise StoreError(
+                f"{folder} holds no scores; make them with: causal-openlock score {folder.parent} "
+                "--learner NAME"
+            ) from None
+        except (OSError, ValueError, ChecksumError) as error:
+            raise StoreError(
+                f"the scores in {folder} cannot be read ({in_short(error)}); score the subjects "
+                "again"
+            ) from None
+        return made
+
+    def of(self, learner: str) -> Scores:
+        """Those of the subjects of one learner."""
+        actions, subjects = (
+            one[one["learner"] == learner] for one in (self.actions, self.subjects)
+        )
+        return Scores(actions, subjects)
+
+    def over(self, *columns: str) -> pd.DataFrame:
+        """How well learners predict parts of what was done; see :func:`over`."""
+        return over(self.actions, columns)
+
+    def plot(
+        self, *, of: str | None = None, learners: Sequence[str] | None = None, ax: Any = None
+    ) -> Any:
+        """Draw how many bits per action learners need in each trial; the fewer, the better.
+
+        A panel for each condition, a line for each learner that predicts, the one that predicts
+        best first; with at most four a band is the 95% bootstrap interval over subjects. A trial in
+        which somebody did what a learner takes for impossible has no point.
+
+        Args:
+            of: Label of the learner whose subjects are predicted; by default the first.
+            learners: Labels of those that predict; by default all.
+            ax: As for :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
+
+        Raises:
+            OpenLockError: If one is not in the scores.
+        """
+        from causal_openlock.scoring.figure import draw_scores
+
+        whose = str(self.actions["learner"].iloc[0]) if of is None else of
+        for column, asked in (("learner", [whose]), ("scored", learners or ())):
+            known = [str(name) for name in self.actions[column].unique()]
+            for name in asked:
+                if name not in known:
+                    raise OpenLockError(f"{name} is not in these scores; {nearest(name, known)}")
+        own = self.of(whose)
+        names = [str(name) for name in own.ranking["scored"]]
+        names = [name for name in names if learners is None or name in learners]
+        return draw_scores(own.over("condition", "trial"), names, ax)
+
     def save(self, folder: Path) -> list[Path]:
         """Write ``actions.parquet`` and ``subjects.csv``; returns where.
 
@@ -66,7 +139,7 @@ class Scores:
         """
         import pyarrow as pa
 
-        files = [folder / "actions.parquet", folder / "subjects.csv"]
+        files = [folder / ACTIONS, folder / BY_SUBJECT]
         write_bytes(files[0], table_bytes(pa.Table.from_pandas(self.actions)))
         write_text(files[1], csv_of(self.subjects.round(6)))
         return files
@@ -139,8 +212,9 @@ def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for each ``scored`` learner: ``subjects``, the mean ``bits`` per action with its 95%
         interval ``low`` and ``high``; ``worse``, how much more it needs than the best, on the same
-        subjects, with its interval ``worse_low`` and ``worse_high`` (NaN of the best, and where one
-        cannot do what was done); and ``best_of``, for how many subjects none is better.
+        subjects, with its interval ``worse_low`` and ``worse_high`` and the ``p`` of a paired test
+        (NaN of the best, and where one cannot do what was done); and ``best_of``, for how many
+        subjects none is better.
     """
     wide = subjects.pivot_table(index=SUBJECT, columns="scored", values="bits", observed=True)
     wide = wide[list(dict.fromkeys(subjects["scored"]))].dropna()
@@ -154,9 +228,9 @@ def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
             {
                 "scored": name,
                 "subjects": len(wide),
-                **dict(zip(("bits", "low", "high"), own, strict=True)),
+                **dict(zip(("bits", "low", "high"), own, strict=False)),
                 **(
-                    dict(zip(("worse", "worse_low", "worse_high"), gap, strict=True))
+                    dict(zip(("worse", "worse_low", "worse_high", "p"), gap, strict=True))
                     if name != best
                     else {}
                 ),
@@ -164,7 +238,7 @@ def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
             }
         )
     columns = ["scored", "subjects", "bits", "low", "high", "worse", "worse_low", "worse_high"]
-    return pd.DataFrame(rows, columns=[*columns, "best_of"])
+    return pd.DataFrame(rows, columns=[*columns, "p", "best_of"])
 
 
 def followed(subjects: pd.DataFrame) -> pd.DataFrame:
@@ -192,7 +266,36 @@ def followed(subjects: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _interval(values: np.ndarray) -> tuple[float, float, float]:
+def over(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
+    """How well learners predict parts of what was done, such as each trial; subjects count alike.
+
+    Args:
+        actions: From :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
+        columns: What tells the parts from each other: ``trial``, ``attempt``, ...
+
+    Returns:
+        A row for each ``scored`` learner and part: the mean ``bits`` per action, with its 95%
+        bootstrap interval over subjects, ``ci_low`` and ``ci_high``; what the learner itself
+        ``expected`` to need (NaN where it gives no probabilities); of how many ``actions`` of how
+        many ``subjects``. What one does that the learner takes for impossible needs infinitely
+        many, and has no interval.
+    """
+    by = ["scored", *columns]
+    table = actions.assign(
+        bits=-actions["log_probability"] / LN2, expected=actions["entropy"] / LN2, done=1
+    )
+    each = table.groupby([*dict.fromkeys([*by, *SUBJECT])], observed=True)
+    own = each.agg(bits=("bits", "mean"), expected=("expected", "mean"), done=("done", "sum"))
+    own = own.reset_index()
+    found = own.groupby(by, observed=True).agg(
+        subjects=("bits", "size"), actions=("done", "sum"), bits=("bits", "mean"),
+        expected=("expected", "mean"),
+    )  # fmt: skip
+    known = own[np.isfinite(own.groupby(by, observed=True)["bits"].transform("max"))]
+    return found.reset_index().merge(mean_intervals(known, by, "bits"), on=by, how="left")
+
+
+def _interval(values: np.ndarray) -> tuple[float, float, float, float]:
     if not np.isfinite(values).all():
-        return float(values.mean()), np.nan, np.nan
-    return weighted_difference([Group.of(1, values)])[:3]
+        return float(values.mean()), np.nan, np.nan, np.nan
+    return weighted_difference([Group.of(1, values)])

@@ -43,6 +43,7 @@ PLOTS: dict[str, tuple[Callable[[], Material], dict[str, Any]]] = {
     "plot_savings": (played_results.results, {}),
     "plot_subjects": (played_results.results, {}),
     "plot_beliefs": (played_results.believed, {}),
+    "plot_understanding": (played_results.asked, {}),
 }
 EVERY = pytest.mark.parametrize("name", PLOTS)
 
@@ -301,7 +302,7 @@ REPORTED = {
     "results": {"cost", "survival", "course", "likeness", "congruency", "savings",
                 "subjects"},
     "trained": {"categories"},
-    "believed": {"beliefs"},
+    "believed": {"beliefs", "understanding"},
     "fabricated": {"course", "pairs"},
 }  # fmt: skip
 

@@ -8,8 +8,17 @@ import networkx as nx
 import numpy as np
 import pyarrow as pa
 import pytest
+from matplotlib.figure import Figure
 
-from causal_openlock import Condition, Layout, Session, find_schema, understanding
+from causal_openlock import (
+    Condition,
+    Layout,
+    Session,
+    find_schema,
+    plot_understanding,
+    understanding,
+)
+from causal_openlock.analysis.report.sections import sections_of
 from causal_openlock.analysis.results.understanding import compared
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
@@ -119,6 +128,20 @@ def test_damaged_answers_are_one_sentence(
     write_bytes(path, table_bytes(pa.Table.from_pylist(rows, schema=answers_schema())))
     with pytest.raises(StoreError, match=rf"one\.parquet is damaged \({why}\)"):
         read_answers(tmp_path)
+
+
+def test_the_figure_and_the_section_have_the_means_of_the_table() -> None:
+    material = played("bayes", "CC3-CC4", subjects=3)
+    means = understanding(material).groupby("visit")["shd"].mean()
+    axes = plot_understanding(material, ax=Figure())
+    (line,) = axes.lines
+    assert dict(zip(*line.get_data(), strict=True)) == pytest.approx(means.to_dict())
+    (section,) = sections_of(material, ["understanding"])
+    (row,) = section.tables[0].frame.to_dict("records")
+    assert (row["subjects"], row["rooms"]) == (3, 7)
+    assert row["first room"] == pytest.approx(means[1])
+    assert row["last room"] == pytest.approx(means[7])
+    assert sections_of(played("random", "CC3", subjects=1), ["understanding"]) == []
 
 
 def test_what_people_say_is_kept_and_compared(tmp_path: Path) -> None:

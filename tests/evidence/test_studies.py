@@ -13,9 +13,10 @@ import causal_openlock.evidence.running as running
 from causal_openlock.errors import EvidenceError, FileError, StoreError
 from causal_openlock.evidence.checking import check, write
 from causal_openlock.evidence.figures import draw_course
+from causal_openlock.evidence.keeping import Watched
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.pages import unbound_numbers
-from causal_openlock.evidence.running import Watched, run_study
+from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import Selection, read_studies, read_study
 from causal_openlock.evidence.units import selected

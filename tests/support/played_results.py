@@ -66,6 +66,12 @@ def believed() -> Material:
 
 
 @cache
+def asked() -> Material:
+    """One learner that says what it takes the structure to be, and one that does not."""
+    return played(["bayes", "random"], ["CC3"], 2)
+
+
+@cache
 def empty() -> Material:
     """Nobody played."""
     return Material.of(table([]), NOBODY)

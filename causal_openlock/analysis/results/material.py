@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import pandas as pd
@@ -35,6 +36,7 @@ class Material:
         learners: Labels in the order in which they are shown.
         like_people: Which learners in which conditions did what people did.
         bounds: What the ideal observer needs.
+        folders: The results folders that it was read from.
     """
 
     record: pa.Table
@@ -43,6 +45,7 @@ class Material:
     learners: tuple[str, ...]
     like_people: Pairs
     bounds: Bounds
+    folders: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         names = ordered(self.trials["learner"].unique(), self.learners)

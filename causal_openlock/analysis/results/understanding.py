@@ -19,10 +19,11 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.learner import Learner, Structure
 from causal_openlock.contract.registry import create, learner_class
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.answers import Answer
+from causal_openlock.experiment.answers import Answer, read_answers
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.session import AT_ONCE, Session
@@ -38,6 +39,8 @@ COLUMNS = (
 )
 LIKELY = 0.5
 """An edge that is more probable is taken to be in the graph."""
+ASKED = 10
+"""Subjects of a learner in a condition that a report lets play again."""
 
 
 def compared(believed: Structure, schema: Schema, layout: Layout) -> dict[str, float]:
@@ -98,7 +101,7 @@ def _turned(said: BoolArray, true: BoolArray) -> int:
 
 
 def understanding(
-    results: Material, answers: Sequence[Answer] = (), subjects: int | None = None
+    results: Material, answers: Sequence[Answer] | None = None, subjects: int | None = None
 ) -> pd.DataFrame:
     """How well subjects understood each room when they left it.
 
@@ -113,7 +116,7 @@ def understanding(
 
     Args:
         results: What was played.
-        answers: What people said.
+        answers: What people said; by default what is kept in the folders of the results.
         subjects: The most subjects of a learner in a condition; by default all.
 
     Returns:
@@ -121,8 +124,12 @@ def understanding(
         ``visit`` (number of the trial in the whole condition, from 1), ``schema``, and what
         :func:`compared` gives. A solved room of the paper leaves these learners next to nothing to
         doubt.
-        nothing to doubt.
+
+    Raises:
+        StoreError: If a file of answers is damaged.
     """
+    if answers is None:
+        answers = [one for folder in results.folders for one in read_answers(folder)]
     rows = [row for answer in answers if (row := _answered(results, answer))]
     for spec in results.experiment.learners:
         if not _can_say(spec):
@@ -134,6 +141,23 @@ def understanding(
                 rows += _again(own[own["subject"].isin(numbers)], spec, condition)
     table = pd.DataFrame(rows, columns=COLUMNS)
     return table.sort_values(list(COLUMNS[:5]), kind="stable", ignore_index=True)
+
+
+def understood(table: pd.DataFrame) -> pd.DataFrame:
+    """What that comes to, over subjects.
+
+    Args:
+        table: From :func:`understanding`.
+
+    Returns:
+        A row for each learner, condition, protocol and ``visit``: how many ``subjects``; the means
+        of ``shd``, with its 95% bootstrap interval ``ci_low`` and ``ci_high``, ``f1`` and
+        ``brier``.
+    """
+    by = ["learner", "condition", "protocol", "visit"]
+    grouped = table.groupby(by, observed=True)
+    means = grouped[["shd", "f1", "brier"]].mean().assign(subjects=grouped.size()).reset_index()
+    return means.merge(mean_intervals(table, by, "shd"), on=by)
 
 
 def _can_say(spec: LearnerSpec) -> bool:

@@ -27,6 +27,7 @@ ORDER = (
     "learning_cost",
     "survival",
     "waste",
+    "understanding",
     "human_likeness",
     "paper_findings",
     "transfer",

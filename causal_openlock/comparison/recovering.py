@@ -1,0 +1,149 @@
+"""The steps of a recovery: simulate subjects, let learners predict them, fit parameters to them.
+
+Each step goes on where it was, from what is in its folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from causal_openlock.comparison.comparing import play
+from causal_openlock.comparison.progress import Show
+from causal_openlock.errors import LearnerError
+from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+from causal_openlock.experiment.store import Store
+from causal_openlock.experiment.workers import available_cores
+from causal_openlock.fitting.actions import ActionPlan, FitJob, fit_all
+from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, space_of
+from causal_openlock.fitting.search import SearchSpace
+from causal_openlock.fitting.study import require_optuna
+from causal_openlock.scoring.inverse_binomial import Draws
+from causal_openlock.scoring.scores import LAPSE
+from causal_openlock.scoring.teacher_forcing import recorded_subjects, score_actions
+
+SIMULATED, SCORES = "simulated", "scores"
+"""Folders of the subjects, and of what is scored."""
+
+
+@dataclass(frozen=True)
+class ToRecover:
+    """The size of a recovery, and how it is done.
+
+    Attributes:
+        draws: The most copies to ask of a learner without probabilities.
+        lapse: The share of actions that are taken to be random.
+        sets: Sets of parameters to recover.
+        each: Subjects in each condition that share a set.
+        candidates: Settings to try for each fit.
+    """
+
+    draws: int = 128
+    lapse: float = LAPSE
+    sets: int = 20
+    each: int = 1
+    candidates: int = 40
+
+
+@dataclass(frozen=True)
+class Running:
+    """How it is run, and watched.
+
+    Attributes:
+        workers: Number of processes; 0 for this one, by default one for each core.
+        warn: Called with a sentence on what a user should know.
+        show: Called with the progress of simulated subjects.
+        report: Called with how many parts are scored, or fitted, of how many.
+    """
+
+    workers: int | None = None
+    warn: Callable[[str], None] = lambda _: None
+    show: Show | None = None
+    report: Callable[[int, int], None] = lambda done, total: None
+
+    @property
+    def processes(self) -> int:
+        """How many processes work, this one included."""
+        return available_cores() if self.workers is None else max(1, self.workers)
+
+    def simulated(self, experiment: Experiment, folder: Path) -> Store:
+        """The subjects of an experiment, which are played if they are not there."""
+        store = Store(folder / SIMULATED)
+        if failed := play(experiment, store.folder, workers=self.workers, warn=self.warn,
+                          progress=self.show):  # fmt: skip
+            raise failed
+        return store
+
+
+def predicted(
+    experiment: Experiment, folder: Path, size: ToRecover, running: Running
+) -> pd.DataFrame:
+    """Simulate subjects of every learner, and let all predict all.
+
+    Returns:
+        As :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
+
+    Raises:
+        CellsFailed: If some subjects could not be simulated.
+        LearnerError: If a learner cannot be put in another's place.
+    """
+    return score_actions(
+        *running.simulated(experiment, folder).record(),
+        list(experiment.learners),
+        size.lapse,
+        draws=Draws(most=size.draws),
+        workers=running.processes,
+        keep=folder / SCORES,
+        report=running.report,
+    )
+
+
+def searched(spec: LearnerSpec) -> SearchSpace:
+    """What is searched of a learner as it is set.
+
+    Raises:
+        LearnerError: If it has no search space of its own.
+    """
+    space = space_of(spec)
+    if space is None:
+        raise LearnerError(
+            f"{spec.name} has no search space of its own as it is set, so its parameters cannot "
+            "be recovered; bayes with the policy thompson and theory_based have one"
+        )
+    return space
+
+
+def parameters_recovered(
+    spec: LearnerSpec, experiment: Experiment, folder: Path, size: ToRecover, running: Running
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Simulate subjects with drawn parameters of a learner, and fit its parameters to them.
+
+    Returns:
+        As :func:`~causal_openlock.fitting.recovery.recovered`.
+
+    Raises:
+        CellsFailed: If some subjects could not be simulated.
+        LearnerError: If the learner has no search space of its own.
+        OpenLockError: If Optuna is not installed.
+    """
+    require_optuna()
+    space = searched(spec)
+    truth = drawn_sets(space, size.sets, experiment.seed)
+    made = make_experiment(
+        list(experiment.conditions),
+        made_with(space, truth, size.each),
+        protocol=spec.protocol,
+        seed=experiment.seed,
+    )
+    record, played = running.simulated(made, folder).record()
+    plan = ActionPlan(space, size.lapse, "none", candidates=size.candidates, seed=experiment.seed)
+    jobs = [
+        FitJob(one.name, tuple(recorded_subjects(record, played, [one.name])), -1, plan)
+        for one in made.learners
+    ]
+    fits = fit_all(jobs, folder, workers=running.processes, report=running.report)
+    return recovered(truth, fits, space)

@@ -1,0 +1,113 @@
+"""What a study of recovery keeps, and what follows: who is attributed to whom.
+
+A study with ``measured: recovery`` simulates subjects of every learner of its experiment, and lets
+every learner predict all of them (:mod:`~causal_openlock.fitting.recovery`). Its
+``units.parquet`` has three kinds of rows:
+
+- a row for each simulated subject: ``nats NAME``, the log-likelihood of what it did under each
+  learner; how many ``actions`` it took; and ``single``, 1 if it is attributed to the learner that
+  made it, 0 if to others, and a share where several predict it equally well;
+- a row for each learner and condition: ``groups``, the share of groups of as many ``subjects``,
+  drawn with replacement, that are attributed to the learner that made them;
+- a row for each set and ``parameter`` that was recovered: the ``true`` value and the ``fitted``
+  one, logarithms where these were searched. ``r``, their correlation over sets, follows from them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.evidence.study import Study
+from causal_openlock.fitting.recovery import Recovery, attributed, recovery
+from causal_openlock.fitting.search import SearchSpace
+from causal_openlock.scoring.scores import LN2, SUBJECT
+
+NATS = "nats "
+WHOLE = {"phase": "test", "judged": True}
+"""A subject is looked at as a whole, so that a phase or a trial says nothing."""
+
+
+def units_of_recovery(actions: pd.DataFrame, seed: int) -> pd.DataFrame:
+    """The rows of subjects and of groups.
+
+    Args:
+        actions: From :func:`~causal_openlock.comparison.recovering.predicted`.
+        seed: Of the groups.
+    """
+    sums = actions.groupby([*SUBJECT, "scored"], observed=True)["log_probability"].sum()
+    wide = sums.unstack("scored")[list(dict.fromkeys(actions["scored"]))]
+    taken = actions[actions["scored"] == wide.columns[0]].groupby(SUBJECT, observed=True).size()
+    makers = wide.index.get_level_values("learner")
+    single = [
+        float(attributed(row[None])[wide.columns.get_loc(maker)])
+        for maker, row in zip(makers, wide.to_numpy(float), strict=True)
+    ]
+    subjects = wide.add_prefix(NATS).assign(actions=taken, single=single).reset_index()
+    subjects = subjects.rename(columns={"subject": "unit"}).assign(subjects=1)
+    groups = recovery_of(subjects, seed).by_size
+    sizes = subjects.groupby(["learner", "condition", "protocol"], observed=True, sort=False).size()
+    whole = (
+        sizes.rename("subjects")
+        .reset_index()
+        .merge(groups, on=["learner", "condition", "subjects"])
+    )
+    whole = whole.rename(columns={"right": "groups"}).drop(columns="trials").assign(unit=0)
+    kept = subjects.drop(columns=["experiment", "seed"])
+    return pd.concat([kept, whole], ignore_index=True).assign(**WHOLE)
+
+
+def units_of_parameters(learner: str, pairs: pd.DataFrame, space: SearchSpace) -> pd.DataFrame:
+    """The rows of a learner's parameters.
+
+    Args:
+        learner: Its label.
+        pairs: From :func:`~causal_openlock.fitting.recovery.recovered`.
+        space: What was searched.
+    """
+    logs = pairs["parameter"].map({name: one.log for name, one in space.ranges.items()})
+    found = {
+        name: np.where(logs, np.log(pairs[name].where(logs, 1.0)), pairs[name])
+        for name in ("true", "fitted")
+    }
+    return pd.DataFrame(
+        {"learner": learner, "condition": "", "protocol": "", "unit": pairs["set"],
+         "subjects": 1, "parameter": pairs["parameter"], **found, **WHOLE}
+    )  # fmt: skip
+
+
+def recovery_of(units: pd.DataFrame, seed: int) -> Recovery:
+    """Who is attributed to whom, from the rows of subjects."""
+    names = [str(name) for name in units.columns if str(name).startswith(NATS)]
+    subjects = units.dropna(subset=names).rename(columns={"unit": "subject"})
+    key = subjects[["learner", "condition", "protocol", "subject"]].assign(experiment="", seed=seed)
+    parts = [
+        key.assign(trial=1, scored=name.removeprefix(NATS), log_probability=subjects[name])
+        for name in names
+    ]
+    found = recovery(pd.concat(parts, ignore_index=True), seed)
+    sums = subjects.groupby("learner", observed=True)[[*names, "actions"]].sum()
+    bits = -sums[names].div(sums["actions"], axis=0) / LN2
+    return replace(found, bits=bits.rename(columns=lambda name: str(name).removeprefix(NATS)))
+
+
+def confusion(study: Study, units: pd.DataFrame) -> pd.DataFrame:
+    """Who is taken for whom.
+
+    Columns: by learner, the share of single subjects that are attributed to it; ``groups``, the
+    share of groups that are attributed to the learner that made them, and ``taken for``, what else
+    they are attributed to; ``bits`` per action, as the learner that made them predicts subjects.
+    """
+    found = recovery_of(units, study.asked.seed)
+    table = found.single.rename_axis(index="learner").reset_index()
+    names = list(found.single.index)
+    taken: dict[str, list[str]] = {name: [] for name in names}
+    for maker, other, share in found.confused(found.groups, above=0.005):
+        taken[maker].append(f"{other} {share:.2f}")
+    return table.assign(
+        groups=[found.groups.loc[name, name] for name in names],
+        **{"taken for": [", ".join(taken[name]) or "–" for name in names]},
+        bits=[found.bits.loc[name, name] for name in names],
+    )

@@ -1,0 +1,156 @@
+"""A section of the report: which learner predicts what subjects did, if they were scored.
+
+It is made of what ``causal-openlock score`` left in a results folder. Statistics are those of
+:mod:`~causal_openlock.scoring.scores`, for the subjects of each learner by themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.effects import ALPHA
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Section, SectionPlot
+from causal_openlock.analysis.results.decisions import Decisions
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.scoring.failures import failures, worst_attempts
+from causal_openlock.scoring.scores import FOLDER, SUBJECT, Scores
+from causal_openlock.wording import file_names
+from causal_openlock.world.room import action_names, positions_for
+
+MOST_PLOTS = 4
+"""A figure for the subjects of so many learners; tables have all of them."""
+_PROSE = Prose("scores")
+_NAMES = {
+    **{"scored": "predicted by", "by": "predicted by", "low": "ci_low", "high": "ci_high"},
+    **{"worse": "more than best", "worse_low": "low", "worse_high": "high"},
+    **{"p_corrected": "p corrected", "best_of": "best of"},
+}
+_FORMATS = {
+    **dict.fromkeys(("bits", "ci_low", "ci_high", "expected", "beyond"), ".2f"),
+    **dict.fromkeys(("more than best", "low", "high"), "+.2f"),
+    **{"p corrected": ".2g", "followed": ".0%", "most frequent": ".2f"},
+    **{"actions": ",", "subjects": ","},
+}
+_KEY = {name: (int if name in ("seed", "subject") else str) for name in SUBJECT}
+
+
+def scores_on_record(material: Material) -> Scores | None:
+    """The scores in the folders of results, of the subjects that are on record.
+
+    Raises:
+        StoreError: If they are damaged.
+    """
+    found = [Scores.read(one / FOLDER) for one in material.folders if (one / FOLDER).is_dir()]
+    if not found:
+        return None
+    known = pd.MultiIndex.from_frame(material.trials[SUBJECT].astype(_KEY)).unique()
+    parts = []
+    for tables in ([one.actions for one in found], [one.subjects for one in found]):
+        table = pd.concat(tables, ignore_index=True)
+        kept = pd.MultiIndex.from_frame(table[SUBJECT].astype(_KEY)).isin(known)
+        parts.append(table[kept])
+    return Scores(*parts) if len(parts[0]) and len(parts[1]) else None
+
+
+def tests(material: Material) -> dict[Hashable, float]:
+    """The p of every learner against the best, by whose subjects are predicted and by whom."""
+    return {
+        (of, row.scored): row.p
+        for of, one in _each(material)
+        for row in one.ranking.itertuples()
+        if not np.isnan(row.worse)
+    }
+
+
+def section(material: Material, decisions: Decisions) -> Section | None:
+    """Who predicts best, who follows whom, and where the best fails; None without scores."""
+    positions = {
+        one.name: max(map(positions_for, one.schemas)) for one in material.experiment.conditions
+    }
+    who: list[dict[str, Any]] = []
+    tables: dict[str, list[pd.DataFrame]] = {"scores": [], "failures": [], "worst_attempts": []}
+    plots: list[SectionPlot] = []
+    each = dict(_each(material))
+    parts = file_names(each)
+    for of, one in each.items():
+        ranked, shares = one.ranking, one.followed.set_index("scored")
+        best = str(ranked["scored"].iloc[0])
+        own = one.actions[one.actions["scored"] == best]
+        worst = failures(own, positions)
+        ranked = ranked.assign(
+            p_corrected=[
+                np.nan if np.isnan(row.worse) else decisions.p(__name__, (of, row.scored))
+                for row in ranked.itertuples()
+            ],
+            followed=shares.loc[ranked["scored"], "frequency"].to_numpy(),
+            **{"most frequent": shares.loc[ranked["scored"], "protected"].to_numpy()},
+        )
+        tables["scores"].append(ranked.assign(of=of))
+        tables["failures"].append(worst.assign(of=of, by=best))
+        tables["worst_attempts"].append(worst_attempts(own, positions).assign(of=of, by=best))
+        who.append(_found(of, ranked, worst, own, positions))
+        if len(plots) < MOST_PLOTS:
+            name = f"scores_{parts[of]}"
+            call = f"results.scores.plot(of={of!r})"
+            plots.append(
+                _PROSE.plot("scores", Scores.plot, one, {"of": of}, name, call, of=of,
+                            bands=len(ranked))
+            )  # fmt: skip
+    if not who:
+        return None
+    shown = [_PROSE.table(name, _shown(rows, len(each)), _FORMATS) for name, rows in tables.items()]
+    return _PROSE.section("scores", shown, plots, who=who, subjects=_sizes(material, each))
+
+
+def _each(material: Material) -> list[tuple[str, Scores]]:
+    """The scores of the subjects of each learner, in the order of tables."""
+    scores = scores_on_record(material)
+    if scores is None:
+        return []
+    names = ordered(scores.subjects["learner"].astype(str).unique(), material.learners)
+    return [(name, scores.of(name)) for name in names]
+
+
+def _found(
+    of: str,
+    ranked: pd.DataFrame,
+    worst: pd.DataFrame,
+    own: pd.DataFrame,
+    positions: Mapping[str, int],
+) -> dict[str, Any]:
+    """What is said of the subjects of one learner."""
+    others = ranked.iloc[1:]
+    beaten = others["p_corrected"] < ALPHA
+    size = {name: np.log2(len(action_names(count))) for name, count in positions.items()}
+    return {
+        "of": of,
+        "best": ranked.iloc[0].to_dict(),
+        "beaten": others.loc[beaten, "scored"].tolist(),
+        "others": others.loc[~beaten, "scored"].tolist(),
+        "uniform": float(own["condition"].astype(str).map(size).mean()),
+        "actions": len(own),
+        "most": ranked.loc[ranked["followed"].idxmax()].to_dict(),
+        "worst": worst.iloc[0].to_dict(),
+    }
+
+
+def _shown(tables: Sequence[pd.DataFrame], several: int) -> pd.DataFrame:
+    """Tables as one; whose subjects they are about stands first, where there are several."""
+    table = pd.concat(tables, ignore_index=True).rename(columns=_NAMES)
+    first = [*(["of"] if several > 1 else []), "predicted by"]
+    order = [*first, *(name for name in table.columns if name not in ("of", "predicted by", "p"))]
+    return table[order]
+
+
+def _sizes(material: Material, each: Mapping[str, Scores]) -> tuple[int, int]:
+    """How many subjects are scored, and how many of the same learners are on record."""
+    scored = sum(len(one.subjects[SUBJECT].drop_duplicates()) for one in each.values())
+    trials = material.trials
+    known = trials[trials["learner"].isin(list(each))]
+    return scored, len(known[SUBJECT].drop_duplicates())

@@ -1,0 +1,217 @@
+"""Studies that ask which learners, and which parameters, are found again."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import causal_openlock.evidence.recovering as recovering
+from causal_openlock.errors import EvidenceError, FileError
+from causal_openlock.evidence.checking import check, write
+from causal_openlock.evidence.confusions import (
+    recovery_of,
+    units_of_parameters,
+    units_of_recovery,
+)
+from causal_openlock.evidence.keeping import Watched
+from causal_openlock.evidence.measured import Evidence
+from causal_openlock.evidence.running import run_study
+from causal_openlock.evidence.stored import read_run, read_units
+from causal_openlock.evidence.study import Contrast, Selection, read_study
+from causal_openlock.evidence.units import Selected
+from causal_openlock.evidence.verdicts import correlation, estimate, mean_of
+from causal_openlock.fitting.actions import ActionPlan
+from causal_openlock.fitting.recovery import recovery
+from causal_openlock.fitting.search import bundled_search
+
+EXPERIMENT = """
+name: two
+seed: 4
+subjects: 5
+protocol: brief
+conditions: [CC3]
+protocols: {brief: {attempt_limit: 8, stop_when_solved: true, baseline_trials: 2}}
+learners:
+  - random
+  - win_stay
+  - {learner: bayes, name: thompson, parameters: {policy: thompson, forgets: failures}}
+"""
+STUDY = """
+title: Whether three learners are told apart
+experiment: experiment.yaml
+measured: recovery
+recovery: {parameters: [thompson], sets: 4, candidates: 1}
+derived: confusion
+hours: 0.01
+claims:
+  told_apart:
+    text: At least half of all subjects, and of groups, are attributed right
+    contrasts:
+      single: {measure: single, of: {learner: everyone}, minus: 0.5, expected: more}
+      groups: {measure: groups, of: {learner: everyone}, minus: 0.5, expected: more}
+      win_stay in CC3: {measure: single, of: {learner: win_stay, condition: CC3}, minus: 0.3, expected: more}
+  parameters:
+    text: Forgetting is recovered
+    contrasts:
+      forgetting: {measure: r, of: {learner: thompson, parameter: forgetting}, minus: 0.7, expected: more}
+tables:
+  r: {measure: r, interval: true, columns: [parameter forgetting, parameter directness], rows: {thompson: Thompson}}
+figures: [derived]
+"""  # noqa: E501
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    folder = tmp_path / "evidence" / "small"
+    folder.mkdir(parents=True)
+    (folder / "study.yaml").write_text(STUDY)
+    (folder / "experiment.yaml").write_text(EXPERIMENT)
+    return tmp_path / "evidence"
+
+
+def test_a_study_of_recovery_from_the_run_to_its_page(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "causal_openlock.comparison.recovering.ActionPlan", partial(ActionPlan, moves=1)
+    )
+    study, results = read_study(root / "small"), root.parent / "results"
+    assert not study.faults()
+    with monkeypatch.context() as patched:
+        patched.setattr(recovering, "parameters_recovered", _stopped)
+        with pytest.raises(KeyboardInterrupt):
+            run_study(study, results, Watched(workers=0))
+    assert not read_run(study)["complete"]
+    assert Evidence(study).text("claim parameters verdict") == "undecided"
+    assert len(read_units(study)) == 3 * 5 + 3  # subjects, and groups
+
+    with monkeypatch.context() as patched:  # what is scored is not scored again
+        patched.setattr("causal_openlock.scoring.teacher_forcing.score_part", None)
+        run_study(study, results, Watched(workers=0))
+    found = Evidence(study)
+    assert found.complete
+    units = read_units(study)
+    assert len(units) == 3 * 5 + 3 + 4 * 4
+    assert found.text("claim told_apart verdict") == "holds"
+    assert float(found.text("single win_stay")) > 0.8
+    assert found.text("groups everyone units") == "3"
+    # Of one candidate everything comes out the same.
+    assert found.text("claim parameters verdict") == "undecided"
+    assert "comes out the same, whatever made subjects" in found.block("claims")
+    assert found.text("derived win_stay win_stay") == found.text("single win_stay").replace(
+        ".", "0.", 1
+    ).replace("10.", "1.")
+    shown = found.block("derived").splitlines()
+    assert shown[0] == "|  | random | win_stay | thompson | groups | taken for | bits |"
+    assert found.derived.loc["random", "bits"] == pytest.approx(np.log2(15))
+
+    changed, faults = write(root)
+    assert not faults
+    assert not check(root)
+    names = {path.name for path in changed}
+    assert names == {"README.md", "verdicts.csv", "derived.svg"}
+    page = (root / "small" / "README.md").read_text()
+    assert "lets every learner predict every subject" in page
+    assert "parameters" in (root / "small" / "verdicts.csv").read_text()
+    assert "| Thompson | – | – | – |" in page
+
+    before = read_units(study)
+    for path in sorted(results.rglob("*"), reverse=True):
+        path.rmdir() if path.is_dir() else path.unlink()
+    results.rmdir()
+    run_study(study, results, Watched(workers=0))  # all is stored: nothing is run
+    assert not results.exists()
+    pd.testing.assert_frame_equal(read_units(study), before)
+
+
+def _stopped(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def made_up(chances: dict[str, list[float]]) -> pd.DataFrame:
+    """By maker, by how many nats the learner `a` predicts each subject better than `b`."""
+    return pd.DataFrame(
+        [
+            {"scored": scored, "learner": maker, "condition": "CC3", "protocol": "human",
+             "experiment": "e", "seed": 1, "subject": subject, "trial": trial,
+             "log_probability": value / 2}
+            for maker, differences in chances.items()
+            for subject, difference in enumerate(differences)
+            for trial in (1, 2)
+            for scored, value in (("a", -9.0 + difference), ("b", -9.0))
+        ]
+    )  # fmt: skip
+
+
+def test_units_hold_all_that_the_confusion_needs() -> None:
+    actions = made_up({"a": [3, 3, 3, -1, 0], "b": [-2, -2, -2, -2, -2]})
+    units = units_of_recovery(actions, 1)
+    assert units.query("learner == 'a'")["single"].dropna().tolist() == [1, 1, 1, 0, 0.5]
+    of_a, of_b = units["groups"].dropna().tolist()
+    assert 0.9 < of_a < of_b == 1.0
+    again, plain = recovery_of(units, 1), recovery(actions, 1)
+    pd.testing.assert_frame_equal(again.single, plain.single)
+    pd.testing.assert_frame_equal(again.bits, plain.bits, check_names=False)
+
+
+def test_a_group_counts_for_as_many_draws_as_it_had_subjects() -> None:
+    """Or forty-eight groups that are all right could not show nineteen in twenty."""
+    groups = np.ones(48)
+    assert mean_of(Selected(groups, share=True, draws=48)).interval[0] < 0.95
+    assert mean_of(Selected(groups, share=True, draws=48 * 40)).interval[0] > 0.95
+
+
+def test_correlations_are_of_what_was_searched() -> None:
+    space = bundled_search("theory_based")
+    pairs = pd.DataFrame(
+        [
+            {"set": number, "parameter": "local_gain", "true": true, "fitted": true**2}
+            for number, true in enumerate((0.1, 0.2, 0.3, 0.5, 0.9))
+        ]
+    )
+    units = units_of_parameters("thompson", pairs, space)
+    assert np.exp(units["true"]).tolist() == pytest.approx([0.1, 0.2, 0.3, 0.5, 0.9])
+    one = Selection.parse(["thompson", "parameter", "local_gain"])
+    units["fitted"] += [0.5, -0.5, 0.2, 0.4, -0.1]
+    found = correlation(units, one)
+    r = np.corrcoef(units["true"], units["fitted"])[0, 1]
+    assert found.value == pytest.approx(r)
+    z = np.arctanh(r) + np.array([-1, 1]) * 1.959964 / np.sqrt(5 - 3)
+    assert found.interval == pytest.approx(np.tanh(z), abs=1e-6)
+    assert found.n == "5"
+    contrast = Contrast(measure="r", of=one, minus=0.2, expected="more")
+    assert estimate(units, contrast, "subject").value == pytest.approx(r - 0.2)
+    with pytest.raises(EvidenceError, match="of too few sets"):
+        correlation(units[:3], one)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            ("minus: 0.5", "smallest: 0.1, minus: {learner: random}"),
+            "minus: of a recovery is a number",
+        ),
+        (("measured: recovery\n", ""), "derived: confusion is of measured: recovery"),
+        (("derived: confusion\n", "derived: learning_costs\n"), "derives only confusion"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(root: Path, change: tuple[str, str], message: str) -> None:
+    path = root / "small" / "study.yaml"
+    path.write_text(path.read_text().replace(*change).replace("figures: [derived]\n", ""))
+    with pytest.raises(FileError, match=message):
+        read_study(root / "small")
+
+
+def test_what_is_not_played_is_named_before_the_run(root: Path) -> None:
+    path = root / "small" / "study.yaml"
+    path.write_text(path.read_text().replace("of: {learner: everyone}", "of: {learner: everyon}"))
+    with pytest.raises(EvidenceError, match="'everyon' is not played; did you mean everyone"):
+        run_study(read_study(root / "small"), root.parent / "results", Watched(workers=0))
+    path.write_text(STUDY.replace("measure: r, of", "measure: single, of"))
+    with pytest.raises(EvidenceError, match="r is of a parameter, and nothing else is"):
+        run_study(read_study(root / "small"), root.parent / "results", Watched(workers=0))

@@ -1,0 +1,166 @@
+"""The section of the report on scores: who predicts best, who follows whom, what fails."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+import causal_openlock as ol
+from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.report.sections import ORDER, decisions_of, sections_of
+from causal_openlock.comparison.results import SECTIONS
+from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.scoring.failures import failures, worst_attempts
+from causal_openlock.scoring.scores import FOLDER, Scores, over
+
+OURS = "causal_openlock.scoring.section"
+SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two learners, six subjects each, scored by three."""
+    folder = tmp_path_factory.mktemp("scored") / "results"
+    thompson = ol.learner("bayes", label="thompson", policy="thompson")
+    results = ol.compare(
+        "CC3", [thompson, "win_stay"], protocol=SHORT, subjects=6, seed=5, out=folder, workers=0
+    )
+    results.score([thompson, "win_stay", "random"]).save(folder / FOLDER)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def shown(folder: Path) -> Section:
+    (found,) = sections_of(ol.open_results(folder), [OURS])
+    return found
+
+
+def rows(section: Section, name: str) -> pd.DataFrame:
+    (table,) = (one for one in section.tables if one.name == name)
+    return table.frame
+
+
+def test_it_is_in_the_report_of_a_folder_that_is_scored_and_in_no_other(
+    folder: Path, tmp_path: Path
+) -> None:
+    assert set(SECTIONS) - set(ORDER) == {OURS}
+    shutil.copytree(folder, tmp_path / "other")
+    shutil.rmtree(tmp_path / "other" / FOLDER)
+    other = ol.open_results(tmp_path / "other")
+    assert sections_of(other, [OURS]) == []
+    with pytest.raises(StoreError, match="are not scored; do it with: causal-openlock score"):
+        _ = other.scores
+
+
+def test_who_acted_is_found_to_predict_best(shown: Section) -> None:
+    table = rows(shown, "scores").set_index(["of", "predicted by"])
+    for name in ("thompson", "win_stay"):
+        own = table.loc[name]
+        assert own.index[0] == name
+        assert own["best of"].tolist() == [6, 0, 0]
+        assert (own["p corrected"].iloc[1:] < 0.05).all()
+        assert own["followed"].idxmax() == name
+        assert own.loc["random", "bits"] == pytest.approx(np.log2(15))
+    said = " ".join(shown.text)
+    assert "Of thompson, 6 subjects with" in said
+    assert "thompson predicts best, with" in said
+    assert "who knows nothing needs 3.91" in said
+    assert [plot.name for plot in shown.plots] == ["scores_thompson", "scores_win_stay"]
+
+
+def test_ps_are_corrected_with_all_others_of_the_report(folder: Path) -> None:
+    results = ol.open_results(folder)
+    alone, all_of_it = (decisions_of(results, order) for order in ([OURS], [OURS, "pairwise"]))
+    assert all_of_it.total == alone.total + 1 == 5
+    keys = [("thompson", "random"), ("win_stay", "random")]
+    assert sum(alone.p(OURS, key) for key in keys) < sum(all_of_it.p(OURS, key) for key in keys)
+
+
+def test_subjects_that_are_not_on_record_do_not_count(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "other")
+    scores = ol.open_results(folder).scores
+    kept = [one[one["subject"] != 2] for one in (scores.actions, scores.subjects)]
+    odd = [one.assign(subject=one["subject"] + 900) for one in kept]
+    both = [pd.concat(pair) for pair in zip(kept, odd, strict=True)]
+    Scores(*both).save(tmp_path / "other" / FOLDER)
+    results = ol.open_results(tmp_path / "other")
+    assert results.scores.subjects["subject"].max() == 5
+    (section,) = sections_of(results, [OURS])
+    assert "10 subjects" in section.text[0]
+    assert "2 more of the same learners are on record, and not scored" in section.text[0]
+
+
+@pytest.mark.parametrize("damage", ["cut", "no column", "other"])
+def test_damaged_scores_are_one_sentence(folder: Path, tmp_path: Path, damage: str) -> None:
+    shutil.copytree(folder / FOLDER, tmp_path / FOLDER)
+    path = tmp_path / FOLDER / ("actions.parquet" if damage == "cut" else "subjects.csv")
+    if damage == "no column":
+        pd.read_csv(path).drop(columns="bits").to_csv(path, index=False)
+    else:
+        path.write_bytes(path.read_bytes()[:200] if damage == "cut" else b"\xff\x00")
+    with pytest.raises(StoreError, match=r"scores in .* cannot be read \(.+\); score the subjects"):
+        Scores.read(tmp_path / FOLDER)
+
+
+def made_up(bits: list[list[float]]) -> pd.DataFrame:
+    """Scores of `theory` on one condition: a row of bits for each subject's actions, expected 1."""
+    return pd.DataFrame(
+        [
+            {"scored": "theory", "learner": "person", "condition": "CC3", "protocol": "human",
+             "experiment": "e", "seed": 1, "subject": subject, "trial": 1,
+             "attempt": 1 + place // 3, "action": 1 + place % 3,
+             "action_index": (0, 8, 14)[place % 3],
+             "log_probability": -value * np.log(2), "entropy": np.log(2)}
+            for subject, own in enumerate(bits)
+            for place, value in enumerate(own)
+        ]
+    )  # fmt: skip
+
+
+def test_subjects_count_alike_and_what_is_impossible_has_no_interval() -> None:
+    table = made_up([[1, 1, 1, 1, 1, 4], [2, 2, 2]])
+    whole = over(table, ["trial"]).iloc[0]
+    assert (whole["bits"], whole["subjects"], whole["actions"]) == (1.75, 2, 9)
+    assert whole["expected"] == pytest.approx(1.0)
+    assert whole["ci_low"] == pytest.approx(1.5)
+    assert whole["ci_high"] == pytest.approx(2.0)
+    never = over(made_up([[1, 1], [np.inf, 1]]), ["trial"]).iloc[0]
+    assert np.isinf(never["bits"])
+    assert np.isnan(never["ci_low"])
+
+
+def test_where_it_fails_is_beyond_what_it_expected() -> None:
+    # It has every third action of a second attempt wrong, and one first action.
+    table = made_up([[1, 1, 1, 1, 1, 6], [1, 1, 1, 1, 1, 6], [5, 1, 1, 1, 1, 6]])
+    found = failures(table, {"CC3": 7})
+    assert found["part"].iloc[0] == "later actions"
+    assert found["part"].iloc[1] == "pushes of the door"
+    by_part = found.set_index("part")["beyond"]
+    assert by_part["second attempts"] == pytest.approx(5 / 3)
+    assert by_part["pulls of levers"] == pytest.approx(0)
+    worst = worst_attempts(table, {"CC3": 7})
+    assert len(worst) == 5
+    assert worst[["subject", "attempt"]].iloc[0].tolist() == [0, 2]
+    assert worst["done"].iloc[0] == "push UPPERRIGHT, pull UPPER, push door"
+    assert worst["beyond"].iloc[0] == pytest.approx(5)
+    unsaid = failures(table.assign(entropy=np.nan), {"CC3": 7})  # by bits alone
+    assert unsaid["part"].iloc[0] == "later actions"
+
+
+def test_the_figure_has_a_line_for_each_learner_at_the_numbers_of_the_table(folder: Path) -> None:
+    scores = ol.open_results(folder).scores
+    axes = scores.plot(of="win_stay", ax=Figure())
+    table = scores.of("win_stay").over("condition", "trial").set_index(["scored", "trial"])
+    lines = {str(line.get_label()): line.get_ydata().tolist() for line in axes.lines}
+    assert list(lines) == scores.of("win_stay").ranking["scored"].tolist()
+    for name, drawn in lines.items():
+        assert drawn == table.loc[name, "bits"].tolist()
+    only = scores.plot(learners=["random"], ax=Figure())
+    assert len(only.lines) == 1
+    with pytest.raises(OpenLockError, match="did you mean win_stay"):
+        scores.plot(of="winstay", ax=Figure())
