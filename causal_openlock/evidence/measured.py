@@ -233,7 +233,14 @@ class Evidence:
         if what not in self.study.file.tables:
             known = nearest(what, ["claims", "verdicts", *self.study.file.tables])
             raise EvidenceError(f"{self.study.name} has no table {what!r}; {known}")
-        return self._table(self.study.file.tables[what])
+        if what not in self._tables:
+            self._tables[what] = self._table(self.study.file.tables[what])
+        return self._tables[what]
+
+    @cached_property
+    def _tables(self) -> dict[str, str]:
+        """Tables as they were written before: the page of the study and others show the same."""
+        return {}
 
     def _table(self, table: Table) -> str:
         try:

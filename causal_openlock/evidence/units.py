@@ -168,11 +168,15 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
             share=True,
             draws=int(rows["subjects"].sum()),
         )
-    each = rows.groupby(["unit", "condition"])[measure].mean().unstack().dropna()
+    by_unit, played = rows.groupby("unit"), rows["condition"].unique()
+    if len(played) == 1:  # most often; it takes half of the time
+        each = by_unit[measure].mean().dropna().to_frame(played[0])
+    else:
+        each = rows.groupby(["unit", "condition"])[measure].mean().unstack().dropna()
     if each.empty:
         raise EvidenceError(f"no unit has been run with {joined(each.columns)} together")
     # Several trials of a subject are no several subjects.
-    draws = rows[rows["unit"].isin(each.index)].groupby("unit")["subjects"].max().sum()
+    draws = by_unit["subjects"].max().reindex(each.index).sum()
     share = measure not in (*ATTEMPTS, "error")
     return Selected(
         values=each.mean(axis=1).to_numpy(float),
