@@ -22,8 +22,8 @@ from causal_openlock.fitting.actions import ActionPlan, FitJob, fit_all
 from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, space_of
 from causal_openlock.fitting.search import SearchSpace
 from causal_openlock.fitting.study import require_optuna
-from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring import LAPSE
+from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.teacher_forcing import recorded_subjects, score_actions
 
 SIMULATED, SCORES = "simulated", "scores"
