@@ -96,8 +96,8 @@ def score(
     who = [counted(subjects[name].nunique(), name) for name in ("learner", "condition")]
     console.print_line(
         f"n = {ranked['subjects'].iloc[0]} subjects, of {who[0]} in {who[1]}; {lapse:g} of all "
-        "actions are taken to be random; log2 of the number of actions is what one needs who knows "
-        "nothing"
+        "actions are taken to be random; a learner that knows nothing needs log2 of the "
+        "number of actions"
     )
     for one in fitted:
         by = (

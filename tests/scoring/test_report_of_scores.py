@@ -69,7 +69,7 @@ def test_who_acted_is_found_to_predict_best(shown: Section) -> None:
     said = " ".join(shown.text)
     assert "Of thompson, 6 subjects with" in said
     assert "thompson predicts best, with" in said
-    assert "who knows nothing needs 3.91" in said
+    assert "a learner that knows nothing needs 3.91" in said
     assert [plot.name for plot in shown.plots] == ["scores_thompson", "scores_win_stay"]
 
 
