@@ -5,8 +5,8 @@ only. The log holds a hash of it, so nobody who gets the folder can play in anot
 are numbered in the order of joining; conditions are dealt out in shuffled blocks, so that at any
 time every condition has as many people as any other, give or take one.
 
-Whom a recruiting service has called by the same name before gets a further session id of the person
-that they are, and goes on where they stopped; who has finished cannot play again.
+Somebody who comes again under the same name of a recruiting service gets another session id of the
+same person and goes on where they stopped. Those who have finished cannot play again.
 
 Every request that changes something carries the number of the turn that it is meant for. A request
 that comes twice, too late or too early is refused and changes nothing.
@@ -132,7 +132,7 @@ class People:
         consent: What people have to agree to before they join, in Markdown; empty for nothing.
         recruiting: What a recruiting service adds to the address of the page to say who comes, such
             as ``("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")``. It is kept in ``recruited.jsonl``.
-            Who has the same of the first is the same person.
+            The first of them says who is the same person.
         command: The command that continues, for the report.
         clock: Returns the time in seconds.
 
