@@ -15,6 +15,7 @@ import re
 import zipfile
 import zlib
 from collections.abc import Sequence
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -241,7 +242,7 @@ def _outline_changed(members: dict[str, bytes], rng: random.Random) -> dict[str,
             held = np.load(io.BytesIO(members[name]), allow_pickle=False)
             text = held.tobytes().decode() if name == "outline.npy" else str(held)
             text = json.dumps(spoil_json(json.loads(text), rng))
-        except (ValueError, OSError, EOFError):  # spoiled before
+        except (ValueError, OSError, EOFError, TokenError):  # spoiled before
             return {}
         array = np.frombuffer(text.encode(), np.uint8) if name == "outline.npy" else np.array(text)
         made = io.BytesIO()

@@ -130,7 +130,7 @@ class Selection(StrictModel):
             key = "phase" if word in ("train", "test") else "condition"
             value: Any = word
             if word == "parameter":
-                if not rest:
+                if not (rest and re.fullmatch(NAME_FORM, rest[0])):
                     raise EvidenceError(f"{word} in {' '.join(words)!r} needs a name after it")
                 key, value = word, rest.pop(0)
             elif word in ("trial", "part"):

@@ -407,6 +407,7 @@ def test_numbers_that_no_evidence_gives(text: str, found: list[str]) -> None:
         ("atempts oracle CC3", "did you mean attempts"),
         ("claim fastr", "faster"),
         ("attempts oracle CC3 trial", "needs a number after it"),
+        ("attempts oracle parameter a<->b", "needs a name after it"),
         ("attempts oracle CC3 CC3-CC4", "names two of condition"),
         ("attempts people CC3-CC4 sd", "not known"),
         ("claim", "does not begin with"),
