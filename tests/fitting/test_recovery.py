@@ -82,7 +82,7 @@ def test_correlations_are_on_the_scale_that_is_searched() -> None:
     assert space.ranges["local_gain"] == Range(0.05, 1.0, log=True)
     fits = [
         Fitted("s", -1, {**one, "local_gain": one["local_gain"] ** 2, "edit_weight": 1.0},
-               1.0, 1, 0.0, 0, 0.0, 1)
+               1.0, 1, 0.0, 0, 0.0, 1, 2.0)
         for one in truth
     ]  # fmt: skip
     pairs, found = recovered(truth, fits, space)
