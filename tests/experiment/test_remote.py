@@ -17,24 +17,15 @@ from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.shard import Shard
 from causal_openlock.experiment.store import Store
 from support.command import at_once
+from support.far_experiment import FAR
 from support.watching import look_often
-
-TEXT = """\
-name: far
-subjects: 4
-cell_size: 2
-conditions: [CC3]
-protocol: short
-protocols: {short: {attempt_limit: 3, baseline_trials: 1}}
-learners: [random, oracle]
-"""
 
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """A store in this process's memory."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "far.yaml").write_text(TEXT, encoding="utf-8")
+    (tmp_path / "far.yaml").write_text(FAR, encoding="utf-8")
     yield "memory://runs/far"
     fsspec.filesystem("memory").store.clear()
 

@@ -16,18 +16,10 @@ import causal_openlock as ol
 from causal_openlock.errors import Interrupted, StoreError
 from causal_openlock.experiment.remote import downloaded, local_folder
 from support.command import at_once
+from support.far_experiment import FAR
 from support.watching import look_often
 
 PLACE = "s3://laboratory/runs/far"
-TEXT = """\
-name: far
-subjects: 4
-cell_size: 2
-conditions: [CC3]
-protocol: short
-protocols: {short: {attempt_limit: 3, baseline_trials: 1}}
-learners: [random, oracle]
-"""
 
 
 class Server(ThreadedMotoServer):
@@ -62,7 +54,7 @@ def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     }.items():
         monkeypatch.setenv(f"AWS_{name}", value)
     server.client().create_bucket(Bucket="laboratory")
-    (tmp_path / "far.yaml").write_text(TEXT, encoding="utf-8")
+    (tmp_path / "far.yaml").write_text(FAR, encoding="utf-8")
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     yield server
