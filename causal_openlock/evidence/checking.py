@@ -106,7 +106,7 @@ def written(root: Path) -> Written:
 def check(root: Path) -> list[str]:
     """What does not follow from the stored units, a sentence each; nothing is changed."""
     made = written(root)
-    remedy = "write it anew with: causal-openlock evidence --write"
+    remedy = "write it again with: causal-openlock evidence --write"
     return [*made.faults, *(f"{path} is not what was measured; {remedy}" for path in made.stale)]
 
 

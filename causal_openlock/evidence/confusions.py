@@ -1,4 +1,4 @@
-"""What a study of recovery keeps, and what follows: who is attributed to whom.
+"""What a study of recovery keeps, and what follows: which learner subjects are attributed to.
 
 A study with ``measured: recovery`` simulates subjects of every learner of its experiment, and lets
 every learner predict all of them (:mod:`~causal_openlock.fitting.recovery`). Its
@@ -79,7 +79,7 @@ def units_of_parameters(learner: str, pairs: pd.DataFrame, space: SearchSpace) -
 
 
 def recovery_of(units: pd.DataFrame, seed: int) -> Recovery:
-    """Who is attributed to whom, from the rows of subjects."""
+    """Which learner subjects are attributed to, from the rows of subjects."""
     names = [str(name) for name in units.columns if str(name).startswith(NATS)]
     subjects = units.dropna(subset=names).rename(columns={"unit": "subject"})
     key = subjects[["learner", "condition", "protocol", "subject"]].assign(experiment="", seed=seed)
@@ -94,7 +94,7 @@ def recovery_of(units: pd.DataFrame, seed: int) -> Recovery:
 
 
 def confusion(study: Study, units: pd.DataFrame) -> pd.DataFrame:
-    """Who is taken for whom.
+    """Which learners are taken for which.
 
     Columns: by learner, the share of single subjects that are attributed to it; ``groups``, the
     share of groups that are attributed to the learner that made them, and ``taken for``, what else

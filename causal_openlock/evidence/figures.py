@@ -4,9 +4,9 @@ A study names under ``figures`` which of its tables are drawn. Where the columns
 course a panel has a thin line for each unit and a thick one for their mean, and of a curve a dashed
 one for what AAAI 2020 published of the same algorithm; otherwise a panel for each column has a dot
 for each unit of a row, and their mean with its interval. Of distances from people the figure has
-people's means and the nearest learner's, and of a recovery who is taken for whom. A figure stands
-in the study's folder beside what it was made from, and holds a mark of that: so a figure of other
-units is found without drawing it anew.
+people's means and the nearest learner's, and of a recovery which learners are taken for which.
+A figure stands in the study's folder beside what it was made from, and holds a mark of that and of
+the drawing: so a figure of other units, or one that was changed, is found without drawing it again.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FORM = 1
-"""Of what is drawn here; another number makes all figures anew."""
+"""Of what is drawn here; another number makes all figures again."""
 
-_MARK = re.compile(r"<!-- made from ([0-9a-f]+) -->")
+_MARK = "\n<!-- made from "
 _PART = re.compile(r"part (\d+)$")
 _UNIT, _PUBLISHED = "#1F6F9F", "#777777"
 _DASHES = (0, (4, 2))
@@ -48,17 +48,18 @@ def figure_path(evidence: Evidence, name: str) -> Path:
 
 
 def is_current(evidence: Evidence, name: str) -> bool:
-    """Whether the figure of a table is there, and of what is stored and declared now."""
+    """Whether the figure of a table is there, as drawn, of what is stored and declared now."""
     path = figure_path(evidence, name)
-    marks = _MARK.findall(path.read_text(encoding="utf-8")) if path.exists() else []
-    return marks == [_mark(evidence, name)]
+    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+    return text == _marked(text.rpartition(_MARK)[0], evidence, name)
 
 
-def _mark(evidence: Evidence, name: str) -> str:
+def _marked(svg: str, evidence: Evidence, name: str) -> str:
+    """A drawing with the mark of what it was made from, and of itself."""
     file = evidence.study.file
     what = file.derived if name == OF_ALL else file.tables[name].model_dump()
-    made_of = json.dumps([FORM, evidence.run["files"][UNITS], what])  # rows have an order
-    return hashlib.sha256(made_of.encode()).hexdigest()[:16]
+    made_of = json.dumps([FORM, evidence.run["files"][UNITS], what, svg])  # rows have an order
+    return f"{svg}{_MARK}{hashlib.sha256(made_of.encode()).hexdigest()[:16]} -->\n"
 
 
 def drawn(evidence: Evidence, name: str) -> str:
@@ -77,8 +78,7 @@ def drawn(evidence: Evidence, name: str) -> str:
         table = evidence.study.file.tables[name]
         draw = draw_course if all(map(_PART.search, table.columns)) else draw_dots
         draw(evidence, table, figure)
-    svg = style.image(figure, "svg").decode()
-    return f"{svg.rstrip()}\n<!-- made from {_mark(evidence, name)} -->\n"
+    return _marked(style.image(figure, "svg").decode().rstrip(), evidence, name)
 
 
 def _units(evidence: Evidence, table: Table, row: str, column: str) -> Selected | None:
@@ -241,7 +241,7 @@ def draw_distances(evidence: Evidence, figure: Any) -> None:
 
 
 def _limits(evidence: Evidence, table: Table) -> tuple[float, float]:
-    """Those of all panels: of shares all there are, of attempts as many as somebody needed."""
+    """Those of all panels: of shares all there are, of attempts as many as a unit needed."""
     if table.measure not in ("attempts", "first_solution"):
         return -0.03, 1.03
     cells = (_units(evidence, table, row, c) for row in table.rows for c in table.columns)

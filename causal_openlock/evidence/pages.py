@@ -12,7 +12,7 @@ it is; a table stands between two comments that say the same::
 Besides the tables that a study declares, ``claims`` has a row for each contrast, and ``verdicts``
 one for each claim, or for each of those named after it.
 
-:func:`renewed` writes both anew from what is stored. :func:`unbound_numbers` finds numbers in the
+:func:`renewed` writes both again from what is stored. :func:`unbound_numbers` finds numbers in the
 prose of a page that no link, table or code (for settings, such as ```.005```) accounts for.
 
 A link's title is ``MEASURE LEARNER [CONDITION] [train|test] [trial N|part N]``, the mean over
@@ -85,7 +85,7 @@ class Pages:
         return lambda target: (page.parent / target).resolve() in known
 
     def renewed(self, text: str, page: Path) -> tuple[str, list[str]]:
-        """A page with its measured numbers and tables written anew, and what could not be.
+        """A page with its measured numbers and tables rewritten, and what could not be.
 
         Args:
             text: The text of the page.

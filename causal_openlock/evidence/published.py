@@ -1,7 +1,7 @@
 """Published results in the form of units, so that studies compare and show them as learners.
 
 ``people`` and ``published_model`` have attempts in the trials that the papers report,
-``paper_ddqn`` the shares of the paper's Figures 6 and 7, and ``paper_ppo`` and its like the curves
+``paper_ddqn`` the shares of the paper's Figures 6 and 7, and ``paper_ppo`` and the like the curves
 of AAAI 2020. These are means without units; those of people and the published model have a standard
 error (``error``); of the others none is known, and they are taken as they are.
 """

@@ -53,7 +53,7 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
         study: The study.
         results: Folder for records and networks.
         watched: How it is watched.
-        anew: Whether to play, too, what is stored with the study and not in ``results``.
+        anew: Whether what is stored with the study and not in ``results`` is played as well.
 
     Raises:
         CellsFailed: If cells failed, after all others were played.
@@ -124,8 +124,8 @@ def _train(study: Study, networks: Networks, part: Part, results: Path, watched:
     watched.say(f"training {about}; its progress is in {log}")
     began = time.monotonic()
     try:
-        with log.open("w", encoding="utf-8") as told:
-            done = subprocess.run(words, stdout=told, stderr=subprocess.STDOUT, check=False)
+        with log.open("w", encoding="utf-8") as output:
+            done = subprocess.run(words, stdout=output, stderr=subprocess.STDOUT, check=False)
     except OSError as error:
         raise EvidenceError(f"{words[0]} cannot be run: {error.strerror}") from None
     if done.returncode or not out.exists():

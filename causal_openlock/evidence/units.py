@@ -188,7 +188,7 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
 
 
 def _limit(rows: pd.DataFrame, units: pd.DataFrame, measure: str) -> float:
-    """The most attempts that a trial can have; of an unknown protocol, that somebody needed."""
+    """The most attempts that a trial can have; of an unknown protocol, that a unit needed."""
     names = set(rows["protocol"].astype(str))
     known = [PROTOCOLS[name].attempt_limit for name in names if name in PROTOCOLS]
     return float(max(known) if len(known) == len(names) else units[measure].max())

@@ -135,7 +135,7 @@ def test_a_page_that_says_something_else_is_found(root: Path) -> None:
     page = root.parent / "page.md"
     page.write_text(page.read_text().replace("[2.00]", "[1.99]"))
     (fault,) = check(root)
-    assert fault.endswith("write it anew with: causal-openlock evidence --write")
+    assert fault.endswith("write it again with: causal-openlock evidence --write")
     page.write_text(page.read_text() + "\nIt took 17 attempts.\n")
     write(root)
     (fault,) = check(root)
@@ -310,8 +310,12 @@ def test_a_figure_is_of_what_is_stored(root: Path) -> None:
     assert not check(root)
     figure.unlink()
     assert check(root) == [
-        f"{figure} is not what was measured; write it anew with: causal-openlock evidence --write"
+        f"{figure} is not what was measured; write it again with: causal-openlock evidence --write"
     ]
+    write(root)
+    assert figure.read_text() == first
+    figure.write_text(first.replace("</svg>", "<text>forged</text></svg>"))
+    assert any(fault.startswith(f"{figure} is not what") for fault in check(root))
     write(root)
     assert figure.read_text() == first
     study.write_text(study.read_text().replace("columns: [CC3 trial 1, ", "columns: ["))
