@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,6 +43,14 @@ def fit(
     hierarchical: Annotated[
         bool, typer.Option(help="With --to: fit each subject, and the group that they are from.")
     ] = False,
+    beside: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--or",
+            help="With --hierarchical: each subject may follow this learner instead (a mixture); "
+            "its name, or a file with its search space. Can be repeated.",
+        ),
+    ] = None,
     of: Annotated[
         list[str] | None, typer.Option(help="With --to: fit to these learners' subjects only.")
     ] = None,
@@ -100,7 +109,13 @@ def fit(
     from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.objective import conditions_to_fit, objective_called, towards
     from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
-    from causal_openlock.fitting.search import bundled_search, changed, read_search
+    from causal_openlock.fitting.search import (
+        bundled_search,
+        changed,
+        labelled,
+        read_search,
+        search_beside,
+    )
     from causal_openlock.fitting.study import Plan, require_optuna
     from causal_openlock.fitting.study import fit as run
 
@@ -108,10 +123,13 @@ def fit(
         raise OpenLockError(
             "--hierarchical fits each subject of a folder; give --to, and no --each"
         )
+    if beside and not hierarchical:
+        raise OpenLockError("--or is for a mixture of groups; give --hierarchical, too")
     if not hierarchical:
         require_optuna()
     learner_class(learner)  # fails at once if there is none
-    name = f"fit-{learner.replace(':', '.')}" + ("-hierarchical" if hierarchical else "")
+    kind = "-mixture" if beside else "-hierarchical" if hierarchical else ""
+    name = f"fit-{learner.replace(':', '.')}{kind}"
     folder = out or (to or Path("results")) / name
     _check_folder(folder)
     known = read_search(space) if space else bundled_search(learner)
@@ -127,7 +145,11 @@ def fit(
         how = hold_out or "trials"
         to_actions = ActionPlan(chosen, lapse, how, folds, candidates, seed=seed)
         how_many = "group" if hierarchical else "each" if each else "all"
-        fit_to(to_actions, to, of or (), how_many, workers or available_cores(), folder)
+        plans = {
+            label: replace(to_actions, space=one)
+            for label, one in labelled([chosen, *map(search_beside, beside or ())]).items()
+        }
+        fit_to(plans, to, of or (), how_many, workers or available_cores(), folder)
         return
     hold_out = hold_out or "transfer"
     conditions_to_fit(hold_out)  # fails at once if there is no such way
@@ -161,6 +183,7 @@ def fit(
 
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
+    from causal_openlock.experiment.folder_lock import LOCK
     from causal_openlock.fitting.actions import FILE as OF_ACTIONS
     from causal_openlock.fitting.hierarchical import PROGRESS
     from causal_openlock.fitting.study import FILE
@@ -174,7 +197,7 @@ def _check_folder(folder: Path) -> None:
         return
     if (folder / "experiment.json").exists():
         raise StoreError(f"{folder} holds results of compare; choose another folder with --out")
-    if any(not path.match(PARTIAL) for path in folder.iterdir()):
+    if any(path.name != LOCK and not path.match(PARTIAL) for path in folder.iterdir()):
         raise StoreError(
             f"{folder} is not empty and holds no fit; choose another folder with --out"
         )

@@ -2,62 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.wording import joined
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.fitting.actions import ActionPlan, Fitted
 
 
 def fit_to(
-    plan: ActionPlan, folder: Path, of: Sequence[str], how: str, workers: int, out: Path
+    plans: Mapping[str, ActionPlan],
+    folder: Path,
+    of: Sequence[str],
+    how: str,
+    workers: int,
+    out: Path,
 ) -> None:
     """Fit a learner to recorded subjects, and write and print what was found.
 
-    ``how`` is ``all`` of them together, ``each`` by itself, or as a ``group``.
+    ``how`` is ``all`` of them together, ``each`` by itself, or as a ``group``, which may be a
+    mixture of several learners.
     """
-    from causal_openlock.comparison.console import Terminal, plain_table
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.store import Store
     from causal_openlock.files.atomic import write_text
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.files.yaml_file import dump_yaml
-    from causal_openlock.fitting.actions import fit_all, fit_table, jobs_of
-    from causal_openlock.fitting.hierarchical import ROUNDS, GroupFit
+    from causal_openlock.fitting.actions import WHOLE, fit_all, fit_table, jobs_of
+    from causal_openlock.fitting.hierarchical import GROUP, ROUNDS, GroupFit
     from causal_openlock.scoring.teacher_forcing import known_learners, recorded_subjects
 
     console = Terminal()
     record, played = Store(folder).record()
     known_learners(of, played.learners)
     parts = recorded_subjects(record, played, of)
-    jobs = jobs_of(parts, plan, how == "each")
+    plan = next(iter(plans.values()))
     with resumable(), console.status("fitting") as status:
         if how == "group":
-            group = GroupFit(parts, plan, out)
+            group = GroupFit(parts, plans, out)
             fits = group.run(workers, status.update)
         else:
             fits = fit_all(
-                jobs,
+                jobs_of(parts, plan, how == "each"),
                 out,
                 workers=workers,
                 report=lambda done, total: status.update(f"{done} of {total} fits"),
             )
     table = fit_table(fits)
-    names = list(plan.space.ranges)
     write_text(out / "fits.csv", csv_of(table.round(6)))
-    shown = plain_table("", *names, "bits/action", "held out", "actions")
-    for row in table.head(20).to_dict("records"):
-        held_out = "" if row["held_out_bits"] != row["held_out_bits"] else row["held_out_bits"]
-        numbers = [*(f"{row[name]:.4g}" for name in names), f"{row['bits']:.3f}"]
-        shown.add_row(row["who"], *numbers, held_out and f"{held_out:.3f}", str(row["actions"]))
-    console.print_whole(shown)
-    if len(table) > 20:
-        console.print_line(f"and {len(table) - 20} others")
+    if len(plans) > 1:
+        _print_mixture(table, plans, console)
+    else:
+        _print_fits(table, list(plan.space.ranges), console)
     if how == "group":
-        console.print_line(_spread(fits[0]))
+        for one in fits:
+            if one.who == GROUP and one.fold == WHOLE and one.between:
+                console.print_line(_spread(one))
         if max(group.rounds.values()) == ROUNDS:
             console.print_line(
                 f"After {ROUNDS} rounds the group was not settled: its spread is uncertain; more "
@@ -72,7 +78,42 @@ def fit_to(
     console.print_line(f"{out / 'fits.csv'} written")
 
 
+def _print_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal) -> None:
+    """The parameters of each, and how well they predict."""
+    from causal_openlock.comparison.console import plain_table
+
+    shown = plain_table("", *names, "bits/action", "held out", "actions")
+    for row in table.head(20).to_dict("records"):
+        numbers = [*(f"{row[name]:.4g}" for name in names), *_bits(row)]
+        shown.add_row(row["who"], *numbers, str(row["actions"]))
+    console.print_whole(shown)
+    if len(table) > 20:
+        console.print_line(f"and {len(table) - 20} others")
+
+
+def _print_mixture(table: pd.DataFrame, plans: Mapping[str, ActionPlan], console: Terminal) -> None:
+    """How many subjects follow each learner, and how well they predict, alone and together."""
+    from causal_openlock.comparison.console import plain_table
+    from causal_openlock.fitting.hierarchical import GROUP, MIXTURE
+
+    shown = plain_table("", "followed by", "with", "bits/action", "held out")
+    for row in table[table["who"] == GROUP].to_dict("records"):
+        label = row["learner"]
+        if label == MIXTURE:
+            shown.add_row("all together", "", "", *_bits(row))
+            continue
+        middle = [f"{name} {row[name]:.4g}" for name in plans[label].space.ranges]
+        shown.add_row(label, f"{row['followed']:.0%}", ", ".join(middle), *_bits(row))
+    console.print_whole(shown)
+
+
+def _bits(row: Mapping[Hashable, Any]) -> tuple[str, str]:
+    held_out = row["held_out_bits"]
+    return f"{row['bits']:.3f}", "" if held_out != held_out else f"{held_out:.3f}"
+
+
 def _spread(group: Fitted) -> str:
     """Between what two thirds of a group are, in a sentence."""
     ranges = [f"{name} from {low:.4g} to {high:.4g}" for name, (low, high) in group.between.items()]
-    return f"Two thirds of such a group have {joined(ranges)}."
+    whose = f" of {group.learner}" if group.learner else ""
+    return f"Two thirds of such a group{whose} have {joined(ranges)}."

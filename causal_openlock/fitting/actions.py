@@ -13,6 +13,7 @@ by what the subject saw and did before it, also where that is in another fold.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -28,8 +29,8 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.workers import worker_pool
-from causal_openlock.fitting.kept import fit_of, keep_fit
-from causal_openlock.fitting.search import Range, SearchSpace
+from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
+from causal_openlock.fitting.search import Range, SearchSpace, check_chosen
 from causal_openlock.fitting.study import proposals, require_optuna
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
@@ -105,6 +106,9 @@ class Fitted:
             the integrated BIC.
         between: Of a hierarchical fit, by parameter between what two thirds of the group are, or
             what a subject's is with a probability of two thirds.
+        learner: Of a mixture, the label of the learner.
+        followed: Of a mixture, the probability that the subject follows it, or of a group the
+            expected share of subjects who do.
     """
 
     who: str
@@ -118,6 +122,8 @@ class Fitted:
     evaluations: int
     bic: float
     between: dict[str, tuple[float, float]] = field(default_factory=dict)
+    learner: str = ""
+    followed: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -254,8 +260,8 @@ def jobs_of(parts: Sequence[Recorded], plan: ActionPlan, each: bool) -> list[Fit
     """The fits of a plan: to all subjects together, or to each.
 
     Raises:
-        OpenLockError: If subjects are to be held out of a fit to one subject, or there are fewer
-            subjects than folds.
+        OpenLockError: If subjects are to be held out of a fit to one subject, there are fewer
+            subjects than folds, or nobody has a trial left when one is held out.
     """
     parse_parameters(plan.space.learner, plan.space.fixed)
     if plan.hold_out == "subjects":
@@ -267,7 +273,19 @@ def jobs_of(parts: Sequence[Recorded], plan: ActionPlan, each: bool) -> list[Fit
     groups: dict[str, tuple[Recorded, ...]] = {"all": tuple(parts)}
     if each:
         groups = {who: (own,) for part in parts for who, own in part.alone().items()}
+    if plan.hold_out == "trials":
+        for who, own in groups.items():
+            if max(map(_most_trials, own)) < 2:
+                raise OpenLockError(
+                    f"{who} played one trial only, and without it there is nothing to fit to; give "
+                    "--hold-out none, or fit a group with --hierarchical"
+                )
     return [FitJob(who, own, fold, plan) for who, own in groups.items() for fold in plan.numbers]
+
+
+def _most_trials(part: Recorded) -> int:
+    """The trials of the subject that played most of them."""
+    return int((part.rows["attempt"] == 1).groupby(part.rows["subject"]).sum().max())
 
 
 def fit_all(
@@ -281,17 +299,25 @@ def fit_all(
 
     Raises:
         OpenLockError: If Optuna is not installed.
-        StoreError: If the folder holds another fit.
+        StoreError: If the folder holds another fit, or another process fits there.
     """
     require_optuna()
     path, plan = folder / FILE, jobs[0].plan
     whole = {**plan.as_dict(), "jobs": [[one.who, one.fold] for one in jobs]}
     whole["subjects"] = subjects_of([part for job in jobs for part in job.parts])
-    done = fit_of(path, whole, fits_of, "fit to actions", DIFFERING) or []
-    for found in _fits(jobs[len(done) :], workers):
-        done.append(found)
-        keep_fit(path, whole, done=[asdict(one) for one in done])
-        report(len(done), len(jobs))
+
+    def read(kept: Mapping[str, Any]) -> list[Fitted]:
+        found = fits_of(kept, {"": plan.space.ranges})
+        if [[one.who, one.fold] for one in found] != whole["jobs"][: len(found)]:
+            raise ValueError("the fits are not in the order of the jobs")
+        return found
+
+    with fitting_in(folder):
+        done = fit_of(path, whole, read, "fit to actions", DIFFERING) or []
+        for found in _fits(jobs[len(done) :], workers):
+            done.append(found)
+            keep_fit(path, whole, done=[asdict(one) for one in done])
+            report(len(done), len(jobs))
     return done
 
 
@@ -301,9 +327,15 @@ def subjects_of(parts: Sequence[Recorded]) -> dict[str, str]:
     return {who: digest(own.done()[0].tobytes()) for who, own in alone.items()}
 
 
-def fits_of(kept: Mapping[str, Any]) -> list[Fitted]:
-    """The fits that a file keeps."""
+def fits_of(kept: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Range]]) -> list[Fitted]:
+    """The fits that a file keeps, by :attr:`Fitted.learner` within the ranges of what is searched.
+
+    Raises:
+        ValueError: If they are no such fits; or what is raised of data of another form.
+    """
     found = TypeAdapter(list[Fitted]).validate_python(kept["done"])
+    for one in found:
+        check_chosen(one.chosen, ranges[one.learner])
     if any(one.fold == WHOLE and one.actions < 1 for one in found):
         raise ValueError("a fit to nothing")
     return found
@@ -321,20 +353,25 @@ def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
     """The fits without anything held out, a row each, with what was predicted in the folds.
 
     Returns:
-        Columns ``who``; the parameters; of a hierarchical fit, ``NAME_low`` and ``NAME_high`` of
-        each (:attr:`Fitted.between`); ``nll`` in nats with its ``standard_error``; ``actions``;
-        ``bits`` per action of what was fitted and ``held_out_bits``; ``bic``.
+        Columns ``who``; of a mixture ``learner`` and ``followed``; the parameters; of a
+        hierarchical fit, ``NAME_low`` and ``NAME_high`` of each (:attr:`Fitted.between`); ``nll``
+        in nats with its ``standard_error``; ``actions``; ``bits`` per action of what was fitted and
+        ``held_out_bits``; ``bic``.
     """
-    rows = []
+    rows, folds = [], defaultdict(list)
+    for one in fits:
+        if one.fold != WHOLE:
+            folds[one.who, one.learner].append(one)
     for one in fits:
         if one.fold != WHOLE:
             continue
-        folds = [other for other in fits if other.who == one.who and other.fold != WHOLE]
-        apart = sum(other.held_out for other in folds)
-        of = sum(other.held_out_actions for other in folds)
+        own = folds[one.who, one.learner]
+        apart = sum(other.held_out for other in own)
+        of = sum(other.held_out_actions for other in own)
         rows.append(
             {
                 "who": one.who,
+                **({"learner": one.learner, "followed": one.followed} if one.learner else {}),
                 **one.chosen,
                 **{f"{name}_low": low for name, (low, _) in one.between.items()},
                 **{f"{name}_high": high for name, (_, high) in one.between.items()},

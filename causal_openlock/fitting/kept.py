@@ -1,39 +1,76 @@
-"""What a folder keeps of a fit: its plan and what is done, in one file that is replaced whole."""
+"""What a folder keeps of a fit: its plan and what is done, in one file that is replaced whole.
+
+The file contains its checksum, and one fit at a time works in a folder.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from causal_openlock.errors import StoreError
-from causal_openlock.files.atomic import write_text
+from causal_openlock.experiment.folder_lock import FolderLock
+from causal_openlock.files.atomic import sweep, write_bytes
+from causal_openlock.files.checksums import IN_JSON, ChecksumError, check, json_bytes
 
 T = TypeVar("T")
 
 
+@contextmanager
+def fitting_in(folder: Path) -> Iterator[None]:
+    """A block in which no other fit works in a folder; what killed ones have left is removed.
+
+    Raises:
+        StoreError: If another fit works there, or the folder cannot be written to.
+    """
+    lock = FolderLock(folder, "fit")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.take(None)
+    except OSError as error:
+        raise StoreError(
+            f"{folder}: cannot be written to ({error.strerror}); choose another place"
+        ) from None
+    try:
+        sweep(folder)
+        yield
+    finally:
+        lock.release()
+
+
 def keep_fit(path: Path, plan: Mapping[str, Any], **done: Any) -> None:
     """Write a plan and what is done of it, as plain data."""
-    write_text(path, json.dumps({"plan": plan, **done}, indent=1) + "\n")
+    write_bytes(path, json_bytes({"plan": plan, **done}))
 
 
 def kept_fit(
     path: Path,
     read: Callable[[dict[str, Any]], T],
     remedy: str = "choose another folder with --out",
-) -> tuple[Any, T]:
-    """The plan that a file keeps, and what ``read`` makes of the whole.
+) -> T:
+    """What ``read`` makes of a file.
 
     Raises:
-        StoreError: If the file is no fit: it cannot be read, or ``read`` raises what is raised of
-            data of another form.
+        StoreError: If the file is no fit: it cannot be read, is not what was written, or ``read``
+            raises what is raised of data of another form.
     """
     try:
-        kept = json.loads(path.read_bytes())
-        return kept["plan"], read(kept)
+        content = path.read_bytes()
+        check(content, IN_JSON)
+        return read(json.loads(content, parse_constant=_number))
+    except ChecksumError as error:
+        raise StoreError(f"{path}: this is no fit ({error}); {remedy}") from None
     except (ValueError, OSError, TypeError, LookupError, RecursionError):
         raise StoreError(f"{path}: this is no fit; {remedy}") from None
+
+
+def _number(constant: str) -> float:
+    if constant == "NaN":
+        raise ValueError("a number is missing")
+    return float(constant)
 
 
 def fit_of(
@@ -48,7 +85,7 @@ def fit_of(
     Args:
         path: Where it is kept.
         plan: The plan; it must be the one that is kept.
-        read: What makes something of the whole file.
+        read: What makes something of the whole file, if it is of this plan.
         what: What kind of fit it is, in words.
         parts: What may differ, in words.
 
@@ -57,10 +94,13 @@ def fit_of(
     """
     if not path.exists():
         return None
-    kept, done = kept_fit(path, read)
-    if kept != json.loads(json.dumps(plan, default=str)):
-        raise StoreError(
-            f"{path.parent} holds another {what} ({parts} or version differ); choose another "
-            "folder with --out"
-        )
-    return done
+
+    def read_own(kept: dict[str, Any]) -> T:
+        if kept["plan"] != json.loads(json.dumps(plan, default=str)):
+            raise StoreError(
+                f"{path.parent} holds another {what} ({parts} or version differ); choose another "
+                "folder with --out"
+            )
+        return read(kept)
+
+    return kept_fit(path, read_own)

@@ -9,12 +9,13 @@ What was fitted to actions predicts them too well. There are two ways to allow f
   per action are still those of what it was fitted to.
 
 Both are what random-effects model selection takes as log evidence
-(:mod:`~causal_openlock.scoring.model_selection`), in place of learners at parameters that somebody
-chose. Fits are not tied to that selection: to fit each learner only to those who follow it, which
-is a mixture over learners and their parameters at once, is not done here.
+(:mod:`~causal_openlock.scoring.model_selection`), in place of learners at parameters that were
+chosen. Each learner is fitted as if all subjects followed it; a mixture, in which they are fitted
+to those who follow them, is fitted at once (:mod:`~causal_openlock.fitting.hierarchical`) and says
+by itself how well it predicts.
 
-A fit may come from somebody else. It is read as numbers; a learner that is code beside it, or whose
-settings may name a file or an address, is used only if who asks names this learner too.
+A fit may come from other people. It is read as numbers; a learner that is code beside it, or whose
+settings may name a file or an address, is used only if the user names this learner too.
 """
 
 from __future__ import annotations
@@ -40,17 +41,19 @@ from causal_openlock.fitting.actions import (
     held_out,
     subjects_of,
 )
+from causal_openlock.fitting.hierarchical import MIXTURE
 from causal_openlock.fitting.kept import kept_fit
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
-from causal_openlock.scoring.scores import SUBJECT, Scores, by_subject, score_learners
+from causal_openlock.scoring.scores import Scores, by_subject, score_learners
 from causal_openlock.scoring.teacher_forcing import (
     EXACT,
     GROUP,
     Recorded,
     recorded_subjects,
     scored_parts,
+    subject_names,
 )
 
 if TYPE_CHECKING:
@@ -106,6 +109,11 @@ def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
 
     def read(kept: dict[str, Any]) -> FitOfActions:
         plan = kept["plan"]
+        if MIXTURE in plan:
+            raise StoreError(
+                f"{path}: this is a mixture of learners, which says in fits.csv how well it "
+                "predicts; give fits of one learner"
+            )
         space, subjects = (
             plan["space"],
             TypeAdapter(dict[str, str]).validate_python(plan["subjects"]),
@@ -118,13 +126,10 @@ def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
             hold_out=plan["hold_out"],
             folds=int(plan["folds"]),
         )
-        fits = {(one.who, one.fold): one for one in fits_of(kept)}
-        found = FitOfActions(folder.resolve().name, built, fits, subjects)
-        if any(set(one.chosen) != set(ranges) for one in fits.values()):
-            raise ValueError("a fit has other parameters")
-        return found
+        fits = {(one.who, one.fold): one for one in fits_of(kept, {"": ranges})}
+        return FitOfActions(folder.resolve().name, built, fits, subjects)
 
-    found = kept_fit(path, read, "give the folder that fit NAME --to wrote")[1]
+    found = kept_fit(path, read, "give the folder that fit NAME --to wrote")
     for who in found.subjects:
         for fold in found.plan.numbers:
             if not {(who, fold), ("all", fold)} & set(found.fits):
@@ -191,19 +196,13 @@ def score_fits(
         raise StoreError("no subject is in all of these fits; fit all of them to the same subjects")
     tables = [_predicted(one, parts, set(shared), lapse, draws, workers) for one in fits]
     subjects = [
-        table.assign(bic=2.0 * table["nll"] + _names(table).map(one.price))
+        table.assign(bic=2.0 * table["nll"] + subject_names(table).map(one.price))
         for one, table in zip(fits, map(by_subject, tables), strict=True)
     ]
     for one in others:
         for own, all_of_them in ((one.actions, tables), (one.subjects, subjects)):
-            all_of_them.append(own[_names(own).isin(shared)])
+            all_of_them.append(own[subject_names(own).isin(shared)])
     return Scores(*(pd.concat(own, ignore_index=True) for own in (tables, subjects)))
-
-
-def _names(table: pd.DataFrame) -> pd.Series:
-    """The names of subjects, as :meth:`Recorded.alone` has them."""
-    texts = [table[name].astype(str) for name in SUBJECT]
-    return texts[0].str.cat(texts[1:], sep="/")
 
 
 def _check(

@@ -3,8 +3,9 @@
 Before any person is asked, subjects are simulated from every learner, and every learner predicts
 all of them (Wilson & Collins 2019). A subject, or a group of subjects in one condition, is
 attributed to the learner that predicts it best. How often that is the learner that made it is the
-diagonal of a confusion matrix; what is off the diagonal cannot be told from people either. How well
-the learner that made a subject predicts it is the ceiling: no theory can do better.
+diagonal of a confusion matrix; theories that are confused here cannot be told apart in
+people either. How well the learner that made a subject predicts it is the ceiling: no theory can do
+better.
 
 Learners predict with the parameters that they were simulated with; nothing is fitted. Parameters
 are recovered by themselves: subjects are simulated with parameters drawn from their ranges, and
@@ -37,14 +38,14 @@ SIZES = (1, 2, 5, 10, 20, 40, 80, 160)
 
 @dataclass(frozen=True)
 class Recovery:
-    """Who is attributed to whom.
+    """Which learner subjects are attributed to.
 
     Attributes:
         single: Confusion of single subjects: rows made them, columns are what they are attributed
             to, as shares.
         groups: The same of groups of as many subjects as there are in a condition.
         by_size: For each learner, condition, number of ``subjects`` in a group and number of
-            ``trials`` that count, the share ``right`` that is attributed to who made them.
+            ``trials`` that count, the share ``right`` that is attributed to their maker.
         bits: Bits per action of subjects (rows) as the learners (columns) predict them; the
             diagonal is the ceiling.
         subjects: How many there are in a condition.
@@ -59,11 +60,11 @@ class Recovery:
     made: int
 
     def shares_right(self) -> tuple[float, float]:
-        """The share of groups and of single subjects that are attributed to who made them."""
+        """The share of groups and of single subjects that are attributed right."""
         return float(np.diag(self.groups).mean()), float(np.diag(self.single).mean())
 
     def confused(self, table: pd.DataFrame, above: float = 0.1) -> list[tuple[str, str, float]]:
-        """Who made subjects, who they are taken for, and how often, beyond a share."""
+        """Learners that made subjects, what these are taken for, and how often, beyond a share."""
         return [
             (str(maker), str(taken), float(table.loc[maker, taken]))
             for maker in table.index

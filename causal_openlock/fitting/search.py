@@ -30,7 +30,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from causal_openlock.contract.registry import parameter_table, parse_parameters
+from causal_openlock.contract.registry import learner_class, parameter_table, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import parse_document, read_document
@@ -53,6 +53,14 @@ class Range:
     high: float
     log: bool = False
     whole: bool = False
+
+
+def check_chosen(chosen: Mapping[str, float], ranges: Mapping[str, Range]) -> None:
+    """Raise a ValueError unless there is a value for each range, within its bounds."""
+    if set(chosen) != set(ranges):
+        raise ValueError("other parameters are searched")
+    if not all(one.low <= chosen[name] <= one.high for name, one in ranges.items()):
+        raise ValueError("a parameter is outside its bounds")
 
 
 @dataclass(frozen=True)
@@ -219,6 +227,36 @@ def bundled_search(learner: str) -> SearchSpace | None:
     """The search space that comes with the toolkit, if there is one for the learner."""
     path = BUNDLED / f"{learner}.yaml"
     return read_search(path) if learner.isidentifier() and path.is_file() else None
+
+
+def search_beside(named: str) -> SearchSpace:
+    """What is searched of a learner that takes part in a mixture.
+
+    Args:
+        named: A file with a search space; or a learner, which is searched in the space that comes
+            with it, and taken as it is by default if there is none.
+
+    Raises:
+        FileError: If it is a file with no search space.
+        LearnerError: If there is no such learner.
+    """
+    if Path(named).suffix in (".yaml", ".yml"):
+        return read_search(named)
+    learner_class(named)
+    return bundled_search(named) or SearchSpace(named, {}, {})
+
+
+def labelled(spaces: Sequence[SearchSpace]) -> dict[str, SearchSpace]:
+    """Search spaces by the names of their learners, numbered where there are several of one.
+
+    >>> [*labelled([SearchSpace(name, {}, {}) for name in ("bayes", "ideal", "bayes")])]
+    ['bayes', 'ideal', 'bayes_2']
+    """
+    found: dict[str, SearchSpace] = {}
+    for space in spaces:
+        number = 1 + sum(one.learner == space.learner for one in found.values())
+        found[space.learner if number == 1 else f"{space.learner}_{number}"] = space
+    return found
 
 
 def parse_range(text: str) -> tuple[str, Range]:

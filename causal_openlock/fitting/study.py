@@ -30,8 +30,7 @@ from causal_openlock.analysis.results.people.human_likeness import points_of
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.workers import worker_pool
-from causal_openlock.files.atomic import sweep
-from causal_openlock.fitting.kept import fit_of, keep_fit
+from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
 from causal_openlock.fitting.objective import (
     Job,
     Score,
@@ -41,7 +40,7 @@ from causal_openlock.fitting.objective import (
     play,
     score,
 )
-from causal_openlock.fitting.search import SHARE, SearchSpace
+from causal_openlock.fitting.search import SearchSpace, check_chosen
 from causal_openlock.version import RESULTS_VERSION
 
 FILE = "fit.json"
@@ -150,14 +149,14 @@ def fit(
 
     Raises:
         OpenLockError: If Optuna is not installed, or the folder cannot be written to.
-        StoreError: If the folder holds another fit.
+        StoreError: If the folder holds another fit, or another process fits there.
         LearnerError: If the learner fails. Candidates that were done stay done.
     """
     require_optuna()
     path = Path(folder) / FILE
-    state = _opened(plan, path)
     conditions = conditions_to_fit(plan.hold_out)
-    with _players(plan.space, workers) as start:
+    with fitting_in(path.parent), _players(plan.space, workers) as start:
+        state = _opened(plan, path)
         while (known := len(state.done)) < plan.candidates:
             first = known - known % ROUND
             proposed = _proposals(state, first)[known - first : plan.candidates - first]
@@ -266,7 +265,6 @@ def proposals(
 
 def _opened(plan: Plan, path: Path) -> Fit:
     """The fit that a folder holds, or a new one."""
-    sweep(path.parent)
 
     def read(kept: dict[str, Any]) -> Fit:
         state = Fit(
@@ -276,10 +274,8 @@ def _opened(plan: Plan, path: Path) -> Fit:
         )
         if [one.number for one in state.done] != [*range(len(state.done))]:
             raise ValueError("the candidates are not numbered in order")
-        space = kept["plan"]["space"]
-        names = {*space["search"], *([SHARE] if "second" in space else [])}
-        if any(set(one.chosen) != names for one in state.done):
-            raise ValueError("a candidate has other parameters")
+        for one in state.done:
+            check_chosen(one.chosen, plan.space.searched)
         return state
 
     parts = "its search space, seed, subjects, held-out points, objective, target"

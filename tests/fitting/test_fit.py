@@ -33,6 +33,7 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.fitting import study
+from causal_openlock.fitting.kept import keep_fit
 from causal_openlock.fitting.objective import (
     HOLD_OUT,
     Job,
@@ -307,9 +308,7 @@ def test_the_best_few_are_played_again_and_that_decides(tmp_path):
     [{"seed": 4}, {"subjects": 5}, {"hold_out": "none"}, {"objective": "means_and_spreads"}],
 )
 def test_a_folder_with_another_fit_is_refused(tmp_path, change):
-    (tmp_path / FILE).write_text(
-        json.dumps({"plan": plan().as_dict(), "done": [], "again": {}}), encoding="utf-8"
-    )
+    keep_fit(tmp_path / FILE, plan().as_dict(), done=[], again={})
     with pytest.raises(StoreError, match="another fit"):
         fit(plan(**change), tmp_path)
 
@@ -320,11 +319,19 @@ def test_a_folder_with_something_else_is_refused(tmp_path):
         fit(plan(), tmp_path)
 
 
-@pytest.mark.parametrize("chosen", [None, {"lapse": 0.5}, {"lapse": "high", "whole": 2}])
-def test_a_candidate_without_its_parameters_is_refused(tmp_path, chosen):
-    done = [{"number": 0, "chosen": chosen, "rmse": 1.0}]
-    whole = {"plan": plan().as_dict(), "done": done, "again": {}}
-    (tmp_path / FILE).write_text(json.dumps(whole), encoding="utf-8")
+RIGHT = {"lapse": 0.5, "whole": 2}
+
+
+@pytest.mark.parametrize(
+    ("chosen", "rmse"),
+    [(None, 1.0), ({"lapse": 0.5}, 1.0), ({"lapse": "high", "whole": 2}, 1.0),
+     ({**RIGHT, "lapse": 9.0}, 1.0), (RIGHT, float("nan"))],
+)  # fmt: skip
+def test_a_candidate_without_its_parameters_is_refused(tmp_path, chosen, rmse):
+    keep_fit(tmp_path / FILE, plan().as_dict(), done=[], again={})
+    study._opened(plan(), tmp_path / FILE)
+    done = [{"number": 0, "chosen": chosen, "rmse": rmse}]
+    keep_fit(tmp_path / FILE, plan().as_dict(), done=done, again={})
     with pytest.raises(StoreError, match="this is no fit"):
         fit(plan(), tmp_path)
 

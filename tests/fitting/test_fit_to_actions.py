@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,8 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
-from causal_openlock.fitting.actions import ActionPlan, fit_all, fit_job, fit_table, jobs_of
+from causal_openlock.fitting.actions import FILE, ActionPlan, fit_all, fit_job, fit_table, jobs_of
+from causal_openlock.fitting.kept import fitting_in, keep_fit
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
 
@@ -78,6 +80,56 @@ def test_it_goes_on_where_it_was_stopped(folder: Path, tmp_path: Path) -> None:
         fit_all(jobs[:3], tmp_path)
     with pytest.raises(OpenLockError, match="hold out trials"):
         jobs_of(parts(folder, "cool"), replace(PLAN, hold_out="subjects"), each=True)
+
+
+def test_one_fit_at_a_time_works_in_a_folder(folder: Path, tmp_path: Path) -> None:
+    words = ["fit", "associative", "--to", str(folder), "--of", "cool", "--hold-out", "none",
+             "-s", "temperature=0.02:2:log", "--candidates", "1", "--workers", "1",
+             "--out", str(tmp_path)]  # fmt: skip
+    writing = tmp_path / ".fit_to_actions.json.x.partial"
+    with fitting_in(tmp_path):
+        writing.touch()
+        for more in ([], ["--hierarchical"]):
+            refused = CliRunner().invoke(app, [*words, *more])
+            assert isinstance(refused.exception, StoreError)
+            assert "is in use by another fit; wait for it" in str(refused.exception)
+        assert writing.exists()
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert not writing.exists()
+
+
+def test_what_is_kept_is_what_was_fitted(folder: Path, tmp_path: Path) -> None:
+    jobs = jobs_of(parts(folder, "cool"), replace(PLAN, candidates=1, moves=0), each=True)[:4]
+    fit_all(jobs, tmp_path)
+    path = tmp_path / FILE
+    content = path.read_bytes()
+    kept = json.loads(content)
+    path.write_bytes(content.replace(b'"actions": ', b'"actions": 1', 1))
+    with pytest.raises(StoreError, match="its checksum does not match"):
+        fit_all(jobs, tmp_path)
+    done = kept["done"]
+    for wrong in (
+        done[1:],
+        done[::-1],
+        [*done, done[0]],
+        [{**done[0], "nll": float("nan")}],
+        [{**done[0], "chosen": {"temperature": 2.5}}],
+    ):
+        keep_fit(path, kept["plan"], done=wrong)
+        with pytest.raises(StoreError, match="this is no fit"):
+            fit_all(jobs, tmp_path)
+    keep_fit(path, kept["plan"], done=done[:3])
+    assert fit_all(jobs, tmp_path) == [fit_job(job) for job in jobs]
+
+
+def test_nothing_can_be_held_out_of_a_single_trial(folder: Path) -> None:
+    (part,) = parts(folder, "cool")
+    short = part.rows[(part.rows["subject"] != 3) | (part.rows["trial"] == 1)]
+    short = replace(part, rows=short[short["phase"] == "train"])
+    with pytest.raises(OpenLockError, match=r"cool/CC3/.*/3 played one trial only"):
+        jobs_of([short], PLAN, each=True)
+    assert len(jobs_of([short], replace(PLAN, hold_out="none"), each=True)) == 6
+    assert len(jobs_of([short], PLAN, each=False)) == 3
 
 
 def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,24 +21,25 @@ from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
 from causal_openlock.fitting.actions import WHOLE, ActionPlan, fit_table, of_share, share_of
-from causal_openlock.fitting.hierarchical import (
-    SPREADS,
+from causal_openlock.fitting.group import (
     Group,
-    GroupFit,
     Peak,
     derivatives,
     evidence_of,
     group_of,
     peak,
 )
-from causal_openlock.fitting.search import Range, search_space
+from causal_openlock.fitting.hierarchical import PROGRESS, GroupFit
+from causal_openlock.fitting.kept import fitting_in, keep_fit
+from causal_openlock.fitting.predicting import read_fit
+from causal_openlock.fitting.search import Range, search_beside, search_space
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
 from causal_openlock.world.fsm import FloatArray
 
 HEAT = Range(0.02, 2.0, log=True)
 SPACE = search_space("associative", {"temperature": HEAT})
 PLAN = ActionPlan(SPACE, candidates=4, hold_out="none")
-BEGIN = Group(np.zeros(1), np.full(1, SPREADS[1]))
+BEGIN = Group.wide(1)
 DRAWN = np.array([-1.2, -0.4, 0.4, 1.2])
 """Log-odds of the temperatures of four subjects."""
 
@@ -59,6 +61,11 @@ def test_the_group_is_that_of_greatest_likelihood() -> None:
         peaks.append(Peak(at.tolist(), np.diag(bent).tolist(), 0.0))
     found = group_of(peaks, group)
     assert [*found.mean, *found.spread] == pytest.approx([*wanted[:2], *abs(wanted[2:])], abs=2e-3)
+    outsider = Peak([4.0, 4.0], np.eye(2).tolist(), 0.0)
+    counts = np.array([1.0] * len(peaks) + [0.0])
+    assert group_of([*peaks, outsider], group, counts).mean == pytest.approx(found.mean)
+    assert group_of([*peaks, outsider], group).mean[0] > found.mean[0] + 0.1
+    assert group_of(peaks, group, np.full(len(peaks), 0.1)) is group
     nobody = Peak([9.0, 9.0], np.zeros((2, 2)).tolist(), 0.0, actions=0)
     assert group_of([*peaks, nobody], group).mean == pytest.approx(found.mean)
 
@@ -147,13 +154,20 @@ def test_a_group_of_subjects_is_fitted(folder: Path, tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        GroupFit(parts(folder), PLAN, tmp_path / "again").run(report=stop)
-    resumed = GroupFit(parts(folder), PLAN, tmp_path / "again")
+        GroupFit(parts(folder), {"associative": PLAN}, tmp_path / "again").run(report=stop)
+    resumed = GroupFit(parts(folder), {"associative": PLAN}, tmp_path / "again")
     again = fit_table(resumed.run())
     pd.testing.assert_frame_equal(again.round(6), table, check_dtype=False)
     assert resumed.rounds[WHOLE] >= 2
     with pytest.raises(StoreError, match="holds another fit to actions"):
-        GroupFit(parts(folder)[:3], PLAN, tmp_path / "again")
+        GroupFit(parts(folder)[:3], {"associative": PLAN}, tmp_path / "again").run()
+    with fitting_in(tmp_path / "again"), pytest.raises(StoreError, match="use by another fit"):
+        resumed.run()
+    path = tmp_path / "again" / PROGRESS
+    kept = json.loads(path.read_text())
+    keep_fit(path, kept["plan"], starts=kept["starts"][::-1], peaks=kept["peaks"])
+    with pytest.raises(StoreError, match="this is no fit"):
+        resumed.run()
 
 
 def test_who_is_held_out_is_predicted_by_the_group(tmp_path: Path) -> None:
@@ -161,7 +175,7 @@ def test_who_is_held_out_is_predicted_by_the_group(tmp_path: Path) -> None:
     made = make_experiment(["CC3"], ["associative"], subjects=2, protocol=brief, seed=5)
     run(made, tmp_path / "played", workers=0)
     plan = replace(PLAN, hold_out="subjects", candidates=2)
-    fits = GroupFit(parts(tmp_path / "played"), plan, tmp_path).run()
+    fits = GroupFit(parts(tmp_path / "played"), {"associative": plan}, tmp_path).run()
     fold = {one.who[-2:]: one for one in fits if one.fold == 0}
     assert (fold["/0"].actions, fold["/1"].held_out_actions) == (0, 0)
     assert fold["/0"].chosen == fold["up"].chosen != fold["/1"].chosen
@@ -173,7 +187,65 @@ def test_who_is_held_out_is_predicted_by_the_group(tmp_path: Path) -> None:
 def test_what_cannot_be_fitted_so_is_refused(folder: Path, tmp_path: Path) -> None:
     whole = ActionPlan(search_space("bayes", {"particles": Range(10, 20)}))
     with pytest.raises(LearnerError, match="particles of bayes takes whole numbers only"):
-        GroupFit(parts(folder), whole, tmp_path)
+        GroupFit(parts(folder), {"bayes": whole}, tmp_path)
     result = CliRunner().invoke(app, ["fit", "associative", "--hierarchical"])
     assert isinstance(result.exception, OpenLockError)
     assert "give --to" in str(result.exception)
+
+
+def test_a_mixture_finds_who_follows_whom_and_fits_only_them(tmp_path: Path) -> None:
+    """Four subjects learn by association, all with one temperature; two act at random."""
+    brief = ol.Protocol("brief", 8, stop_when_solved=True, baseline_trials=1)
+    cold = ol.learner("associative", label="cold", subjects=4, temperature=0.1)
+    others = ol.learner("random", subjects=2)
+    made = make_experiment(["CC3"], [cold, others], subjects=5, protocol=brief, seed=5)
+    run(made, tmp_path / "played", workers=0)
+    words = ["fit", "associative", "--to", str(tmp_path / "played"), "--hierarchical", "--or",
+             "random", "-s", "temperature=0.02:2:log", "--candidates", "4", "--workers", "1",
+             "--folds", "2", "--hold-out", "subjects", "--out", str(tmp_path / "fit")]  # fmt: skip
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "Two thirds of such a group of associative have" in " ".join(result.output.split())
+    table = pd.read_csv(tmp_path / "fit" / "fits.csv")
+    own = table[(table["learner"] == "associative") & (table["who"] != "group")]
+    is_cold = own["who"].str.startswith("cold")
+    assert (own["followed"] > 0.9).tolist() == is_cold.tolist()
+    groups = table[table["who"] == "group"].set_index("learner")
+    assert groups.loc["associative", "followed"] == pytest.approx(5 / 8, abs=0.01)
+    assert groups.loc["mixture", "held_out_bits"] < groups["held_out_bits"][:2].min()
+    others = table[(table["learner"] == "random") & (table["who"] != "group")]
+    both = own.merge(others, on="who")
+    assert np.allclose(both["followed_x"] + both["followed_y"], 1)
+
+    alone = ["--out", str(tmp_path / "alone")]
+    words = [word for word in words[:-2] if word not in ("--or", "random")]
+    assert CliRunner().invoke(app, [*words, *alone]).exit_code == 0
+    everyone = pd.read_csv(tmp_path / "alone" / "fits.csv").iloc[0]
+    own = groups.loc["associative"]
+    wide = [np.log(one["temperature_high"] / one["temperature_low"]) for one in (own, everyone)]
+    assert wide[0] < 0.5 * wide[1]  # those who follow another learner would make it wide
+
+    with pytest.raises(StoreError, match="this is a mixture of learners"):
+        read_fit(tmp_path / "fit")
+    plans = {name: replace(PLAN, space=search_beside(name)) for name in ("win_stay", "random")}
+    kept = parts(tmp_path / "played")
+    fits = GroupFit(kept, plans, tmp_path / "fixed").run()
+    assert [one.chosen for one in fits] == [{}] * len(fits)
+    assert [one.who for one in fits].count("group") == 3
+
+    def stop(what: str) -> None:
+        if "fold 2 of 3" in what:
+            raise KeyboardInterrupt
+
+    plan = replace(PLAN, hold_out="subjects")
+    pair = {"associative": plan, "random": replace(plan, space=search_beside("random"))}
+    with pytest.raises(KeyboardInterrupt):
+        GroupFit(kept, pair, tmp_path / "again").run(report=stop)
+    again = fit_table(GroupFit(kept, pair, tmp_path / "again").run())
+    pd.testing.assert_frame_equal(again.round(6), table, check_dtype=False)
+
+
+def test_a_mixture_needs_groups(folder: Path) -> None:
+    result = CliRunner().invoke(app, ["fit", "bayes", "--to", str(folder), "--or", "random"])
+    assert isinstance(result.exception, OpenLockError)
+    assert "give --hierarchical" in str(result.exception)

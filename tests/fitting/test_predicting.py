@@ -18,6 +18,7 @@ from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
 from causal_openlock.fitting.actions import FILE, WHOLE, ActionPlan, fit_all, jobs_of
 from causal_openlock.fitting.hierarchical import GroupFit
+from causal_openlock.fitting.kept import keep_fit
 from causal_openlock.fitting.predicting import FitOfActions, read_fit, score_fits
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.scoring.scores import Scores, followed
@@ -40,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for way in WAYS:
         plan = replace(PLAN, hold_out="trials" if way.endswith("held") else "none")
         if way == "group":
-            GroupFit(parts, plan, folder / way).run()
+            GroupFit(parts, {plan.space.learner: plan}, folder / way).run()
         else:
             fit_all(jobs_of(parts, plan, way.startswith("each")), folder / way)
     return folder
@@ -96,7 +97,7 @@ def changed(folder: Path, to: Path, **plan: object) -> Path:
     kept = json.loads((folder / FILE).read_text())
     done = plan.pop("done", kept["done"])
     to.mkdir()
-    (to / FILE).write_text(json.dumps({"plan": {**kept["plan"], **plan}, "done": done}))
+    keep_fit(to / FILE, {**kept["plan"], **plan}, done=done)
     return to
 
 
@@ -108,6 +109,10 @@ def test_mistakes_are_explained(folder: Path, tmp_path: Path) -> None:
         read_fit(changed(whole, tmp_path / "part", done=[]))
     with pytest.raises(StoreError, match="this is no fit"):
         read_fit(changed(whole, tmp_path / "spoiled", subjects=3))
+    (first, *_) = json.loads((whole / FILE).read_text())["done"]
+    for name, wrong in (("nll", float("nan")), ("chosen", dict.fromkeys(first["chosen"], 99.0))):
+        with pytest.raises(StoreError, match="this is no fit"):
+            read_fit(changed(whole, tmp_path / name, done=[{**first, name: wrong}]))
     other = read_fit(changed(whole, tmp_path / "lapsing", lapse=0.1))
     with pytest.raises(OpenLockError, match=r"give --lapse 0\.1"):
         scored(folder, other)
