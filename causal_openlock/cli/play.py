@@ -168,6 +168,7 @@ def forget(
     say(f"person {subject} is deleted from {folder}: {files}, and all there was in its logs")
     if left:
         say(
-            f"made of what they did, too, and to be made again or deleted: {', '.join(left)}",
+            f"may be made of what they did, and is to be made again or deleted: {', '.join(left)}",
             error=True,
         )
+    say("whatever was made of the folder elsewhere (bundles, fits, copies) is to be deleted, too")

@@ -1,9 +1,9 @@
 """Deleting one person's data, as they may ask for at any time.
 
 A person is known by number and condition. What they did is deleted from ``cells/``,
-``reactions/``, ``structures/`` and the logs; what a recruiting service calls them, too. Everybody
-else keeps their number. Files that were made of everybody's data, such as a report, are named, not
-touched.
+``reactions/``, ``structures/`` and the logs; so are identifiers of a recruiting service. Everybody
+else keeps their number. What else is in the folder, such as a report or a fit, may have been made
+of everybody's data: it is named, not touched.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from pathlib import Path
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.store import LOG, Store
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.play.people import DATA, People, delete_files
+from causal_openlock.play.participant import DATA, delete_files
+from causal_openlock.play.people import People
 from causal_openlock.play.person import LEARNER
+from causal_openlock.play.recruiting import RECRUITED
 
-DERIVED = ("report.html", "summary.csv", "tables", "figures", "scores", "record.csv", "minari")
-"""What others commands write beside a record."""
+OWN = (*DATA, "experiment.json", LOG, RECRUITED, "consent_*.md", ".*")
+"""What ``play`` and ``import`` write themselves, of which a person is deleted."""
 
 
 def forget_person(
@@ -34,7 +36,7 @@ def forget_person(
         condition: Its name; it may be left out where there is one only.
 
     Returns:
-        The files that were deleted, and the names of those that were made of the data, too.
+        The files that were deleted, and the names of all else in the folder.
 
     Raises:
         StoreError: If it is no such folder, it is in use, or there is no such person.
@@ -47,7 +49,8 @@ def forget_person(
     if condition is None and len(names) > 1:
         raise StoreError(f"say which condition, with --condition: {', '.join(names)}")
     condition = condition or names[0]
-    left = [name for name in DERIVED if (store.folder / name).exists()]
+    there = sorted(store.folder.iterdir())
+    left = [path.name for path in there if not any(map(path.match, OWN))]
     if (store.folder / LOG).exists():
         people = People(
             folder,

@@ -172,9 +172,9 @@ def is_forgotten(entry: Entry) -> bool:
 
 
 def is_name(entry: Entry) -> bool:
-    """Whether an entry says what a recruiting service calls somebody who joined."""
-    told = [value for key, value in entry.items() if key != "join"]
-    return _is_number(entry.get("join")) and all(isinstance(value, str) for value in told)
+    """Whether an entry has the identifiers that a recruiting service gives a person who joined."""
+    identifiers = [value for key, value in entry.items() if key != "join"]
+    return _is_number(entry.get("join")) and all(isinstance(one, str) for one in identifiers)
 
 
 def is_turn(entry: Entry) -> bool:

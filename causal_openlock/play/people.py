@@ -1,12 +1,12 @@
 """All people who play in a folder: their sessions, the log of what they did, and their record.
 
 A person is identified by a *session id*, drawn at random when they join and known to their browser
-only. The log holds a hash of it, so nobody who gets the folder can play in another's name. People
-are numbered in the order of joining; conditions are dealt out in shuffled blocks, so that at any
-time every condition has as many people as any other, give or take one.
+only. The log holds a hash of it, so that a reader of the folder cannot play in another person's
+name. People are numbered in the order of joining; conditions are dealt out in shuffled blocks, so
+that at any time every condition has as many people as any other, give or take one.
 
-Somebody who comes again under the same name of a recruiting service gets another session id of the
-same person and goes on where they stopped. Those who have finished cannot play again.
+A person who joins again under the same identifier of a recruiting service gets another session id
+and continues where they stopped. Those who have finished cannot play again.
 
 Every request that changes something carries the number of the turn that it is meant for. A request
 that comes twice, too late or too early is refused and changes nothing.
@@ -22,36 +22,28 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.answers import FOLDER as STRUCTURES
-from causal_openlock.experiment.answers import write_answers
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
-from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import sweep, write_text
-from causal_openlock.play.game import EXPERIMENT, Answer, Game
+from causal_openlock.play.game import EXPERIMENT, Answer
 from causal_openlock.play.log import Entry as LogEntry
-from causal_openlock.play.log import Log, is_forgotten, is_join, is_name, is_return, is_turn
+from causal_openlock.play.log import Log, is_forgotten, is_join, is_return, is_turn
+from causal_openlock.play.participant import Participant, delete_files
 from causal_openlock.play.person import LABEL, LEARNER
-from causal_openlock.play.reactions import FOLDER, reactions_table, rows_kept, write_reactions
+from causal_openlock.play.reactions import FOLDER
+from causal_openlock.play.recruiting import Recruited
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-RECRUITED = "recruited.jsonl"
-"""What a recruiting service calls people, by the number of joining."""
-DATA = ("cells", FOLDER, STRUCTURES)
-"""The folders that have a file for each person."""
 MOST_PEOPLE = 10_000
 """How many people can join in one folder."""
 MOST_RETURNS = 100
-"""How often a person can come again without the session id that they had."""
+"""How often a person can join again without the session id that they had."""
 
 
 class Refused(OpenLockError):  # noqa: N818 - an answer to the page
@@ -75,48 +67,15 @@ class OutOfTurn(Refused):
 
 
 class TooManyPeople(Refused):
-    """Nobody else can join."""
+    """As many people have joined as can."""
 
 
 class HasFinished(Refused):
-    """Somebody would play again who has played to the end."""
+    """A person who has played to the end asks to play again."""
 
 
 class NotAgreed(Refused):
-    """Somebody would join who has not agreed to the consent as it is now."""
-
-
-class _Person:
-    """A person: their number, their game, and when they joined."""
-
-    def __init__(
-        self, number: int, cell: Cell, joined: float, practice: bool, ask: bool = False
-    ) -> None:
-        self.number, self.cell, self.joined, self.returns = number, cell, joined, 0
-        self.lock = threading.Lock()
-        self.game = Game(
-            cell.condition, cell.spec.protocol, cell.first_subject, cell.seed, practice, ask
-        )
-        # How many actions, ended trials and answers are in the files.
-        self.kept = self.kept_trials = self.kept_answers = 0
-
-    def take(self, turn: LogEntry) -> Answer:
-        """Take a turn as it is in the log."""
-        if "edges" in turn:
-            return self.game.answer(turn["edges"], turn["at"] - self.joined)
-        if "action" not in turn:
-            return self.game.proceed()
-        reaction = turn["reaction"]
-        seconds = None if reaction is None else reaction / 1000
-        return self.game.act(turn["action"], seconds, turn["at"] - self.joined)
-
-    def record(self) -> pa.Table:
-        """The trials that are over, with the times at which attempts really ended."""
-        # The trial that a person is in, or has left for good, is no trial of the record.
-        over = self.game.trials_over
-        ends = [one.time for one in self.game.done if one.attempt_over and one.visit <= over]
-        table = self.game.session.record().slice(0, len(ends))
-        return with_times(table, ends)
+    """A person asks to join who has not agreed to the consent as it is now."""
 
 
 class People:
@@ -130,9 +89,9 @@ class People:
         practice: Whether people who join now begin with a practice room.
         ask: Whether people who join now are asked after each trial which lever enables which.
         consent: What people have to agree to before they join, in Markdown; empty for nothing.
-        recruiting: What a recruiting service adds to the address of the page to say who comes, such
+        recruiting: What a recruiting service adds to the address of the page to say who joins, such
             as ``("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")``. It is kept in ``recruited.jsonl``.
-            The first of them says who is the same person.
+            The first of them identifies the person.
         command: The command that continues, for the report.
         clock: Returns the time in seconds.
 
@@ -169,11 +128,10 @@ class People:
         self.ask, self.consent, self.recruiting = ask, consent, tuple(recruiting)
         self.consent_mark = hashlib.sha256(consent.encode()).hexdigest()[:16] if consent else ""
         self.store = Store(folder)
-        self._people: dict[str, _Person] = {}
-        self._called: dict[str, _Person] = {}  # by what the recruiting service calls them
-        self._order: list[_Person | None] = []  # None: their data were deleted
+        self._people: dict[str, Participant] = {}
+        self._order: list[Participant | None] = []  # None: their data were deleted
         self._joining, self._keeping = threading.Lock(), threading.Lock()
-        # Loaded now, and not while somebody waits for an answer.
+        # Loaded now, and not while a person waits for an answer.
         import pyarrow.parquet  # noqa: F401
 
         self.store.open(self.experiment, changed=False)
@@ -182,10 +140,8 @@ class People:
             opened.callback(self.store.close)
             self._log = Log(self.store.folder / "log.jsonl")
             opened.callback(self._log.close)
-            called = self.store.folder / RECRUITED
-            self._recruited = Log(called) if self.recruiting or called.exists() else None
-            if self._recruited:
-                opened.callback(self._recruited.close)
+            self._recruited = Recruited(self.store.folder, self.recruiting)
+            opened.callback(self._recruited.close)
             if consent:
                 write_text(self.store.folder / f"consent_{self.consent_mark}.md", consent)
             self._resume()
@@ -195,29 +151,29 @@ class People:
     # -- what the page requests -----------------------------------------------------------------
 
     def join(self, agreed: str = "", recruited: Mapping[str, str] | None = None) -> str:
-        """Add a person, or let one go on who came before, and return a session id of theirs.
+        """Add a person, or let one continue who joined before; returns a session id of theirs.
 
         Args:
             agreed: The ``consent_mark`` of the text that the person was shown and has agreed to.
-            recruited: What the recruiting service calls them.
+            recruited: Identifiers that the recruiting service gives them.
 
         Raises:
             NotAgreed: If there is a consent, and they have agreed to none or to another one.
             HasFinished: If they have played to the end before.
-            TooManyPeople: If nobody else can join.
+            TooManyPeople: If as many have joined as can.
             StoreError: If it cannot be written to the log.
         """
         if self.consent and agreed != self.consent_mark:
-            raise NotAgreed("nobody joins without having agreed to the text that is shown now")
-        told = {key: value for key, value in (recruited or {}).items() if key in self.recruiting}
-        called = told.get(self.recruiting[0], "") if self.recruiting else ""
+            raise NotAgreed("to join, one has to have agreed to the text that is shown now")
+        given = recruited or {}
         name = secrets.token_urlsafe(24)
         with self._joining:
-            if before := self._called.get(called):
-                self._return(before, name)
+            before = self._recruited.number(given)
+            if before is not None and (known := self._order[before]):
+                self._return(known, name)
                 return name
             if len(self._order) >= MOST_PEOPLE:
-                raise TooManyPeople("nobody else can join")
+                raise TooManyPeople("no more people can join")
             entry = {
                 "join": len(self._order),
                 "key": _key(name),
@@ -229,27 +185,24 @@ class People:
             person = self._person(entry)
             self._log.append(entry)
             self._add(entry, person)
-            # Not before the log: nobody else may get a number that somebody is called by.
-            if self._recruited is not None:
-                self._recruited.append({"join": entry["join"], **told})
-            if called:
-                self._called[called] = person
+            # Not before the log: no other person may get a number that has an identifier.
+            self._recruited.add(person.number, given)
         return name
 
-    def _return(self, person: _Person, name: str) -> None:
+    def _return(self, person: Participant, name: str) -> None:
         """Give a person a further session id; the one they had stays good."""
         with person.lock:
             if person.game.view()["stage"] == "end":
                 raise HasFinished("this person has played to the end, and cannot play again")
         if person.returns >= MOST_RETURNS:
-            raise TooManyPeople("this person has come again too often")
+            raise TooManyPeople("this person has joined too often")
         entry = {"of": person.number, "key": _key(name), "at": self._clock()}
         if self.consent:
             entry["consent"] = self.consent_mark
         self._log.append(entry)
         self._known_again(entry, person)
 
-    def _known_again(self, entry: LogEntry, person: _Person) -> None:
+    def _known_again(self, entry: LogEntry, person: Participant) -> None:
         person.returns += 1
         self._people[entry["key"]] = person
 
@@ -285,13 +238,13 @@ class People:
         person = self._find(name)
         with person.lock:
             game = person.game
-            if turn != game.turn or not _allows(game, what):
+            if turn != game.turn or not person.allows(what):
                 raise OutOfTurn(game.view())
             entry = {"of": person.number, "turn": turn, "at": self._clock(), **what}
             self._log.append(entry)  # first it is on file, then it is done, then it is answered
             return person.take(entry)
 
-    def _find(self, name: str) -> _Person:
+    def _find(self, name: str) -> Participant:
         person = self._people.get(_key(name))
         if person is None:
             raise UnknownPerson("there is no such session")
@@ -299,12 +252,12 @@ class People:
 
     # -- joining and coming back ----------------------------------------------------------------
 
-    def _person(self, entry: LogEntry) -> _Person:
+    def _person(self, entry: LogEntry) -> Participant:
         number = entry["join"]
         ask = entry.get("ask", False)
-        return _Person(number, self._cell(number), entry["at"], entry["practice"], ask)
+        return Participant(number, self._cell(number), entry["at"], entry["practice"], ask)
 
-    def _add(self, entry: LogEntry, person: _Person) -> None:
+    def _add(self, entry: LogEntry, person: Participant) -> None:
         self._order.append(person)
         self._people[entry["key"]] = person
 
@@ -344,40 +297,21 @@ class People:
                 continue
             if entry["turn"] != person.game.turn:
                 raise self._log.fault(number, "a turn is missing before this one")
-            if not _allows(person.game, entry):
+            if not person.allows(entry):
                 raise self._log.fault(number, "this was not possible then")
             person.take(entry)
         self._log.entries = []
-        if self._recruited is not None:
-            self._take_names(self._recruited)
+        self._recruited.resume({person.number for person in self._there})
         for person in self._there:
-            done, ended = len(person.game.done), person.game.trials_over
-            file = person.cell.file_name
-            whole = rows_kept(self.store.folder / FOLDER / file) == done
-            if whole and (not ended or self.store.check(person.cell) is None):
-                person.kept, person.kept_trials = done, ended
-
-    def _take_names(self, recruited: Log) -> None:
-        """What people are called; who is not in the log, or has been forgotten, is dropped."""
-        for line, one in enumerate(recruited.entries, start=1):
-            if not is_name(one):
-                raise recruited.fault(line, "this line names nobody who plays")
-        there = {person.number: person for person in self._there}
-        kept = [one for one in recruited.entries if one["join"] in there]
-        if len(kept) < len(recruited.entries):
-            recruited.rewrite(kept)
-        for one in kept:
-            if self.recruiting and (called := one.get(self.recruiting[0])):
-                self._called.setdefault(called, there[one["join"]])
-        recruited.entries = []
+            person.find_kept(self.store)
 
     @property
-    def _there(self) -> list[_Person]:
+    def _there(self) -> list[Participant]:
         """Those whose data have not been deleted."""
         return [person for person in self._order if person is not None]
 
     def forget(self, condition: str, subject: int) -> list[Path]:
-        """Delete everything that one person did, said and is called by; others stay as they are.
+        """Delete everything that one person did and said, and their identifiers; others stay.
 
         Returns the files that were deleted.
 
@@ -393,16 +327,14 @@ class People:
         (person,) = found
         with self._keeping, self._joining:
             self._order[person.number] = None
-            for known in (self._people, self._called):
-                for key in [key for key, one in known.items() if one is person]:
-                    del known[key]
+            for key in [key for key, one in self._people.items() if one is person]:
+                del self._people[key]
             self._declare()
             deleted = delete_files(self.store, person.cell.file_name)
             # The log last: the same command deletes what a killed one has left.
-            for log, mine in ((self._recruited, ""), (self._log, "join")):
-                if log is not None:
-                    entries, _ = log.read()
-                    log.rewrite(_without(entries, person.number, mine))
+            self._recruited.forget(person.number)
+            entries, _ = self._log.read()
+            self._log.rewrite(_without(entries, person.number))
         return deleted
 
     # -- the record -----------------------------------------------------------------------------
@@ -425,33 +357,13 @@ class People:
             StoreError: If it cannot be written; the log still has everything.
         """
         with self._keeping:
-            folder = self.store.folder / FOLDER
             for data in (FOLDER, STRUCTURES):
                 sweep(self.store.folder / data)
             written = False
             for person in self._there:
-                with person.lock:
-                    game = person.game
-                    same = len(game.answers) == person.kept_answers
-                    if len(game.done) == person.kept and same:
-                        continue
-                    if ended_only and game.trials_over == person.kept_trials and same:
-                        continue
-                    answers = list(game.answers)
-                    done, record, trials = list(game.done), person.record(), game.trials_over
-                cell = person.cell
-                table = reactions_table(cell.condition.name, cell.first_subject, done)
-                write_reactions(folder / cell.file_name, table)
-                if answers:
-                    positions = person.game.session.brief.positions
-                    path = self.store.folder / STRUCTURES / cell.file_name
-                    write_answers(path, answers, positions)
-                if record.num_rows:
-                    self.store.write(cell, record)
-                person.kept_answers = len(answers)
-                person.kept, person.kept_trials = len(done), trials
-                written = True
-                time.sleep(pause)
+                if person.keep(self.store, ended_only):
+                    written = True
+                    time.sleep(pause)
             if written:
                 self._declare()
 
@@ -469,33 +381,17 @@ class People:
         try:
             self.keep()
         finally:
-            if self._recruited is not None:
-                self._recruited.close()
+            self._recruited.close()
             self._log.close()
             self.store.close()
 
 
-def _allows(game: Game, what: LogEntry) -> bool:
-    return game.allows_answer(what["edges"]) if "edges" in what else game.allows(what.get("action"))
-
-
-def _without(entries: Sequence[LogEntry], number: int, join: str) -> list[LogEntry]:
-    """A log without one person; in the log of what people do, they leave a number."""
+def _without(entries: Sequence[LogEntry], number: int) -> list[LogEntry]:
+    """A log without one person, who leaves a number."""
     gone = {"join": number, "forgotten": True}
     return [
-        gone if join and one.get("join") == number else one
-        for one in entries
-        if one.get("of") != number and (join or one.get("join") != number)
+        gone if one.get("join") == number else one for one in entries if one.get("of") != number
     ]
-
-
-def delete_files(store: Store, name: str) -> list[Path]:
-    """Delete the files of this name in all folders that have one for each person."""
-    paths = [store.folder / folder / name for folder in DATA]
-    there = [path for path in paths if path.exists()]
-    for path in there:
-        path.unlink()
-    return there
 
 
 def _key(name: str) -> str:

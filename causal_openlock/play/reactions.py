@@ -87,7 +87,7 @@ def read_reactions(folder: Path | str) -> pa.Table:
         except (OSError, ChecksumError, pa.ArrowException, ValueError) as error:
             raise StoreError(
                 f"{path} is damaged ({' '.join(str(error).split())[:120]}); start play with this "
-                "folder and stop it: it is made anew from what is logged"
+                "folder and stop it: it is made again from the log"
             ) from None
     order = [(name, "ascending") for name in ("condition", "subject", "time")]
     return pa.concat_tables(tables).sort_by(order)

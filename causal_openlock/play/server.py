@@ -4,7 +4,7 @@
 ``GET /`` and its files    the page
 ``GET /brief``             budgets, for the instructions
 ``GET /geometry/7``        where things are in a room of seven levers
-``POST /join``             start a session, or go on with that of somebody recruited; answers its id
+``POST /join``             start a session, or continue that of a recruited person; answers its id
 ``GET /state``             what the person may know now
 ``POST /proceed``          ``{"turn"}``: leave the practice room
 ``POST /act``              ``{"turn", "action", "reaction"}``: act; reaction in milliseconds or null
@@ -15,7 +15,7 @@ A session id travels as ``Authorization: Bearer ID``, which no other site's page
 is), 400 requests that the page never makes. None of these changes anything.
 
 Starlette routes the requests and uvicorn speaks HTTP; the work for a request is done in a thread,
-so that nobody waits while another person's click is written. By default the server listens on
+so that no click waits until another one is written. By default the server listens on
 loopback, and then refuses requests under another name than this machine's own: those of a
 foreign page whose host name was made to point here. Behind a reverse proxy it also accepts the
 address that people use, which it has to be given.
@@ -94,7 +94,7 @@ class PlayServer:
         host: Address to listen on.
         port: Port to listen on; 0 for any that is free.
         completion: Where people go when they have finished, such as the page of a recruiting
-            service; empty for nowhere. Nobody is told before.
+            service; empty for nowhere. The page has it only at the end.
         address: What people type, such as ``https://study.example.org``, if a reverse proxy passes
             their requests on; empty without one.
 
@@ -135,7 +135,7 @@ class PlayServer:
                 loop="asyncio",
                 lifespan="off",
                 log_config=None,
-                log_level="error",  # nobody's address is logged
+                log_level="error",  # addresses are not logged
                 access_log=False,
                 proxy_headers=False,
                 server_header=False,
@@ -320,7 +320,7 @@ def _checked(address: str) -> str:
     if address and (not whole or parts.query or parts.fragment or "@" in parts.netloc):
         raise OpenLockError(
             f"{address!r} is no address of a server; give one such as https://study.example.org, "
-            "without a path: the page wants a host name of its own"
+            "without a path: the page needs a host name of its own"
         )
     return f"{parts.scheme}://{parts.netloc.lower()}/" if address else ""
 

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from causal_openlock.cli import app
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.experiment import Experiment
@@ -19,7 +21,9 @@ from causal_openlock.formats.schema_file import find_schema
 from causal_openlock.play import log, people
 from causal_openlock.play.forgetting import forget_person
 from causal_openlock.play.log import Log
+from causal_openlock.play.participant import DATA
 from causal_openlock.play.person import LEARNER
+from causal_openlock.play.recruiting import RECRUITED
 from support import play_clients
 from support.made_up_experiments import spec
 from support.play_clients import walk_through
@@ -50,7 +54,13 @@ def imported(folder: Path, *labels: str) -> dict[tuple[str, str], Path]:
 
 def test_only_the_person_of_this_condition_is_deleted(tmp_path: Path) -> None:
     paths = imported(tmp_path, "a", "a_b")  # a_b_CE3_0-0 is of either
-    forget_person(tmp_path, 0, "CE3")
+    for name in ("bundle.zip", "subjects.csv", "consent_0.md"):
+        (tmp_path / name).touch()
+    (tmp_path / "fit-bayes").mkdir()
+    said = CliRunner().invoke(app, ["forget", str(tmp_path), "0", "--condition", "CE3"])
+    assert said.exit_code == 0
+    assert "made again or deleted: bundle.zip, fit-bayes, subjects.csv\n" in said.stderr
+    assert "elsewhere (bundles, fits, copies) is to be deleted, too" in said.stdout
     assert {key for key, path in paths.items() if path.exists()} == {
         ("a", "b_CE3"),
         ("a_b", "b_CE3"),
@@ -122,7 +132,7 @@ def test_what_was_played_is_gone_after_the_second_try(
 
 def test_what_a_killed_server_was_writing_is_swept(tmp_path: Path) -> None:
     play_clients.people(tmp_path).close()
-    for folder in people.DATA:
+    for folder in DATA:
         (tmp_path / folder).mkdir(exist_ok=True)
         (tmp_path / folder / ".person_CC3_0-0.parquet.x.partial").write_text("what somebody said")
     play_clients.people(tmp_path).close()
@@ -140,7 +150,7 @@ def test_nobody_is_called_as_somebody_who_could_not_join(
             raise StoreError("the disk is full")
         append(self, entry)
 
-    for log_name in ("log.jsonl", people.RECRUITED):  # noqa: B007 - `full` reads it
+    for log_name in ("log.jsonl", RECRUITED):  # noqa: B007 - `full` reads it
         with monkeypatch.context() as patch:
             patch.setattr(log.Log, "append", full)
             with pytest.raises(StoreError):
@@ -148,7 +158,7 @@ def test_nobody_is_called_as_somebody_who_could_not_join(
     home.join(recruited={"PID": "there"})
     home.close()
     # A power cut can take the end of one log and leave that of the other.
-    called = Log(tmp_path / people.RECRUITED)
+    called = Log(tmp_path / RECRUITED)
     assert [one["PID"] for one in called.entries] == ["there"]
     (number,) = [one["join"] for one in called.entries]
     assert number == 1
@@ -157,6 +167,6 @@ def test_nobody_is_called_as_somebody_who_could_not_join(
     home = play_clients.people(tmp_path, recruiting=["PID"])
     home.join(recruited={"PID": "next"})
     home.close()
-    told = Log(tmp_path / people.RECRUITED)
+    told = Log(tmp_path / RECRUITED)
     told.close()
     assert [(one["join"], one["PID"]) for one in told.entries] == [(1, "there"), (2, "next")]

@@ -7,7 +7,7 @@ import { Room } from "/room.js";
 const $ = (id) => document.getElementById(id);
 const STORED = "locked-room";
 const KEYS = ["Digit1", "Digit2", "Digit3", "Digit4", "Digit5", "Digit6", "Digit7", "Digit8", "Digit9", "Digit0", "Minus", "Equal"];
-const LONGEST = 24 * 60 * 60 * 1000; // the longest reaction that is told of
+const LONGEST = 24 * 60 * 60 * 1000; // the longest reaction that is sent
 const LOOK = 900; // milliseconds to look at how an attempt ended
 const SCREENS = ["consent", "intro", "ask", "play", "end", "trouble"];
 
@@ -89,8 +89,8 @@ async function geometry(positions) {
 
 async function intro() {
   $("where").textContent = "";
-  const told = { levers: count(brief.positions, "lever"), actions: count(brief.action_limit, "action"), attempts: count(brief.attempt_limit, "attempt") };
-  for (const node of document.querySelectorAll("[data-brief]")) node.textContent = told[node.dataset.brief];
+  const budgets = { levers: count(brief.positions, "lever"), actions: count(brief.action_limit, "action"), attempts: count(brief.attempt_limit, "attempt") };
+  for (const node of document.querySelectorAll("[data-brief]")) node.textContent = budgets[node.dataset.brief];
   $("begin").textContent = state ? "Back to the room" : brief.practice ? "Go to the practice room" : "Go to the first room";
   if (!$("figure").childElementCount) drawFigure($("figure"), await geometry(brief.positions));
   screen("intro");
@@ -238,7 +238,7 @@ async function end() {
   }));
   $("back").hidden = true;
   screen("end");
-  // Only who has finished is told where to go.
+  // Only people who have finished are sent somewhere.
   const { completion } = (await call("/state")).said;
   $("back").hidden = !completion;
   if (completion) $("back-link").href = completion;
@@ -321,7 +321,7 @@ function lost() {
   trouble(
     "This session is not known here",
     "The page was opened with an address that belongs to no session, or to one that is kept elsewhere.",
-    own && stored() ? "Go on where you were" : "Begin anew",
+    own && stored() ? "Go on where you were" : "Start over",
     own && stored() ? () => location.reload() : consent,
   );
 }
@@ -335,7 +335,7 @@ $("begin").onclick = async () => {
     $("begin").disabled = false;
     if (status === 403) return trouble("What you agree to has changed", "Please read it before you begin.", "Read it", () => location.reload());
     if (status === 410) return trouble("You have taken part already", "Everything is saved. The way back is on the page on which you finished, in the browser in which you played.");
-    if (status !== 200) return trouble("Nobody else can join now", "Please tell the person who invited you.");
+    if (status !== 200) return trouble("No more people can join now", "Please tell the person who invited you.");
     remember(said.id);
     state = (await call("/state")).said;
   }

@@ -182,9 +182,9 @@ export class Room {
     if (!this.act) return;
     const n = this.many, bits = this.seen;
     this.geometry.names.forEach((name, place) => {
-      const told = `lever ${place + 1}, ${name}, ${bits[n + place] ? "grey" : "white"}, ${bits[place] ? "pushed" : "pulled"}`;
-      this.targets[place].setAttribute("aria-label", `Push ${told}`);
-      this.targets[n + place].setAttribute("aria-label", `Pull ${told}`);
+      const described = `lever ${place + 1}, ${name}, ${bits[n + place] ? "grey" : "white"}, ${bits[place] ? "pushed" : "pulled"}`;
+      this.targets[place].setAttribute("aria-label", `Push ${described}`);
+      this.targets[n + place].setAttribute("aria-label", `Pull ${described}`);
     });
     const lock = bits[2 * n] ? "locked" : "unlocked";
     this.targets[2 * n].setAttribute("aria-label", `Push the door, ${lock}`);

@@ -1,0 +1,108 @@
+"""One person who plays: their game, and the files that are kept of it."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from causal_openlock.experiment.answers import FOLDER as STRUCTURES
+from causal_openlock.experiment.answers import write_answers
+from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.record import with_times
+from causal_openlock.experiment.store import Store
+from causal_openlock.play.game import Answer, Game
+from causal_openlock.play.log import Entry
+from causal_openlock.play.reactions import FOLDER, reactions_table, rows_kept, write_reactions
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+DATA = ("cells", FOLDER, STRUCTURES)
+"""The folders that have a file for each person."""
+
+
+class Participant:
+    """A person: their number, their game, and when they joined.
+
+    Attributes:
+        lock: To be held while the game is used.
+        returns: How often they joined again without the session id that they had.
+        kept_trials: How many trials that are over are in the files.
+    """
+
+    def __init__(
+        self, number: int, cell: Cell, joined: float, practice: bool, ask: bool = False
+    ) -> None:
+        self.number, self.cell, self.joined, self.returns = number, cell, joined, 0
+        self.lock = threading.Lock()
+        self.game = Game(
+            cell.condition, cell.spec.protocol, cell.first_subject, cell.seed, practice, ask
+        )
+        self.kept_trials = self._kept_actions = self._kept_answers = 0
+
+    def allows(self, turn: Entry) -> bool:
+        """Whether what is done in a turn is possible now."""
+        if "edges" in turn:
+            return self.game.allows_answer(turn["edges"])
+        return self.game.allows(turn.get("action"))
+
+    def take(self, turn: Entry) -> Answer:
+        """Take a turn as it is in the log."""
+        if "edges" in turn:
+            return self.game.answer(turn["edges"], turn["at"] - self.joined)
+        if "action" not in turn:
+            return self.game.proceed()
+        reaction = turn["reaction"]
+        seconds = None if reaction is None else reaction / 1000
+        return self.game.act(turn["action"], seconds, turn["at"] - self.joined)
+
+    def find_kept(self, store: Store) -> None:
+        """Note what is in the files already, so that :meth:`keep` does not write it again."""
+        done, ended = len(self.game.done), self.game.trials_over
+        whole = rows_kept(store.folder / FOLDER / self.cell.file_name) == done
+        if whole and (not ended or store.check(self.cell) is None):
+            self._kept_actions, self.kept_trials = done, ended
+
+    def keep(self, store: Store, ended_only: bool) -> bool:
+        """Write what they did since the last time, or only if a trial has ended; returns whether.
+
+        Raises:
+            StoreError: If it cannot be written.
+        """
+        with self.lock:
+            game, cell = self.game, self.cell
+            same = len(game.answers) == self._kept_answers
+            if len(game.done) == self._kept_actions and same:
+                return False
+            if ended_only and game.trials_over == self.kept_trials and same:
+                return False
+            answers = list(game.answers)
+            done, record, trials = list(game.done), self._record(), game.trials_over
+        table = reactions_table(cell.condition.name, cell.first_subject, done)
+        write_reactions(store.folder / FOLDER / cell.file_name, table)
+        if answers:
+            path = store.folder / STRUCTURES / cell.file_name
+            write_answers(path, answers, game.session.brief.positions)
+        if record.num_rows:
+            store.write(cell, record)
+        self._kept_answers = len(answers)
+        self._kept_actions, self.kept_trials = len(done), trials
+        return True
+
+    def _record(self) -> pa.Table:
+        """The trials that are over, with the times at which attempts really ended."""
+        # The trial that a person is in, or has left for good, is no trial of the record.
+        over = self.game.trials_over
+        ends = [one.time for one in self.game.done if one.attempt_over and one.visit <= over]
+        table = self.game.session.record().slice(0, len(ends))
+        return with_times(table, ends)
+
+
+def delete_files(store: Store, name: str) -> list[Path]:
+    """Delete the files of this name in all folders that have one for each person."""
+    paths = [store.folder / folder / name for folder in DATA]
+    there = [path for path in paths if path.exists()]
+    for path in there:
+        path.unlink()
+    return there
