@@ -24,7 +24,7 @@ are integrals without a closed form, and are estimated (:mod:`learners.theory.dr
 
 Equations 2 to 9 are the paper's; what it leaves open is a parameter or is said here, and
 docs/rivals.md lists it. ``form: cogsci_2019`` is the model before: it settles on a whole chain for
-each attempt, knows no verbs (levers are pushed), prunes nothing, samples its beliefs anew for each
+each attempt, knows no verbs (levers are pushed), prunes nothing, samples its beliefs for each
 attempt, and believes in abstract schemas directly, without atomic ones, so that what was learned of
 rooms with two solutions says nothing about rooms with three.
 
@@ -34,11 +34,9 @@ paper of 2020 publishes of its own model (docs/rivals.md).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import asdict, dataclass, field, replace
-from itertools import pairwise
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -46,14 +44,15 @@ from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
 from causal_openlock.experiment.expected_cost import Cost
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import certain, pick
 from causal_openlock.world.room import positions_for
 from causal_openlock.world.schema import Schema
 from learners.networks.checkpointed import Checkpointed
-from learners.theory.chains import CHAIN_LIMIT, Chains, chains_of, number_of_chains
+from learners.theory.chains import CHAIN_LIMIT, chains_of, number_of_chains
 from learners.theory.draws import DRAWS, LOCAL, AttemptDraws, Moment, Odds, RoomDraws, best
-from learners.theory.schemas import ATOMIC, edit_distances, schemas_of
+from learners.theory.hypotheses import RoomHypotheses
+from learners.theory.schemas import ATOMIC, Schemas, edit_distances
 
 DRAWN_CHAINS = 2**20
 """Chains that are looked at together, for the probabilities."""
@@ -90,22 +89,6 @@ class TheoryBasedParameters:
     ] = 0.8
 
 
-@dataclass(eq=False)
-class RoomTheory:
-    """What a subject thinks of the room that it is in."""
-
-    length: int  # levers in a chain
-    solutions: int
-    grey: IntArray  # [P] 1 where the lever is grey
-    allowed: BoolArray  # [C] chains that were not removed
-    found: list[int] = field(default_factory=list)  # solutions, as chains
-    done: list[int] = field(default_factory=list)  # actions of the attempt that stand in the chain
-    chain: list[int] = field(default_factory=list)  # settled on for the attempt (CogSci 2019)
-    likely: FloatArray | None = None  # [C] probability of the chains, until something changes
-    schemas: IntArray | None = None  # those that are still possible
-    structured: bool = False  # whether any is
-
-
 class TheoryBased(Checkpointed, Learner):
     """Transfers a causal theory: of attributes, bottom-up, and of schemas, top-down."""
 
@@ -139,8 +122,8 @@ class TheoryBased(Checkpointed, Learner):
         self._theta = self._global.copy()
         self._atomic = np.ones((brief.subjects, len(ATOMIC)))
         self._abstract: list[dict[tuple[int, int], FloatArray]] = [{} for _ in brief.generators]
-        self._rooms: list[RoomTheory | None] = [None] * brief.subjects
-        self._left: list[RoomTheory | None] = [None] * brief.subjects
+        self._rooms: list[RoomHypotheses | None] = [None] * brief.subjects
+        self._left: list[RoomHypotheses | None] = [None] * brief.subjects
         # For its probabilities, which leave what it draws itself as it is.
         self._others = [generator.spawn(1)[0] for generator in brief.generators]
         self._attempts: dict[int, AttemptDraws] = {}
@@ -155,7 +138,7 @@ class TheoryBased(Checkpointed, Learner):
         share: FloatArray = np.tile(alpha / alpha.sum(), (many, 1))
         return share
 
-    def _enter(self, view: View, subject: int) -> RoomTheory:
+    def _enter(self, view: View, subject: int) -> RoomHypotheses:
         positions, console = self.brief.positions, view.console
         length = max(int(console.actions_left[subject]) - 1, 1)
         solutions = int(console.solutions_left[subject] + console.solutions_found[subject])
@@ -163,7 +146,7 @@ class TheoryBased(Checkpointed, Learner):
         every = np.ones(len(chains_of(positions, length).actions), dtype=bool)
         if self._earlier:
             every &= (chains_of(positions, length).actions < positions).all(axis=1)
-        room = self._rooms[subject] = RoomTheory(length, solutions, grey, every)
+        room = self._rooms[subject] = RoomHypotheses(length, solutions, grey, every)
         (self._local[subject],) = self._begun(subject, self.brief.generators[subject], 1)
         self._changes[subject] = 0.0
         self._draw_theta(subject)
@@ -183,7 +166,7 @@ class TheoryBased(Checkpointed, Learner):
         for part in self._parts:
             (self._theta[subject, part],) = self._drawn(generator, local[part], 1)
 
-    def _bottom_up(self, theta: FloatArray, room: RoomTheory) -> FloatArray:
+    def _bottom_up(self, theta: FloatArray, room: RoomHypotheses) -> FloatArray:
         """``[N, 2P]`` how much is expected of each action on a lever, by its attributes."""
         if not self.parameters.bottom_up:
             return np.ones((len(theta), 2 * self.brief.positions))
@@ -193,64 +176,24 @@ class TheoryBased(Checkpointed, Learner):
         return np.hstack([verb[:, :1] * by_lever, verb[:, 1:] * by_lever])
 
     def _schema_belief(
-        self, subject: int, room: RoomTheory, generator: np.random.Generator, many: int
+        self, subject: int, room: RoomHypotheses, generator: np.random.Generator, many: int
     ) -> FloatArray:
         """``[many, G]`` probability of the abstract schemas."""
-        schemas = schemas_of(self.brief.positions, room.length, room.solutions)
+        schemas = room.every_schema
         if schemas is None or not room.structured:
             return np.ones((many, 1))
         if self._earlier:
             key = room.length, room.solutions
             alpha = self._abstract[subject].setdefault(key, np.ones(len(schemas.distance)))
             return self._drawn(generator, alpha, many)
-        near = np.exp(-self.parameters.edit_weight * schemas.distance)
         atomic = self._drawn(generator, self._atomic[subject], many)
-        return atomic @ (near / near.sum(axis=0)).T
+        return atomic @ self._abstracted(schemas).T
 
-    def _top_down(self, room: RoomTheory) -> FloatArray:
-        """``[C, G]`` probability of each chain under each abstract schema that is possible.
-
-        What failed and what was found is taken into account. Where schemas are not believed in,
-        or none is possible, there is a single column.
-        """
-        chains = self._chains(room)
-        found = chains.path[room.found]
-        left = room.allowed & ~np.isin(chains.path, found)
-        if not left.any():  # the room does not always obey, or is of another kind than believed
-            room.schemas = None
-            room.allowed[:] = (chains.actions < self.brief.positions).all(axis=1) | ~self._earlier
-            left = room.allowed & ~np.isin(chains.path, found)
-        # A path has as many chains as are left of it, and a schema as many forms as their product.
-        versions = np.bincount(chains.path[left], minlength=len(chains.paths)).astype(float)
-        versions[found] = 1.0
-        worth, room.structured = versions[:, None], False
-        schemas = schemas_of(self.brief.positions, room.length, room.solutions)
-        if self.parameters.top_down and schemas:
-            which, of_each, abstract = room.schemas, schemas.paths, schemas.abstract
-            if which is None:
-                which = np.arange(len(abstract))
-            else:
-                of_each, abstract = of_each[:, which], abstract[which]
-            forms = math.prod(versions[paths] for paths in of_each)
-            for one in found:
-                forms *= np.logical_or.reduce([paths == one for paths in of_each])
-            if not (left_over := forms > 0).all():
-                which, of_each = which[left_over], of_each[:, left_over]
-                forms, abstract = forms[left_over], abstract[left_over]
-            room.schemas = which
-            room.structured = len(forms) > 0
-            if room.structured:
-                kinds = len(schemas.distance)
-                many = np.bincount(abstract, forms, kinds)
-                forms /= many[abstract]
-                size = len(versions) * kinds
-                both = (np.bincount(paths * kinds + abstract, forms, size) for paths in of_each)
-                worth = np.add.reduce([*both]).reshape(-1, kinds)
-        likely: FloatArray = left[:, None] * (worth / np.maximum(versions, 1)[:, None])[chains.path]
-        return likely
-
-    def _chains(self, room: RoomTheory) -> Chains:
-        return chains_of(self.brief.positions, room.length)
+    def _abstracted(self, schemas: Schemas) -> FloatArray:
+        """``[G, 3]`` probability of each abstract schema, by what is atomic."""
+        near = np.exp(-self.parameters.edit_weight * schemas.distance)
+        share: FloatArray = near / near.sum(axis=0)
+        return share
 
     # -- acting ---------------------------------------------------------------------------------
 
@@ -261,43 +204,38 @@ class TheoryBased(Checkpointed, Learner):
             actions[subject] = self._next(subject, room)
         return actions
 
-    def _deciding(self, view: View) -> Iterator[tuple[int, RoomTheory]]:
+    def _deciding(self, view: View) -> Iterator[tuple[int, RoomHypotheses]]:
         """The subjects that do not go for the door, and what they think of their rooms."""
         for subject in np.flatnonzero(view.playing & (view.observation[:, -2] == 1)).tolist():
             room = self._rooms[subject] or self._enter(view, subject)
             if len(room.done) < room.length:
                 yield subject, room
 
-    def _next(self, subject: int, room: RoomTheory) -> int:
+    def _next(self, subject: int, room: RoomHypotheses) -> int:
         place, generator = len(room.done), self.brief.generators[subject]
         if room.chain:
             return room.chain[place]
         theta = self._theta[[subject]]
-        if self._lost(room):
+        if room.lost:
             return pick(best(self._beside_chains(theta, room))[0], generator.random())
         if room.likely is None:
-            likely = self._top_down(room)
+            likely = room.likelihood(self.parameters.top_down)
             (room.likely,) = self._schema_belief(subject, room, generator, 1) @ likely.T
         worth = self._worth(theta, np.ones((1, 1)), room.likely[:, None], room)
         chosen = pick(best(worth)[0], generator.random())
         if self._earlier:
-            room.chain = self._chains(room).actions[chosen].tolist()
+            room.chain = room.chains.actions[chosen].tolist()
             return room.chain[place]
         return chosen
 
-    def _lost(self, room: RoomTheory) -> bool:
-        """Whether no chain is left that begins as the attempt has begun."""
-        begun = self._chains(room).beginning_with(room.done)
-        return len(room.done) > 0 and not (begun & room.allowed).any()
-
-    def _beside_chains(self, theta: FloatArray, room: RoomTheory) -> FloatArray:
+    def _beside_chains(self, theta: FloatArray, room: RoomHypotheses) -> FloatArray:
         """``[N, 2P]`` what is left of a lost attempt is for the attributes."""
         expected = self._bottom_up(theta, room)
         expected[:, [action for action in room.done if action < expected.shape[1]]] = 0.0
         return expected
 
     def _worth(
-        self, theta: FloatArray, belief: FloatArray, likely: FloatArray, room: RoomTheory
+        self, theta: FloatArray, belief: FloatArray, likely: FloatArray, room: RoomHypotheses
     ) -> FloatArray:
         """``[N, 2P]`` how much both theories expect of each action now, or ``[N, C]`` of chains.
 
@@ -307,7 +245,7 @@ class TheoryBased(Checkpointed, Learner):
             likely: ``[C, G]`` probability of each chain, by schemas.
             room: What else is thought of the room.
         """
-        chains, place = self._chains(room), len(room.done)
+        chains, place = room.chains, len(room.done)
         on = np.flatnonzero(chains.beginning_with(room.done) & likely.any(axis=1))
         expected = np.ascontiguousarray(self._bottom_up(theta, room).T)
         worth = likely[on] @ belief.T
@@ -337,10 +275,10 @@ class TheoryBased(Checkpointed, Learner):
         """``[B]`` how many draws of its beliefs the probabilities are shares of."""
         return self._sizes if self._samples else None
 
-    def _odds(self, subject: int, room: RoomTheory) -> Odds:
+    def _odds(self, subject: int, room: RoomHypotheses) -> Odds:
         """The probabilities of the actions on levers."""
         if self._earlier:
-            return self._settled(subject, room).ask(self._chains(room).actions[:, len(room.done)])
+            return self._settled(subject, room).ask(room.chains.actions[:, len(room.done)])
         moment = self._moment(subject, room)
         if not self._samples:
             worth = moment.worth(self._theta[[subject]], moment.schemas(1))
@@ -355,20 +293,20 @@ class TheoryBased(Checkpointed, Learner):
             )
         return self._attempts[subject].ask(moment)
 
-    def _many(self, room: RoomTheory) -> int:
+    def _many(self, room: RoomHypotheses) -> int:
         """How many draws are made, for memory."""
         return int(np.clip(DRAWN_CHAINS // len(room.allowed), LOCAL, DRAWS))
 
-    def _moment(self, subject: int, room: RoomTheory) -> Moment:
+    def _moment(self, subject: int, room: RoomHypotheses) -> Moment:
         room, levers = replace(room), 2 * self.brief.positions  # as it is now
-        if self._lost(room):
+        if room.lost:
             return Moment(
                 lambda theta, _: self._beside_chains(theta, room),
                 lambda many: np.zeros((many, 0)),
                 -1,
                 ~np.isin(np.arange(levers), room.done),
             )
-        likely, chains = self._top_down(room), self._chains(room)
+        likely, chains = room.likelihood(self.parameters.top_down), room.chains
         on = chains.beginning_with(room.done) & likely.any(axis=1)
         possible = np.bincount(chains.actions[on, len(room.done)], minlength=levers) > 0
         return Moment(
@@ -378,14 +316,14 @@ class TheoryBased(Checkpointed, Learner):
             possible | ~possible.any(),
         )
 
-    def _settled(self, subject: int, room: RoomTheory) -> RoomDraws:
+    def _settled(self, subject: int, room: RoomHypotheses) -> RoomDraws:
         """What it may have settled on for the attempt."""
         generator = self._others[subject]
         if subject not in self._settling:
             self._settling[subject] = RoomDraws(self._begun(subject, generator, LOCAL))
         drawn = self._settling[subject]
         if drawn.settled is None:
-            likely, each = self._top_down(room), self._many(room) // LOCAL
+            likely, each = room.likelihood(self.parameters.top_down), self._many(room) // LOCAL
             local = drawn.local + self.parameters.local_gain * self._changes[subject]
             # All chains have as many factors, so that these need not add up to 1.
             theta = generator.standard_gamma(np.repeat(local, each, axis=0))
@@ -397,7 +335,7 @@ class TheoryBased(Checkpointed, Learner):
             drawn.settle(chosen, each, likely.sum(axis=1) > 0)
         return drawn
 
-    def _note(self, subject: int, room: RoomTheory, action: int, step: Step) -> None:
+    def _note(self, subject: int, room: RoomHypotheses, action: int, step: Step) -> None:
         """Learn from what was done what it may have drawn."""
         place, over = len(room.done), bool(step.attempt_over[subject])
         if subject in self._attempts:
@@ -405,7 +343,7 @@ class TheoryBased(Checkpointed, Learner):
             if over:
                 del self._attempts[subject]
         if subject in self._settling:
-            actions = self._chains(room).actions
+            actions = room.chains.actions
             asked = actions[:, place] == action if place < room.length else True
             self._settling[subject].acted(asked, over)
             if step.trial_over[subject]:
@@ -422,12 +360,13 @@ class TheoryBased(Checkpointed, Learner):
             self._note(subject, room, action, step)
             self._observe(subject, room, action, bool(changed[subject]))
             if step.attempt_over[subject]:
-                opened = step.outcome[subject, -1] == 1
-                self._end_attempt(subject, room, opened, bool(step.new_solution[subject]))
+                opened = bool(step.outcome[subject, -1] == 1)
+                room.end_attempt(opened, bool(step.new_solution[subject]))
+                self._draw_theta(subject)
             if step.trial_over[subject]:
                 self._end_trial(subject, room)
 
-    def _observe(self, subject: int, room: RoomTheory, action: int, changed: bool) -> None:
+    def _observe(self, subject: int, room: RoomHypotheses, action: int, changed: bool) -> None:
         tried = [*room.done, action]
         if action < 2 * self.brief.positions:
             verb, lever = divmod(action, self.brief.positions)
@@ -438,34 +377,18 @@ class TheoryBased(Checkpointed, Learner):
             if changed or self._earlier or not self.parameters.retries:
                 room.done = tried
         if not changed and not self._earlier:
-            self._remove(room, tried[: room.length])
+            room.remove(tried[: room.length])
 
-    def _remove(self, room: RoomTheory, actions: list[int]) -> None:
-        """Remove the chains that begin with these actions."""
-        gone = self._chains(room).beginning_with(actions) & room.allowed
-        if gone.any():
-            room.allowed &= ~gone
-            room.likely = None
-
-    def _end_attempt(self, subject: int, room: RoomTheory, opened: bool, new: bool) -> None:
-        whole = np.flatnonzero(self._chains(room).beginning_with(room.done))
-        if new and len(room.done) == room.length and len(whole):
-            room.found.append(int(whole[0]))
-        elif opened:  # it opens the door, and counts no more
-            self._remove(room, room.done)
-        room.done, room.chain, room.likely = [], [], None
-        self._draw_theta(subject)
-
-    def _end_trial(self, subject: int, room: RoomTheory) -> None:
+    def _end_trial(self, subject: int, room: RoomHypotheses) -> None:
         settings = self.parameters
         for part in self._parts:
             share = self._changes[subject, part]
             if share.any():
                 self._global[subject, part] += settings.global_gain * share / share.sum()
-        chains = self._chains(room)
+        chains = room.chains
         if room.solutions and len(room.found) == room.solutions:
             paths = np.sort(chains.path[room.found])
-            schemas = schemas_of(self.brief.positions, room.length, room.solutions)
+            schemas = room.every_schema
             if self._earlier and schemas:
                 (which,) = np.flatnonzero((paths == schemas.paths.T).all(axis=1))
                 key = room.length, room.solutions
@@ -483,33 +406,12 @@ class TheoryBased(Checkpointed, Learner):
         gates.
         """
         room = self._rooms[subject] or self._left[subject]
-        schemas = room and schemas_of(self.brief.positions, room.length, room.solutions)
+        schemas = room and room.every_schema
         if not room or not schemas or self._earlier:
             return None
-        chains, positions = self._chains(room), self.brief.positions
-        found = chains.path[room.found]
-        left = room.allowed & ~np.isin(chains.path, found)
-        versions = np.bincount(chains.path[left], minlength=len(chains.paths)).astype(float)
-        versions[found] = 1.0
-        likely: FloatArray = math.prod(versions[paths] for paths in schemas.paths)
-        for one in found:
-            likely *= (schemas.paths == one).any(axis=0)
-        near = np.exp(-self.parameters.edit_weight * schemas.distance)
         atomic = self._atomic[subject] / self._atomic[subject].sum()
-        many = np.bincount(schemas.abstract, likely, len(schemas.distance))
-        likely *= (near / near.sum(axis=0) @ atomic / np.where(many > 0, many, 1.0))[
-            schemas.abstract
-        ]
-        if not likely.any():  # the room is of another kind than it can believe in
-            return None
-        possible = np.flatnonzero(likely)
-        steps = np.hstack([chains.paths, np.full((len(chains.paths), 1), positions)])
-        has = np.zeros((len(possible), positions, positions + 1), dtype=bool)
-        for paths in schemas.paths[:, possible]:
-            for cause, effect in pairwise(steps[paths].T):
-                has[np.arange(len(possible)), cause, effect] = True
-        edges = np.tensordot(likely[possible] / likely.sum(), has, axes=1)
-        return Structure(edges, np.full(positions + 1, np.nan))
+        edges = room.edges(schemas, self._abstracted(schemas) @ atomic)
+        return edges if edges is None else Structure(edges, np.full(len(edges) + 1, np.nan))
 
     def state_dict(self) -> dict[str, Any]:
         """Beliefs, rooms, and the states of the generators."""
@@ -520,6 +422,6 @@ class TheoryBased(Checkpointed, Learner):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
         super().load_state_dict(state)
-        self._rooms = [room and RoomTheory(**deepcopy(room)) for room in state["rooms"]]
+        self._rooms = [room and RoomHypotheses(**deepcopy(room)) for room in state["rooms"]]
         for generator, kept in zip(self.brief.generators, state["generators"], strict=True):
             generator.bit_generator.state = kept

@@ -48,7 +48,7 @@ class Moment(NamedTuple):
     Attributes:
         worth: ``[N, A]`` of each action, by what was drawn of attributes and of schemas.
         schemas: Draws beliefs in schemas, so many.
-        removed: Tells what was removed until now. Where nothing was since the moment before, the
+        removed: Identifies what was removed until now. Where nothing was since the last moment, the
             beliefs in schemas are those of then.
         possible: ``[A]`` which actions can be the best.
     """
@@ -130,7 +130,7 @@ class AttemptDraws:
         return odds
 
     def acted(self, action: int) -> None:
-        """Learn what was done after it was asked; what none of them would do tells nothing."""
+        """Learn what was done after it was asked; what none of them would do says nothing."""
         if self._asked is None:
             return
         (moment, belief, chosen, _), self._asked = self._asked, None
@@ -141,7 +141,7 @@ class AttemptDraws:
 
 
 def _renewed(belief: FloatArray, moment: Moment, before: Moment | None) -> FloatArray:
-    """Beliefs in schemas, drawn anew where a chain was removed since the moment before."""
+    """Beliefs in schemas, drawn again where a chain was removed since the moment before."""
     same = before is not None and moment.removed == before.removed
     return belief if same else moment.schemas(len(belief))
 

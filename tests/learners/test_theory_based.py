@@ -116,7 +116,7 @@ def test_chains_are_as_likely_as_the_schemas_that_they_complete(with_solution):
         for instance in instances:
             for chain in instance:
                 expected[chain] += belief[g] / len(instances)
-    by_schema = learner._top_down(room)
+    by_schema = room.likelihood(structural=True)
     (likely,) = learner._schema_belief(0, room, np.random.default_rng(0), 1) @ by_schema.T
     for chain, value in zip(chains_of(7, 2).actions.tolist(), likely.tolist(), strict=True):
         wanted = 0.0 if tuple(chain) == found else expected[tuple(chain)]
