@@ -9,7 +9,7 @@ that is right in the mean, whatever the probability is, with a variance of which
 1/(K - 1)² is right in the mean (van Opheusden, Acerbi & Ma 2020). A share of hits in a fixed number
 of draws is not: its logarithm is too low, and without any hit it is infinite.
 
-Here many copies of the learner are told, side by side, what the subject did. Each has random
+Here many copies of the learner are shown, side by side, what the subject did. Each has random
 numbers of its own, and what it would do is a draw. What is hidden in a learner, such as a plan, is
 taken to last for an attempt at most: of later actions in an attempt, only those copies are asked
 that did what the subject did from its beginning on, so that draws are from what is possible after
@@ -27,6 +27,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from scipy.special import hyperu
 
 from causal_openlock.contract.learner import InformedLearner, Learner, Truth
 from causal_openlock.experiment.session import Session
@@ -37,6 +38,8 @@ FIRST_COPIES = 16
 """Copies of a subject when it is first played; then as many again, twice as many, and so on."""
 MOST_COPIES = 640
 """Copies of all subjects that are played at once."""
+TERMS = 100_000
+"""Of a sum, added up one by one."""
 
 
 @dataclass(frozen=True)
@@ -164,8 +167,15 @@ def expected_rest(misses: int, probability: float) -> float:
     """
     if probability <= 0:
         return np.inf
-    steps = np.arange(1, int(40.0 / probability) + 2)
-    return float(((1.0 - probability) ** steps / (misses + steps)).sum())
+    last = int(min(40.0 / probability, TERMS)) + 1
+    steps = np.arange(1, last + 1)
+    found = float(((1.0 - probability) ** steps / (misses + steps)).sum())
+    if last <= TERMS:
+        return found
+    # The terms of a small probability hardly differ from each other: the integral of the others,
+    # from midway, differs from their sum by less than 1e-10. U(1, 1, z) is exp(z) E1(z).
+    fall, middle = -np.log1p(-probability), last + 0.5
+    return found + float(np.exp(-fall * middle) * hyperu(1.0, 1.0, fall * (misses + middle)))
 
 
 def tiled(given: Any, copies: int) -> Any:

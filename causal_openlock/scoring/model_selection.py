@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import quad
-from scipy.special import digamma, gammaln, logsumexp, softmax
+from scipy.special import digamma, expit, gammaln, logsumexp, softmax
 from scipy.stats import gamma
 
 from causal_openlock.world.fsm import FloatArray
@@ -69,7 +69,7 @@ def select_models(evidence: FloatArray) -> Selection:
         if np.abs(counts - before).max() < ENOUGH:
             break
     exceedance = exceedance_of(counts)
-    all_equal = float(1.0 / (1.0 + np.exp(_bound(evidence, followed, counts) - _equal(evidence))))
+    all_equal = float(expit(_equal(evidence) - _bound(evidence, followed, counts)))
     return Selection(
         frequencies=counts / counts.sum(),
         exceedance=exceedance,

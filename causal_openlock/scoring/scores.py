@@ -92,6 +92,8 @@ class Scores:
 
     def of(self, learner: str) -> Scores:
         """Those of the subjects of one learner."""
+        if (self.subjects["learner"] == learner).all():
+            return self
         actions, subjects = (
             one[one["learner"] == learner] for one in (self.actions, self.subjects)
         )
@@ -108,7 +110,7 @@ class Scores:
 
         A panel for each condition, a line for each learner that predicts, the one that predicts
         best first; with at most four a band is the 95% bootstrap interval over subjects. A trial in
-        which somebody did what a learner takes for impossible has no point.
+        which a subject did what a learner takes for impossible has no point.
 
         Args:
             of: Label of the learner whose subjects are predicted; by default the first.
@@ -251,7 +253,7 @@ def followed(subjects: pd.DataFrame) -> pd.DataFrame:
         A row for each ``scored`` learner: its expected ``frequency`` among subjects, its
         ``exceedance`` probability and the ``protected`` one. They are those of
         :func:`~causal_openlock.scoring.model_selection.select_models`, with -BIC/2 for the log
-        evidence; one that never does what somebody did is taken to be very unlikely for it.
+        evidence; a learner that never does what a subject did is taken to be very unlikely for it.
     """
     wide = subjects.pivot_table(index=SUBJECT, columns="scored", values="bic", observed=True)
     wide = wide[list(dict.fromkeys(subjects["scored"]))].dropna()
@@ -271,7 +273,7 @@ def over(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
 
     Args:
         actions: From :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
-        columns: What tells the parts from each other: ``trial``, ``attempt``, ...
+        columns: What distinguishes the parts: ``trial``, ``attempt``, ...
 
     Returns:
         A row for each ``scored`` learner and part: the mean ``bits`` per action, with its 95%

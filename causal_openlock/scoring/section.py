@@ -58,25 +58,34 @@ def scores_on_record(material: Material) -> Scores | None:
     return Scores(*parts) if len(parts[0]) and len(parts[1]) else None
 
 
-def tests(material: Material) -> dict[Hashable, float]:
+def compute(material: Material) -> dict[str, Scores]:
+    """The scores of the subjects of each learner, in the order of tables."""
+    scores = scores_on_record(material)
+    if scores is None:
+        return {}
+    names = ordered(scores.subjects["learner"].astype(str).unique(), material.learners)
+    return {name: scores.of(name) for name in names}
+
+
+def tests(computed: Mapping[str, Scores]) -> dict[Hashable, float]:
     """The p of every learner against the best, by whose subjects are predicted and by whom."""
     return {
         (of, row.scored): row.p
-        for of, one in _each(material)
+        for of, one in computed.items()
         for row in one.ranking.itertuples()
         if not np.isnan(row.worse)
     }
 
 
 def section(material: Material, decisions: Decisions) -> Section | None:
-    """Who predicts best, who follows whom, and where the best fails; None without scores."""
+    """Which learner predicts best, which ones subjects follow, where the best fails; or None."""
     positions = {
         one.name: max(map(positions_for, one.schemas)) for one in material.experiment.conditions
     }
     who: list[dict[str, Any]] = []
     tables: dict[str, list[pd.DataFrame]] = {"scores": [], "failures": [], "worst_attempts": []}
     plots: list[SectionPlot] = []
-    each = dict(_each(material))
+    each: dict[str, Scores] = decisions.computed(__name__)
     parts = file_names(each)
     for of, one in each.items():
         ranked, shares = one.ranking, one.followed.set_index("scored")
@@ -106,15 +115,6 @@ def section(material: Material, decisions: Decisions) -> Section | None:
         return None
     shown = [_PROSE.table(name, _shown(rows, len(each)), _FORMATS) for name, rows in tables.items()]
     return _PROSE.section("scores", shown, plots, who=who, subjects=_sizes(material, each))
-
-
-def _each(material: Material) -> list[tuple[str, Scores]]:
-    """The scores of the subjects of each learner, in the order of tables."""
-    scores = scores_on_record(material)
-    if scores is None:
-        return []
-    names = ordered(scores.subjects["learner"].astype(str).unique(), material.learners)
-    return [(name, scores.of(name)) for name in names]
 
 
 def _found(

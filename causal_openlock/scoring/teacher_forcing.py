@@ -1,4 +1,4 @@
-"""A learner in a recorded subject's place: it predicts each action, and is then told what was done.
+"""A learner in a recorded subject's place: it predicts each action, and then sees what was done.
 
 The subject's session is played again with the recorded actions. Rooms and their chance are drawn
 from the seed of the experiment, so they are those that the subject met; where what happens is not
@@ -81,11 +81,10 @@ class Recorded:
         return [np.concatenate(own) for own in self.attempts]
 
     def alone(self) -> dict[str, Recorded]:
-        """Each subject by itself, by a name that tells it from all others."""
-        group = "/".join(str(self.group[name]) for name in GROUP)
+        """Each subject by itself, by its name; see :func:`subject_names`."""
         return {
-            f"{group}/{number}": replace(self, rows=self.rows[self.rows["subject"] == number])
-            for number in self.numbers
+            subject_names(rows).iloc[0]: replace(self, rows=rows)
+            for _, rows in self.rows.groupby("subject", sort=True)
         }
 
     def session(
@@ -125,9 +124,15 @@ class Recorded:
         if not (same and (both["opened_x"] == both["opened_y"]).all()):
             raise StoreError(
                 f"what {self.group['learner']} did in {self.group['condition']} does not come out "
-                "again in the rooms of its experiment, so nobody can be put in its place; was it "
-                "recorded with another version?"
+                "again in the rooms of its experiment, so no learner can be put in its place; was "
+                "it recorded with another version?"
             )
+
+
+def subject_names(table: pd.DataFrame) -> pd.Series:
+    """By row, a name that distinguishes its subject from all others."""
+    first, *others = (table[name].astype(str) for name in (*GROUP, "subject"))
+    return first.str.cat(others, sep="/")
 
 
 def recorded_subjects(
@@ -141,7 +146,7 @@ def recorded_subjects(
         of: Labels of the learners whose subjects are wanted; by default all.
 
     Raises:
-        StoreError: If nobody has played, or what is on record cannot be played again.
+        StoreError: If no subject has played, or what is on record cannot be played again.
     """
     if of:
         import pyarrow as pa

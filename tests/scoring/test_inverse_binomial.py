@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -12,7 +14,7 @@ from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.scoring.inverse_binomial import Draws, Tally
+from causal_openlock.scoring.inverse_binomial import TERMS, Draws, Tally, expected_rest
 from causal_openlock.scoring.teacher_forcing import score_actions
 from learners.associative import Associative
 from learners.theory_based import TheoryBased
@@ -63,6 +65,18 @@ def test_what_no_copy_does_is_left_to_lapses() -> None:
     assert np.isneginf(Tally(np.ones((1, 1), bool), np.ones((1, 1)), Draws(), 0, 15).estimates()[0])
     assert tally.estimates()[0] == pytest.approx(np.log(0.1 / 15))
     assert tally.estimates()[2].all()
+
+
+@pytest.mark.parametrize("misses", [0, 3, 256])
+@pytest.mark.parametrize("probability", [1e-3, 40 / TERMS, 39.9 / TERMS, 1e-5, 1e-7, 1e-12, 1e-300])
+def test_the_rest_of_a_rare_action_needs_no_long_sum(misses: int, probability: float) -> None:
+    k = np.arange(1, misses + 1)
+    terms = np.exp(np.log1p(-probability) * (k - misses)) / k
+    whole = -np.log(probability) * np.exp(-misses * np.log1p(-probability))
+    tracemalloc.start()
+    assert expected_rest(misses, probability) == pytest.approx(whole - terms.sum(), abs=1e-9)
+    assert tracemalloc.get_traced_memory()[1] < 100 * TERMS
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize("learner", [WinStay, Associative, TheoryBased])

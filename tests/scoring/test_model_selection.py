@@ -43,6 +43,13 @@ def test_the_chance_that_all_are_equal_is_near_the_exact_one() -> None:
     )
 
 
+@pytest.mark.filterwarnings("error")
+def test_many_subjects_leave_no_doubt() -> None:
+    found = select_models(np.array([[10.0, 0.0, 0.0]] * 3000))
+    assert found.all_equal == pytest.approx(0.0, abs=1e-300)
+    assert found.protected[0] == pytest.approx(1.0)
+
+
 def test_without_evidence_nothing_is_claimed() -> None:
     found = select_models(np.zeros((20, 4)))
     assert found.frequencies == pytest.approx(np.full(4, 0.25))

@@ -59,7 +59,7 @@ def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
     readable = [_readable(one) for one in (first, second)]
     for mine, other in (readable, readable[::-1]):
         for key in [key for key in mine if key not in other and isinstance(mine[key], Mapping)]:
-            mine[key] = "there"  # what is there only once is not told apart any further
+            mine[key] = "there"  # no details of what only one of them has
     one, other = (dict(_flat(experiment)) for experiment in readable)
     rows = [
         (what, one.get(what, "–"), other.get(what, "–"))

@@ -156,8 +156,8 @@ def legend(tables: Sequence[FirstTable], narrow: bool = False) -> str:
 def answers(standings: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, ...]]:
     """What was found, in a few sentences, by protocol.
 
-    Who needs the fewest attempts and how that is beside people, who is not told apart from the
-    best, and who solved nothing.
+    Which learner needs the fewest attempts and how that compares with people, which ones cannot be
+    distinguished from it, and which solved nothing.
 
     Args:
         standings: From :func:`~causal_openlock.analysis.results.standing.standings`.

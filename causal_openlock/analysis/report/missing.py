@@ -21,7 +21,7 @@ NOT_PLAYED = "not played yet"
 
 @dataclass(frozen=True)
 class Missing:
-    """A cell that is missing: the name of its file, and what it is of, as far as the name tells.
+    """A cell that is missing: the name of its file, and what it is of, as far as the name says.
 
     ``text`` is which it is and why it is missing, in a line; ``failed`` is whether it was played.
     """

@@ -51,10 +51,13 @@ class Report:
     Attributes:
         path: Its page, ``report.html``.
         answers: The sentences that it opens with, by protocol.
+        standings: Its first table, from
+            :func:`~causal_openlock.analysis.results.standing.standings`.
     """
 
     path: Path
     answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    standings: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
 
     def open(self) -> None:
         """Open the page in a browser."""
@@ -105,8 +108,8 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
     write_table(with_missing(summary, missing), folder / "summary.csv")
     written = Written(folder)
     plots, pages = figures_of(material), learner_pages(material, described["learners"])
-    decisions = decisions_of(material, sections)
     stand = standings(material)
+    decisions = decisions_of(material, sections, stand)
     write_table(stand, folder / "tables" / "standings.csv")
     written.files.append("tables/standings.csv")
     first, opening = list(first_tables(stand)), answers(stand, decisions)
@@ -142,7 +145,7 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
     )
     write_text(path, page)
     _remove(folder, earlier - set(written.files))
-    return Report(path, opening)
+    return Report(path, opening, stand)
 
 
 def files_of(path: Path) -> set[str]:

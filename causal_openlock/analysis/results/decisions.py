@@ -9,6 +9,7 @@ report on learners that do not differ at all, at most one in twenty says anywher
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -30,9 +31,15 @@ class Decisions:
     def __init__(self) -> None:
         self._tests: dict[tuple[str, Hashable], float] = {}
         self._corrected: dict[tuple[str, Hashable], float] = {}
+        self._computed: dict[str, Any] = {}
 
-    def register(self, section: str, tests: Mapping[Hashable, float]) -> None:
+    def register(self, section: str, tests: Mapping[Hashable, float], computed: Any = None) -> None:
         """Add the p values of a section; those that are not defined are NaN.
+
+        Args:
+            section: Its name.
+            tests: The p values, by key.
+            computed: What they are taken from, for the section to be written from.
 
         Raises:
             ValueError: If something was decided already: it might come out otherwise now.
@@ -40,6 +47,11 @@ class Decisions:
         if self._corrected:
             raise ValueError(f"the tests of {section} come after the report's have been decided")
         self._tests |= {(section, key): p for key, p in tests.items()}
+        self._computed[section] = computed
+
+    def computed(self, section: str) -> Any:
+        """What the tests of a section are taken from."""
+        return self._computed[section]
 
     @property
     def total(self) -> int:

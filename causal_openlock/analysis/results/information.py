@@ -30,7 +30,7 @@ def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
         ``protocol``, ``subject`` and ``trial``, the ``attempt`` and the ``number`` of the action
         in it (both from 1), ``entropy_before`` it, and the bits that were
         ``predicted`` and ``obtained``. ``obtained`` is NaN where the subject drew its hypotheses
-        anew, since entropies of different hypotheses cannot be compared.
+        again, since entropies of different hypotheses cannot be compared.
     """
     rows = [
         (

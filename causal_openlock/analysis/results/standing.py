@@ -111,9 +111,8 @@ def _standings(results: Material, protocol: str) -> list[tuple[Any, ...]]:
     return rows
 
 
-def beside_people(results: Material) -> dict[Hashable, float]:
-    """The p of every learner against people, by protocol and name."""
-    table = standings(results)
+def beside_people(table: pd.DataFrame) -> dict[Hashable, float]:
+    """The p of every learner against people, by protocol and name, from :func:`standings`."""
     own = table[table["to_people"].notna()]
     return {(row.protocol, row.learner): row.to_people_p for row in own.itertuples()}
 

@@ -1,12 +1,12 @@
 """Understanding, apart from solving: what a subject takes the structure of a room to be.
 
-Whoever finds every solution need not know why it works, and who knows the structure may have been
-unlucky. So what a subject believes about the room that it has just left is compared with the
-schema of that room, edge by edge. Learners that hold such beliefs say so
-(:meth:`~causal_openlock.contract.learner.Learner.structure`): they play what is on record again.
+A subject can find every solution without knowing why it works, and can know the structure and be
+unlucky. So what a subject believes about the room that it has just left is compared with the schema
+of that room, edge by edge. Learners that have such beliefs return them
+(:meth:`~causal_openlock.contract.learner.Learner.structure`); for that, the record is played again.
 People are asked (``causal-openlock play --ask-structure``), and their answers are beside the record
 (:mod:`causal_openlock.experiment.answers`). People tick or do not, and are not asked about gates;
-compare people and learners by ``shd`` and ``f1``. ``ideal`` is told the schema, so it has only to
+compare people and learners by ``shd`` and ``f1``. ``ideal`` is given the schema, so it has only to
 find out which lever is which.
 """
 

@@ -4,12 +4,13 @@ To add one, write a module here with a function ``section(material)``, which ret
 :class:`~causal_openlock.analysis.report.section.Section`, or None where the record holds nothing
 that it is about; write its sentences into ``templates/NAME.txt.j2``
 (:mod:`~causal_openlock.analysis.report.prose`); and name it in :data:`ORDER`. A section that calls
-effects found has a function ``tests(material)`` too, which returns the p of each by a key of its
-own, and its ``section(material, decisions)`` asks what is found
+effects found has two functions more: ``compute(material)``, whose result is computed once, and
+``tests(computed)``, which takes from it the p of each effect by a key of its own. Its
+``section(material, decisions)`` asks what was computed and what is found
 (:class:`~causal_openlock.analysis.results.decisions.Decisions`): all tests of a report are
-corrected together, before anything of it is written. Columns of the record
-that are read on request only (:data:`~causal_openlock.analysis.results.reading.UNREAD`) are named
-in ``COLUMNS`` of the module.
+corrected together, before anything of it is written. Columns of the record that are read on request
+only (:data:`~causal_openlock.analysis.results.reading.UNREAD`) are named in ``COLUMNS`` of the
+module.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
+import pandas as pd
+
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.standing import beside_people
+from causal_openlock.analysis.results.standing import beside_people, standings
 
 ORDER = (
     "learning_cost",
@@ -41,14 +44,25 @@ ORDER = (
 """Modules of this package, in the order in which their sections are read."""
 
 
-def decisions_of(material: Material, order: Sequence[str] = ORDER) -> Decisions:
-    """What is found in a report of these sections, of all their tests together."""
+def decisions_of(
+    material: Material, order: Sequence[str] = ORDER, standing: pd.DataFrame | None = None
+) -> Decisions:
+    """What is found in a report of these sections, of all their tests together.
+
+    Args:
+        material: What they are made of.
+        order: As :func:`sections_of` takes it.
+        standing: What :func:`~causal_openlock.analysis.results.standing.standings` makes of it, if
+            that is there already.
+    """
     decisions = Decisions()
     if set(ORDER) <= set(order):  # a whole report, with its first screen
-        decisions.register("standing", beside_people(material))
+        table = standings(material) if standing is None else standing
+        decisions.register("standing", beside_people(table))
     for name in order:
         if hasattr(module := _module(name), "tests"):
-            decisions.register(name, module.tests(material))
+            computed = module.compute(material)
+            decisions.register(name, module.tests(computed), computed)
     return decisions
 
 

@@ -16,6 +16,7 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.people.human_likeness import (
     EFFECTS,
     PUBLISHED_MODEL,
+    Likeness,
     distance,
     effects_of,
     likeness,
@@ -32,12 +33,16 @@ from causal_openlock.analysis.results.people.yardsticks import (
 _PROSE = Prose("human_likeness")
 
 
-def tests(material: Material) -> dict[Hashable, float]:
+def compute(material: Material) -> Likeness | None:
+    """How near learners come to people."""
+    return likeness(material.trials, material.like_people, material.learners)
+
+
+def tests(computed: Likeness | None) -> dict[Hashable, float]:
     """The p of every effect of a learner, by learner and effect."""
-    like = likeness(material.trials, material.like_people, material.learners)
     return {
         (name, effect.effect): effect.p
-        for name, own in (like.effects if like else {}).items()
+        for name, own in (computed.effects if computed else {}).items()
         for effect in own.itertuples()
         if name != PUBLISHED_MODEL
     }
@@ -45,7 +50,7 @@ def tests(material: Material) -> dict[Hashable, float]:
 
 def section(material: Material, decisions: Decisions) -> Section | None:
     """Of the learners that played all six conditions as people did; None if there are none."""
-    like = likeness(material.trials, material.like_people, material.learners)
+    like: Likeness | None = decisions.computed("human_likeness")
     if like is None:
         return None
     table, found = like.table, like.effects

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import pandas as pd
@@ -29,18 +29,25 @@ _FORMATS = {
 }
 
 
-def tests(material: Material) -> dict[Hashable, float]:
+def compute(material: Material) -> dict[str, pd.DataFrame]:
+    """All pairs of learners, by protocol."""
+    protocols = ordered(material.trials["protocol"].unique(), ("human",))
+    tables = {one: pairwise_table(outcomes(material.trials, one)) for one in protocols}
+    return {protocol: table for protocol, table in tables.items() if len(table)}
+
+
+def tests(computed: Mapping[str, pd.DataFrame]) -> dict[Hashable, float]:
     """The p of every pair, by protocol and names."""
     return {
         (protocol, row.learner, row.other): row.p
-        for protocol, table in _tables(material)
+        for protocol, table in computed.items()
         for row in table.itertuples()
     }
 
 
 def section(material: Material, decisions: Decisions) -> Section | None:
     """Comparisons of all learners under each protocol; None if nowhere two of them can compare."""
-    found = dict(_tables(material))
+    found: dict[str, pd.DataFrame] = decisions.computed("pairwise")
     protocols: list[dict[str, Any]] = []
     tables: list[SectionTable] = []
     plots: list[SectionPlot] = []
@@ -60,10 +67,3 @@ def section(material: Material, decisions: Decisions) -> Section | None:
     if not protocols:
         return None
     return _PROSE.section("pairwise", tables, plots, protocols=protocols)
-
-
-def _tables(material: Material) -> Iterator[tuple[str, pd.DataFrame]]:
-    for protocol in ordered(material.trials["protocol"].unique(), ("human",)):
-        table = pairwise_table(outcomes(material.trials, protocol))
-        if len(table):
-            yield protocol, table

@@ -39,21 +39,21 @@ _SUBJECTS_OF_PEOPLE = 40
 _PROSE = Prose("paper_findings")
 
 
-def _all_tests(material: Material) -> pd.DataFrame:
+def compute(material: Material) -> pd.DataFrame:
+    """All tests of the paper, of people and of learners."""
     chosen = material.trials[did_what_people_did(material.trials, material.like_people)]
     return paper_tests(chosen, material.learners)
 
 
-def tests(material: Material) -> dict[Hashable, float]:
+def tests(computed: pd.DataFrame) -> dict[Hashable, float]:
     """The p of every test of a learner, by learner, family and test."""
-    found = _all_tests(material)
-    own = found[found["learner"] != PEOPLE]
+    own = computed[computed["learner"] != PEOPLE]
     return {(row.learner, row.family, row.test): row.p for row in own.itertuples()}
 
 
 def section(material: Material, decisions: Decisions) -> Section | None:
     """The paper's tests of every learner that did what people did; None if there is none."""
-    tests = _all_tests(material)
+    tests: pd.DataFrame = decisions.computed("paper_findings").copy()
     if tests.empty:
         return None
     corrected = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -32,11 +32,16 @@ from causal_openlock.wording import file_names
 _PROSE = Prose("transfer")
 
 
-def tests(material: Material) -> dict[Hashable, float]:
+def compute(material: Material) -> dict[str, pd.DataFrame]:
+    """The scores of transfer, by protocol."""
+    return scores_of(material)
+
+
+def tests(computed: Mapping[str, pd.DataFrame]) -> dict[Hashable, float]:
     """The p of every learner's congruency, by protocol, learner and condition."""
     return {
         (protocol, row.learner, row.condition): row.p
-        for protocol, scores in scores_of(material).items()
+        for protocol, scores in computed.items()
         for row in scores.itertuples()
         if row.score == CONGRUENCY and row.learner not in (PEOPLE, MODEL)
     }
@@ -44,7 +49,7 @@ def tests(material: Material) -> dict[Hashable, float]:
 
 def section(material: Material, decisions: Decisions) -> Section | None:
     """What training was worth; None if no transfer condition and its counterpart were played."""
-    found = scores_of(material)
+    found: dict[str, pd.DataFrame] = decisions.computed("transfer")
     findings: list[dict[str, Any]] = []
     tables: list[SectionTable] = []
     plots: list[SectionPlot] = []

@@ -239,7 +239,7 @@ def mixture(trials: pd.DataFrame, parts: Mapping[str, int], name: str) -> pd.Dat
         name: Label of the group.
 
     Returns:
-        Their trials, with subjects numbered anew.
+        Their trials, with subjects renumbered.
     """
     kinds, first = [], 0
     for part, number in parts.items():
