@@ -4,12 +4,12 @@ It gets in words what a person gets in the browser (:mod:`causal_openlock.render
 story, with names and in an order that are drawn for each subject, and answers with one action at a
 time. The conversation goes on through all rooms of a condition, which is the model's whole memory.
 
-An answer that is no action is never replaced by a guess. The model is told so and asked again, up
+An answer that is no action is never replaced by a guess. The model is informed and asked again, up
 to a limit. After that the action counts as *unanswered*: it is spent on a lever that is moved to
-where it is, which changes nothing, the model is told so, and it is counted. A subject that leaves
+where it is, which changes nothing, the model is informed, and it is counted. A subject that leaves
 too many actions unanswered ends its cell with an error that says how many and why.
 
-It gives no probabilities: servers do not tell those of whole answers. Asking again and again what
+It gives no probabilities: servers do not give those of whole answers. Asking again and again what
 it would do (inverse binomial sampling) works, and costs as many requests.
 
 Everything that was said is kept in ``transcripts/`` of the results folder: for each subject a line
@@ -32,7 +32,7 @@ from pydantic import Field
 from causal_openlock.contract.learner import Account, Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Positive
 from causal_openlock.errors import LearnerError
-from causal_openlock.render.words import ANY, StoryName, Wording, room_now, told
+from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
 from causal_openlock.wording import counted, joined
 from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.room import position_names
@@ -119,7 +119,7 @@ class _Subject:
     in_attempt: bool = False
 
     def tell(self, text: str) -> None:
-        """Add what the model is told: the result of its call, or a message."""
+        """Add a message to the model: the result of its call, or a text."""
         calls = self.talk[-1].get("tool_calls") if self.talk else None
         if calls:
             self.talk.append({"role": "tool", "tool_call_id": calls[0]["id"], "content": text})
@@ -220,7 +220,7 @@ class LanguageModel(Learner):
         self._loop.run([self._ask_structure(row, step) for row in left])
         for row in playing:
             subject = self._subjects[row]
-            text = told(subject.words, step, row, self.brief.trials)
+            text = feedback(subject.words, step, row, self.brief.trials)
             if subject.spent:
                 text = (
                     f"You gave no action again, so this one is spent and changes nothing.\n{text}"
@@ -272,7 +272,7 @@ class LanguageModel(Learner):
         return self._server
 
     async def _ask_structure(self, row: int, step: Step) -> None:
-        """Ask which enables which, beside the conversation: it goes on as if nobody had asked."""
+        """Ask which enables which, beside the conversation, which goes on without the question."""
         subject = self._subjects[row]
         words = subject.words
         new, outcome = bool(step.new_solution[row]), step.outcome[row]

@@ -107,7 +107,7 @@ def _argument(call: dict[str, Any]) -> str | None:
         return None
     try:
         action = json.loads(function["arguments"])["action"]
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         return None
     return action if isinstance(action, str) else None
 
@@ -145,6 +145,6 @@ def read_structure(reply: Message, words: Wording, nodes: Sequence[str]) -> list
     try:
         pairs = json.loads(_text(reply))["enables"]
         named = [[known[pair["cause"]], known[pair["effect"]]] for pair in pairs]
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         return None
     return named if all(cause != nodes[-1] for cause, _ in named) else None

@@ -34,11 +34,32 @@ Reply = dict[str, Any]
 """What was answered: ``message``, ``finish``, ``model``, ``server``, ``fingerprint``, ``tokens``,
 ``latency`` and ``retries``."""
 
+DEEPEST = 100
+"""Levels of nesting. Far fewer are in any proper reply, and what copies and writes one recurses."""
+
 
 def key_of(request: dict[str, Any], seed: int) -> str:
     """The key of a request, in which there is no address and no secret."""
     text = json.dumps({"request": request, "seed": seed}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def plain(value: Any, secret: str = "", levels: int = DEEPEST) -> Any:
+    """What a server said, as it can be kept and sent on: without a secret, and as valid Unicode.
+
+    Raises:
+        ValueError: If it is nested more deeply than that.
+    """
+    if isinstance(value, str):
+        text = value.encode("utf-8", "replace").decode()
+        return text.replace(secret, "[key]") if secret else text
+    if not isinstance(value, (dict, list)):
+        return value
+    if not levels:
+        raise ValueError("nested too deeply")
+    if isinstance(value, list):
+        return [plain(one, secret, levels - 1) for one in value]
+    return {plain(name, secret): plain(one, secret, levels - 1) for name, one in value.items()}
 
 
 def _is_whole(reply: Reply) -> bool:
@@ -94,7 +115,7 @@ class Replay:
     def _take(self, line: bytes) -> None:
         try:
             kept = json.loads(line)
-            key, reply = kept["key"], kept["reply"]
+            key, reply = kept["key"], plain(kept["reply"])
             whole = isinstance(key, str) and _is_whole(reply)
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
             return  # a line of another kind, or a damaged one

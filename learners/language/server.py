@@ -5,9 +5,10 @@ pauses or after as long as the server asks for. Every request has a time limit a
 server that stalls, or sends a byte now and then, is asked again. No more requests are under way at
 a time than the limit.
 
-The key is ``OPENAI_API_KEY`` of the environment. It is sent only to the server that
-``OPENAI_BASE_URL`` names, by default OpenAI's: an experiment file can name any server, and may be
-from anybody. It is blotted out of everything that a server says.
+The key is ``OPENAI_API_KEY`` of the environment. It, and the organization, project and headers that
+the environment names for the package, are sent only to the server that ``OPENAI_BASE_URL`` names,
+by default OpenAI's: an experiment file can name any server, and may be from anybody. The key is
+blotted out of everything that a server says, once it is decoded and before it is shortened.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import httpx2
 import openai
 
 from causal_openlock.errors import LearnerError, in_short
-from learners.language.replay import Reply
+from learners.language.replay import Reply, plain
 
 OPENAI = "https://api.openai.com/v1"
 KEY, TRUSTED = "OPENAI_API_KEY", "OPENAI_BASE_URL"
@@ -59,7 +60,10 @@ class Server:
     def __init__(self, base_url: str, seconds: float, retries: int, requests: int) -> None:
         self.base_url = base_url
         trusted = _place(base_url) == _place(os.environ.get(TRUSTED) or OPENAI)
-        self._key = os.environ.get(KEY, "") if trusted else ""
+        self._key = os.environ.get(KEY, "").strip() if trusted else ""
+        if not (self._key.isascii() and self._key.isprintable()):
+            # The error of sending it would show it, with escapes.
+            raise LearnerError(f"{KEY} in the environment is no key: it has unusual characters")
         if _place(base_url) == _place(OPENAI) and not self._key:
             raise LearnerError(
                 f"{base_url} asks for a key; set {KEY} in the environment, or name another server "
@@ -76,6 +80,7 @@ class Server:
         )
         if not trusted:
             self._client.organization = self._client.project = None
+            self._client._custom_headers = {}  # OPENAI_CUSTOM_HEADERS; no argument leaves them out
         self._free = asyncio.Semaphore(requests)
 
     async def ask(self, request: dict[str, Any]) -> Reply:
@@ -89,39 +94,46 @@ class Server:
             try:
                 raw = await self._client.chat.completions.with_raw_response.create(**request)
                 latency = time.perf_counter() - began
-                said = json.loads(self._without_key(raw.http_response.text))
+                said = plain(json.loads(raw.http_response.text), self._key)
                 choice, usage = said["choices"][0], said.get("usage") or {}
                 return {
                     "message": dict(choice["message"]),
                     "finish": choice.get("finish_reason"),
                     "model": said.get("model"),
-                    "server": raw.headers.get("server"),
+                    "server": plain(raw.headers.get("server"), self._key),
                     "fingerprint": said.get("system_fingerprint"),
                     "tokens": [int(usage.get(f"{of}_tokens") or 0) for of in _COUNTED],
                     "latency": round(latency, 3),
                     "retries": raw.retries_taken,
                 }
             except openai.APIStatusError as error:
-                raise self._failure(f"refuses ({in_short(error)})") from None
+                raise self._failure(f"refuses ({self._in_short(error)})") from None
             except openai.APITimeoutError:
                 raise self._failure("did not answer in time") from None
             except openai.OpenAIError as error:
                 cause = error.__cause__ or error
-                why = in_short(cause) or type(cause).__name__
+                why = self._in_short(cause) or type(cause).__name__
                 raise self._failure(f"cannot be asked ({why})") from None
-            except (LookupError, TypeError, ValueError, AttributeError):
+            except (
+                LookupError,
+                TypeError,
+                ValueError,
+                AttributeError,
+                OverflowError,
+                RecursionError,
+            ):
                 raise self._failure("gives no chat completion") from None
 
     async def close(self) -> None:
         """Close the connections."""
         await self._client.close()
 
-    def _without_key(self, text: str) -> str:
-        return text.replace(self._key, "[key]") if self._key else text
+    def _in_short(self, error: BaseException) -> str:
+        return in_short(Exception(plain(str(error), self._key)))
 
     def _failure(self, what: str) -> LearnerError:
         again = "what was said is kept, so give the same command again once that is mended"
-        return LearnerError(self._without_key(f"the server at {self.base_url} {what}; {again}"))
+        return LearnerError(plain(f"the server at {self.base_url} {what}; {again}", self._key))
 
 
 def _place(url: str) -> tuple[str, str | None, int | None]:

@@ -43,7 +43,7 @@ class SideBySide:
         waiting = asyncio.run_coroutine_threadsafe(everything(), self._loop)
         try:
             ended = waiting.result()
-        except BaseException:  # somebody has lost patience
+        except BaseException:  # such as an interrupt
             waiting.cancel()
             raise
         results: list[T] = []

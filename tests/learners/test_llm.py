@@ -169,6 +169,12 @@ BAD: dict[str, tuple[Any, str]] = {
                                 "function": {"name": "act", "arguments": "{oak"}}]),
         "malformed",
     ),
+    "nested arguments": (
+        says(None, tool_calls=[{"id": "1", "type": "function",
+                                "function": {"name": "act", "arguments": "[" * 100_000}}]),
+        "malformed",
+    ),
+    "half a sign": (says("No \ud800."), "malformed"),
     "another lever": (call("push the moon"), "out of range"),
     "refused": (says(None, refusal="I cannot help with locks."), "refused"),
 }  # fmt: skip
@@ -253,6 +259,71 @@ def test_trouble_that_stays_is_one_sentence_without_the_key(
     kept = json.dumps(learner.account().transcripts)
     kept += "".join(path.read_text() for path in tmp_path.rglob("*.jsonl"))
     assert SECRET not in kept
+
+
+def completion(message: str, **headers: str) -> Status:
+    """A reply whose message is this text of JSON, escapes and all."""
+    return Status(200, f'{{"choices": [{{"message": {message}}}]}}', **headers)
+
+
+ESCAPED = "".join(f"\\u{ord(sign):04x}" for sign in SECRET)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        completion('{"content": "no"}', Server=f"proxy of {SECRET}"),
+        completion(f'{{"content": "{ESCAPED}", "{ESCAPED}": [["{ESCAPED}"]]}}'),
+        *(
+            Status(400, json.dumps({"error": {"message": "x" * many + SECRET}}))
+            for many in range(160, 185, 6)
+        ),
+    ],
+    ids=["header", "escaped", *(f"cut {many}" for many in range(160, 185, 6))],
+)
+def test_no_part_of_the_key_is_kept_however_it_comes_back(
+    said: Status, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(KEY, SECRET)
+    with scripted(lambda *_: said) as (_, url):
+        monkeypatch.setenv(TRUSTED, url)
+        learner = create("learners.llm:LanguageModel", {"model": "m", "base_url": url,
+                                                        "unanswered": 0})  # fmt: skip
+        with pytest.raises(LearnerError, match=r"unanswered|\[key|xxx\)") as raised:
+            Session(ONE_ROOM, protocol(), 1).play(learner)
+    account = json.dumps([learner.account().transcripts, learner.state_dict()])
+    kept = account + "".join(path.read_text() for path in tmp_path.rglob("*.jsonl"))
+    assert SECRET[:5] not in f"{raised.value} {kept}"
+    assert ("[key]" in kept) == (said.code == 200)
+
+
+@pytest.mark.parametrize("key", ["sk-very\nsecret", "sk-very\x1bsecret", "sk-very-sécret"])
+def test_a_key_that_no_header_can_hold_is_not_shown(
+    key: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with scripted() as (server, url):
+        monkeypatch.setenv(TRUSTED, url)
+        learner = create("learners.llm:LanguageModel", {"model": "m", "base_url": url})
+        monkeypatch.setenv(KEY, key)
+        with pytest.raises(LearnerError, match="is no key") as raised:
+            Session(ONE_ROOM, protocol(), 1).play(learner)
+        assert "cret" not in str(raised.value)
+        monkeypatch.setenv(KEY, f"{SECRET}\n")  # as a file ends
+        Session(ONE_ROOM, protocol(), 1).play(learner)
+    assert set(server.keys) == {f"Bearer {SECRET}"}
+
+
+def test_headers_of_the_environment_go_only_where_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENAI_CUSTOM_HEADERS", f"Authorization: {SECRET}")
+    server, *_ = play()
+    assert not any(SECRET in str(key) for key in server.keys)
+    with scripted() as (server, url):
+        monkeypatch.setenv(TRUSTED, url)
+        learner = create(
+            "learners.llm:LanguageModel", {"model": "m", "base_url": url, "temperature": 0.5}
+        )
+        Session(ONE_ROOM, protocol(), 1).play(learner)
+    assert set(server.keys) == {SECRET}
 
 
 def test_the_key_goes_only_where_the_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -351,6 +422,35 @@ def test_a_damaged_line_is_passed_over(tmp_path: Path, damaged: dict[str, Any]) 
     assert (kept.get("one"), kept.get("two"), kept.spent) == (None, WHOLE, 7)
 
 
+def test_a_reply_of_endlessly_many_tokens_is_none() -> None:
+    body = '{"choices": [{"message": {}}], "usage": {"prompt_tokens": Infinity}}'
+    with pytest.raises(LearnerError, match="gives no chat completion"):
+        play(lambda *_: Status(200, body))
+
+
+def test_a_kept_reply_with_half_a_sign_is_mended(tmp_path: Path) -> None:
+    reply = WHOLE | {"message": {"content": "push \ud800"}}
+    (tmp_path / "said.jsonl").write_text(json.dumps({"key": "one", "reply": reply}) + "\n")
+    kept = Replay(tmp_path)
+    kept.refresh()
+    assert kept.get("one") == WHOLE | {"message": {"content": "push ?"}}
+
+
+@pytest.mark.parametrize("levels", [150, 400, 100_000])
+def test_what_is_nested_too_deeply_is_no_reply_and_is_not_kept(levels: int, tmp_path: Path) -> None:
+    """A reply of some hundred levels can be read, but not written with the conversation."""
+    nested = f'{{"content": "no", "more": {"[" * levels}{"]" * levels}}}'
+    with pytest.raises(LearnerError, match=r"gives no chat completion; what was said is kept"):
+        play(lambda *_: completion(nested))
+    assert not [*tmp_path.rglob("*.jsonl")]
+    # Nor is one used that is in a folder all the same.
+    kept = json.dumps({"key": "one", "reply": WHOLE}).replace('{"content": "push"}', nested)
+    (tmp_path / "said.jsonl").write_text(f"{kept}\n")
+    replies = Replay(tmp_path)
+    replies.refresh()
+    assert replies.get("one") is None
+
+
 def test_a_budget_stops_between_attempts_and_a_larger_one_goes_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -414,7 +514,14 @@ def test_it_is_asked_which_enables_which_and_plays_as_if_it_were_not() -> None:
 
 def test_an_answer_to_which_enables_which_that_cannot_be_read_is_none() -> None:
     words, nodes = Wording("levers", ("oak", "elm"), (0, 1)), ("P0", "P1", "door")
-    for said in ("no", "[]", '{"enables": [{"cause": "oak", "effect": "moon"}]}', "{}", "7"):
+    for said in (
+        "[" * 100_000,
+        "no",
+        "[]",
+        '{"enables": [{"cause": "oak", "effect": "moon"}]}',
+        "{}",
+        "7",
+    ):
         assert read_structure({"content": said}, words, nodes) is None
     assert read_answer({"content": ["odd"], "tool_calls": "odd"}, None, words).fault == "malformed"
 
