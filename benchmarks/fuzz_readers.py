@@ -41,14 +41,15 @@ from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.files.state import write_state
 from causal_openlock.fitting.actions import FILE as FIT_TO_ACTIONS
 from causal_openlock.fitting.actions import Fitted, fit_table, fits_of
-from causal_openlock.fitting.kept import fit_of
-from causal_openlock.fitting.search import bundled_search, read_search
+from causal_openlock.fitting.kept import fit_of, keep_fit
+from causal_openlock.fitting.search import Range, bundled_search, read_search
 from causal_openlock.fitting.study import Candidate, Fit, Plan, _keep, _opened
 from causal_openlock.formats.graphs import FORMATS, export_schema, read_schema_as
 from causal_openlock.formats.schema_file import bundled_schemas, find_schema, read_schema
 from causal_openlock.importing.folder import import_files
-from causal_openlock.play.people import RECRUITED, People
+from causal_openlock.play.people import People
 from causal_openlock.play.reactions import read_reactions
+from causal_openlock.play.recruiting import RECRUITED
 from causal_openlock.render.words import Wording
 from learners.language.answers import read_answer, read_structure
 from learners.language.replay import Replay
@@ -150,8 +151,8 @@ def readers(work: Path) -> list[Reader]:
                f"people/{RECRUITED}", _people),
         Reader("replies of models", 1, [_replies(work / "replies")], _spoil_lines,
                "replies/one.jsonl", _replayed),
-        Reader("fits", 1, [_fit(work)], _spoil_json_text, "fit/fit.json", _fitted),
-        Reader("fits to actions", 1, [_fit_to_actions()], _spoil_json_text,
+        Reader("fits", 1, [_fit(work)], _spoil_sealed, "fit/fit.json", _fitted),
+        Reader("fits to actions", 1, [_fit_to_actions()], _spoil_sealed,
                f"fit/{FIT_TO_ACTIONS}", _fitted_to_actions),
         Reader("run.json", 1, [(study / "run.json").read_bytes()], _spoil_sealed,
                "evidence/run/run.json", _at("evidence/run", _run)),
@@ -418,8 +419,8 @@ def _plan() -> Plan:
 
 def _fit(work: Path) -> bytes:
     (work / "fit").mkdir()
-    names = [*_plan().space.searched]
-    done = [Candidate(number, dict.fromkeys(names, 0.5), 3.0) for number in range(3)]
+    chosen = {name: one.low for name, one in _plan().space.searched.items()}
+    done = [Candidate(number, chosen, 3.0) for number in range(3)]
     return _written(lambda path: _keep(Fit(_plan(), done, {0: 2.5}), path))
 
 
@@ -428,6 +429,7 @@ def _fitted(work: Path) -> object:
 
 
 SETTINGS = {"lapse": 0.01}
+SOFTNESS = {"": {"softness": Range(0.1, 2.0)}}
 
 
 def _fit_to_actions() -> bytes:
@@ -435,8 +437,9 @@ def _fit_to_actions() -> bytes:
         vars(Fitted("all", fold, {"softness": 0.5}, 30.5, 60, 31.0, 60, 0.5, 12, 65.1))
         for fold in (-1, 0, 1)
     ]
-    return json.dumps({"plan": SETTINGS, "done": done}).encode()
+    return _written(lambda path: keep_fit(path, SETTINGS, done=done))
 
 
 def _fitted_to_actions(work: Path) -> object:
-    return fit_table(fit_of(work / "fit" / FIT_TO_ACTIONS, SETTINGS, fits_of, "fit", "plans") or [])
+    read = partial(fits_of, ranges=SOFTNESS)
+    return fit_table(fit_of(work / "fit" / FIT_TO_ACTIONS, SETTINGS, read, "fit", "plans") or [])

@@ -2,7 +2,7 @@
 
 It holds a posterior over the causal structures of the room (:mod:`causal_openlock.belief`), chooses
 the most valuable action, and updates the posterior with what it observes. What it learns about
-*schemas* is carried into the next room; which lever does what is learned anew in each. It perceives
+*schemas* is carried into the next room; which lever does what is learned in each room. It perceives
 what every subject perceives and knows nothing else about roles, schemas or solutions.
 
 The policy is a parameter:

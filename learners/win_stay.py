@@ -11,8 +11,8 @@ have more actions, one lever less than actions.) In one room
   solution with one lever changed is the likeliest other solution;
 * before the first success, sequences that worked in earlier rooms come first.
 
-It knows neither causes nor roles, and learns nothing from which levers moved. Left with nothing
-untried, as in a room that does not always obey, it begins anew.
+It knows neither causes nor roles, and learns nothing from which levers moved. When nothing
+is left untried, as in a room that does not always obey, it starts over.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class WinStay(Checkpointed, Learner):
         for subject in np.flatnonzero(view.playing).tolist():
             grey = view.observation[subject, positions : 2 * positions] == 1
             odds = self._odds(subject, grey)
-            # Somebody else may have done what no sequence asks for; then any of them goes on.
+            # Another subject may have done what no sequence asks for; then any of them goes on.
             odds = odds & self._same[subject] if (odds & self._same[subject]).any() else odds
             found[subject] = np.bincount(actions[subject, odds], minlength=2 * positions + 1)
         return found / np.maximum(found.sum(axis=1, keepdims=True), 1.0)

@@ -1,6 +1,6 @@
 """The base class of learners that hold beliefs about causal structure.
 
-It answers what a trace, a notebook or a test wants to know about a subject: its belief, the
+It gives traces, notebooks and tests what they show of a subject: its belief, the
 probability of each edge, the most probable structure, a model for pgmpy, and the expected
 information gain of each action.
 """

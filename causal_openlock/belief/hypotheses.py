@@ -7,7 +7,7 @@ may go by colour (the grey ones, or the white ones) or by position. The prior is
     P(h) = P(active levers | rule) P(rule) P(structure | class) P(class) P(strength)
 
 summed over rules and classes. Rules, classes and strengths are learned across rooms
-(:mod:`causal_openlock.belief.knowledge`); which lever does what is learned anew in each.
+(:mod:`causal_openlock.belief.knowledge`); which lever does what is learned in each room.
 
 **Strength.** Each of m pushed causes transmits independently with probability s, and a push takes
 effect if at least k of them transmit, k being the threshold of the gate (a noisy-OR for k = 1, a

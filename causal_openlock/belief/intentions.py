@@ -31,7 +31,7 @@ class Intention(NamedTuple):
 
     Attributes:
         plan: The solution that it carries out.
-        tried: How many of its levers it has pushed, the last one perhaps in vain.
+        tried: How many of its levers it has pushed, the last one perhaps without effect.
     """
 
     plan: Plan = None

@@ -22,7 +22,7 @@ Three examples, with levers A and B and others:
 
 * *Is the door unlocked if A and B are pushed?* ``pushed=[A, B]``; the others stay pulled. The lock
   is a function of the levers' states, so strengths do not matter.
-* *Is it, after somebody has tried to push A and B?* ``pulled`` are all the others, with
+* *Is it, after attempts to push A and B?* ``pulled`` are all the others, with
   ``push_probability=1``: A moves only if its gate holds, with the probability of its strength.
 * *Is it, if A is forced and every other lever is tried?* ``pushed=[A]``, ``push_probability=1``.
 

@@ -1,10 +1,10 @@
-"""The ideal observer in somebody else's place: what each of their attempts was worth.
+"""The ideal observer in another subject's place: what each attempt was worth.
 
 The observer knows the schema of the room, and that the grey levers are the active ones; which lever
-is which it learns from what somebody does. So at every moment it has a posterior over placements,
-and knows, by the dynamic programme of :mod:`causal_openlock.belief.optimal`, how many attempts are
-still to be expected with the best play, V, and if an action is taken now and the best play comes
-after it, Q. All of it is exact.
+is which it learns from what the subject does. So at every moment it has a posterior over
+placements, and knows, by the dynamic programme of :mod:`causal_openlock.belief.optimal`, how many
+attempts are still to be expected with the best play, V, and if an action is taken now and the best
+play comes after it, Q. All of it is exact.
 
 * **Regret** of an action is Q - V, in attempts: what it costs on average, whatever luck there was.
   The regrets of a trial and its luck add up to its attempts beyond V at its start, and, of a trial

@@ -12,7 +12,7 @@ on what was observed, so a plan is a tree over the actions left in the attempt, 
 computed from the leaves up (expectimax).
 
 Where attempts are so long that the tree would have too many branches, it is cut. A leaf there is
-worth the probability that a new solution can still be completed by somebody who knows the truth.
+worth the probability that a new solution can still be completed by an actor that knows the truth.
 
 Pulling a lever back is left out: within so few actions it helps neither to learn nor to solve.
 
@@ -184,7 +184,8 @@ class Planner:
                         worth[index] += self._child(alive, stays, pushed, unlocked, left - 1)
                     for open_now in (False, True):
                         if outcomes[1 + open_now, index] > TIE * total:
-                            part = unlocks[:, index] if open_now else (moves - unlocks)[:, index]
+                            opened = unlocks[:, index]
+                            part = opened if open_now else moves[:, index] - opened
                             worth[index] += self._child(
                                 alive, part, int(after[index]), open_now, left - 1
                             )

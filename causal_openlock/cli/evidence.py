@@ -28,7 +28,7 @@ def evidence(
         typer.Option("--check", help="Recompute all from what is stored; exit with 1 on a fault."),
     ] = False,
     write: Annotated[
-        bool, typer.Option("--write", help="Write verdicts and pages anew from what is stored.")
+        bool, typer.Option("--write", help="Write verdicts and pages again from what is stored.")
     ] = False,
     folder: Annotated[Path, typer.Option(help="Folder of the studies.")] = Path("evidence"),
     results: Annotated[
@@ -36,7 +36,7 @@ def evidence(
     ] = Path("results/evidence"),
     workers: Workers = None,
     anew: Annotated[
-        bool, typer.Option("--anew", help="Play, too, what is stored with the studies.")
+        bool, typer.Option("--anew", help="Also play what is stored with the studies.")
     ] = False,
 ) -> None:
     """Run studies: every number and verdict of the result pages comes from one.

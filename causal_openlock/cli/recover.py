@@ -50,7 +50,7 @@ def recover(
         Path | None, typer.Option("--out", "-o", help="Folder; by default results/recover-NAME.")
     ] = None,
 ) -> None:
-    """Simulate subjects of every learner, let all predict them, and say who is told apart.
+    """Simulate subjects of every learner, let all predict them, and say which can be told apart.
 
     Goes on where it was. Written are single.csv, groups.csv, by_size.csv, bits.csv, a figure, and
     with --parameters what was recovered of each parameter.
@@ -78,7 +78,7 @@ def recover(
     size = ToRecover(draws=draws, lapse=lapse, sets=sets, each=each, candidates=candidates)
     with resumable(), console.status("") as status:
 
-        def told(what: str) -> Running:
+        def running(what: str) -> Running:
             status.update(f"{what}: 0 parts are done")
             return Running(
                 workers or available_cores(),
@@ -86,13 +86,13 @@ def recover(
                 report=lambda done, total: status.update(f"{what}: {done} of {total} parts"),
             )
 
-        found = recovery(predicted(chosen, folder, size, told("scores")), chosen.seed)
+        found = recovery(predicted(chosen, folder, size, running("scores")), chosen.seed)
         files = found.save(folder)
         style.save(draw_recovery(found), folder / "recovery")
         _print(found, console)
         for spec in wanted:
             own = folder / f"parameters_{spec.name}"
-            tables = parameters_recovered(spec, chosen, own, size, told(spec.name))
+            tables = parameters_recovered(spec, chosen, own, size, running(spec.name))
             files += _parameters(spec.name, folder, tables, console)
     names = ", ".join(file.name for file in files)
     console.print_line(f"{folder}: {names} and recovery.svg written")

@@ -38,7 +38,7 @@ def report(
         typer.Option("--out", "-o", help="Folder for the comparison of two; default: the first."),
     ] = None,
 ) -> None:
-    """Write the report of a comparison anew, or of what people played, or compare two of them."""
+    """Write the report of a comparison, or of what people played; or compare two of them."""
     from causal_openlock.comparison.console import Terminal
 
     console = Terminal()
@@ -64,7 +64,7 @@ def report_store(folder: Path, console: Terminal, others: Sequence[Path] = ()) -
 
     results = open_results(folder, *others)
     page = results.report(folder)
-    print_standings(results.standings, console, page.answers)
+    print_standings(page.standings, console, page.answers)
     _print_missing(missing_cells(results.experiment), console)
     console.print_line(f"report: {page.path}")
 

@@ -50,7 +50,7 @@ def score(
 ) -> None:
     """Score learners on every action of every subject of a results folder.
 
-    Each learner sees what a subject saw, says how likely each action is, and is then told what the
+    Each learner sees what a subject saw, says how likely each action is, and is then shown what the
     subject did. Written are scores/actions.parquet, a row an action, and scores/subjects.csv, a row
     a subject; printed is the ranking, in bits per action.
     """
@@ -103,7 +103,7 @@ def score(
         by = (
             "each action by what was fitted without it"
             if one.holds_out
-            else "what it was fitted to; parameters have a price in who is followed alone"
+            else 'what it was fitted to; parameters have a price only in "followed by"'
         )
         console.print_line(f"{one.label} predicts {by}")
     drawn = subjects[subjects["standard_error"] > 0]

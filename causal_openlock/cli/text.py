@@ -27,7 +27,7 @@ def text(
     from causal_openlock.experiment.protocol import Condition, find_protocol
     from causal_openlock.experiment.session import Session
     from causal_openlock.formats.schema_file import find_schema
-    from causal_openlock.render.words import Wording, room_now, told
+    from causal_openlock.render.words import Wording, feedback, room_now
 
     session = Session(
         Condition.named(condition, find_schema),
@@ -54,4 +54,4 @@ def text(
         if action is None:
             say(words.no_action)
             continue
-        say(told(words, session.step(np.array([action])), 0, brief.trials))
+        say(feedback(words, session.step(np.array([action])), 0, brief.trials))

@@ -192,7 +192,7 @@ def _experiment(
     if isinstance(what, StoredExperiment):
         raise ExperimentError(
             "this experiment is the record of one that was run; compare its file again, or "
-            "declare it anew"
+            "declare it again"
         )
     if isinstance(what, Experiment):
         if given or learners:

@@ -158,7 +158,7 @@ class Account:
 
     Attributes:
         transcripts: For each subject, what was said, as plain data: a line of JSON each.
-        remarks: Sentences for whoever runs the comparison.
+        remarks: Sentences for the user who runs the comparison.
     """
 
     transcripts: tuple[list[dict[str, Any]], ...] = ()
@@ -186,7 +186,7 @@ class Learner(ABC):
 
     Parameters: ClassVar[type] = NoParameters
     learns_from_others: ClassVar[bool] = True
-    """Whether ``learn`` can be told what somebody else did.
+    """Whether ``learn`` can be given what another subject did.
 
     What comes before it is then ``probabilities``, or, in a learner that gives none, nothing.
     """
@@ -222,7 +222,7 @@ class Learner(ABC):
     def probabilities(self, view: View) -> FloatArray | None:
         """``[B, A]`` the probability of each action now; None if the learner cannot say.
 
-        ``act`` draws from exactly these, but for the error that :meth:`sample_size` tells of,
+        ``act`` draws from exactly these, except for the error that :meth:`sample_size` implies,
         given all that was perceived and done so far. What is hidden in a learner, such as an
         intention that it carries out, is averaged over as what was done leaves it. It may be asked
         before ``act``, which it does not change, or in its place: where it is known what a subject

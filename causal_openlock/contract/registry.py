@@ -129,7 +129,7 @@ def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
     Raises:
         LearnerError: If there is none, it cannot be imported, or it is not a learner.
     """
-    # What a notebook defines may be defined anew.
+    # A notebook may define a class again.
     return _load(name) if is_of_session(name) else _learner_class(name)
 
 
@@ -187,7 +187,7 @@ _learner_class = cache(_load)
 
 
 def forget() -> None:
-    """Load every learner anew when it is next asked for: its file may be another one now."""
+    """Load every learner again when it is next asked for: its file may have changed."""
     _learner_class.cache_clear()
 
 

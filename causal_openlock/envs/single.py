@@ -170,7 +170,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._columns, self._failed = self._listed.tables.columns, self._listed.tables.failed
         self._whole_trial = self._settings.whole_trial
         self._stochastic = not self._settings.schema.deterministic
-        # Whether the reward of every action has to be evaluated anew.
+        # Whether the reward of every action has to be evaluated again.
         self._surprising = physics or self._settings.reward.depends_on_everything
         self._depends_on_repeats = self._settings.reward.depends_on_repeats
         self._depends_on_found = self._settings.reward.depends_on_found

@@ -21,7 +21,7 @@ from gymnasium.error import ResetNeeded
 from causal_openlock.contract.learner import Brief, Console, Step, View
 from causal_openlock.envs.settings import ATTEMPT_LIMIT
 from causal_openlock.envs.single import OpenLockEnv
-from causal_openlock.render.words import ANY, StoryName, Wording, room_now, told
+from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, action_names
 
@@ -135,7 +135,7 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
             new_solution=np.array([self._console["solutions_found"] > known]),
             next=self._view(),
         )
-        self._text = told(self._words, step, 0, trials=1)
+        self._text = feedback(self._words, step, 0, trials=1)
         info = self._info(chosen, info)
         if self._observer is not None:
             info["information"] = self._observer.gained(step)

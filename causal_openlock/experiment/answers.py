@@ -24,7 +24,7 @@ FOLDER = "structures"
 
 @dataclass(frozen=True)
 class Answer:
-    """What somebody takes the structure of a room to be.
+    """What a subject takes the structure of a room to be.
 
     Attributes:
         learner: Label of who answers.
@@ -99,7 +99,7 @@ def read_answers(folder: Path | str) -> list[Answer]:
         except (OSError, ChecksumError, pa.ArrowException, ValueError) as error:
             raise StoreError(
                 f"{path} is damaged ({' '.join(str(error).split())[:120]}); start play with this "
-                "folder and stop it: it is made anew from what is logged"
+                "folder and stop it: it is made again from the log"
             ) from None
         for (learner, condition, subject, visit), own in table.groupby(
             ["learner", "condition", "subject", "visit"], sort=False

@@ -101,7 +101,7 @@ class Cluster(Given):
                 "version for the workers"
             )
         if isinstance(error, KilledWorker):
-            return f"the worker {error.last_worker.address} was lost, perhaps for want of memory"
+            return f"the worker {error.last_worker.address} was lost, perhaps for lack of memory"
         return ""
 
     def _lost(self) -> OpenLockError:

@@ -17,7 +17,7 @@ _CELL = re.compile(r"(?!\.)[^/\\:\x00-\x1f\x7f-\x9f]{1,240}\.parquet")
 def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
     """Make sure that no link or path in a results folder leads out of it.
 
-    Somebody else may have written ``experiment.json``, and an unpacked archive may hold links. (The
+    Others may have written ``experiment.json``, and an unpacked archive may hold links. (The
     folder itself may be a link; its owner has made that.)
 
     Args:
@@ -31,7 +31,7 @@ def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
         if not (isinstance(name, str) and _CELL.fullmatch(name)):
             raise StoreError(
                 f"{folder / 'experiment.json'} lists {str(name)[:80]!r} among the cells, which is "
-                f"no file in {folder / 'cells'}; do not use this folder, somebody has changed it"
+                f"no file in {folder / 'cells'}; do not use this folder, it has been changed"
             )
     home = folder.resolve()
     for place, folders, files in os.walk(folder):  # which does not follow links to folders

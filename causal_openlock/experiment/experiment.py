@@ -34,7 +34,7 @@ class Origin:
         package: Its package and version, or its file and a hash of the file.
         artifact_hash: Hash of files that its parameters name, such as trained weights; or empty.
         prior_attempts: Attempts that it was trained with before the experiment.
-        informed: Whether it is told what subjects cannot perceive.
+        informed: Whether it is given what subjects cannot perceive.
     """
 
     class_name: str

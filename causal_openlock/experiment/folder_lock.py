@@ -3,7 +3,7 @@
 The operating system releases a lock when its process ends, however that happens. Shards of one
 experiment share the lock, and each has one of its own; what only one may do, such as to tidy up, is
 done by the first of them. A file system without locks does no harm to results, since a cell's file
-is the same whoever writes it.
+is the same whichever process writes it.
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ class FolderLock:
 
     Args:
         folder: The folder, which has to exist when a lock is taken.
+        what: What works there, in a word.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, what: str = "comparison") -> None:
+        self.folder, self._what = folder, what
         self._held: list[IO[bytes]] = []
 
     def take(self, shard: Shard | None) -> bool:
-        """Lock the folder; returns whether nobody else works in it, so that it can be prepared.
+        """Lock the folder; returns whether no other process uses it, so that it can be prepared.
 
         Raises:
-            StoreError: If somebody does, other than shards beside a shard.
+            StoreError: If another one does, other than shards beside a shard.
         """
         if shard is not None:
             mine = f"{LOCK}-{shard.number}-of-{shard.shards}"
@@ -53,7 +54,7 @@ class FolderLock:
                 return False
             if time.monotonic() >= patience:
                 raise StoreError(
-                    f"{self.folder} is in use by another comparison; wait for it, or choose "
+                    f"{self.folder} is in use by another {self._what}; wait for it, or choose "
                     "another folder"
                 )
             time.sleep(0.1)

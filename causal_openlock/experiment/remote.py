@@ -2,9 +2,9 @@
 
 An object store has no locks, no links and no files that grow, all of which playing needs. So a
 comparison is played in a folder here (:func:`kept`). What is in the store comes first, and
-is not played again; each finished cell goes there as a whole file. Shards on machines that share no
-disk can so fill one place: a cell has one name and one content, whoever writes it. Checkpoints stay
-here, so a cell that was interrupted goes on where it was on this machine alone.
+is not played again; each finished cell goes there as a whole file. In this way, shards on machines
+that share no disk can fill one place: a cell has one name and one content, whichever of them writes
+it. Checkpoints stay here, so an interrupted cell goes on where it was on this machine alone.
 
 `fsspec <https://filesystem-spec.readthedocs.io>`_ knows the stores: ``s3://`` with the extra
 ``s3``, ``gs://`` with the package ``gcsfs``, ``az://`` with ``adlfs``.
@@ -126,13 +126,13 @@ class Remote:
             for path, about in sorted(found.items(), reverse=True):
                 inside = str(PurePosixPath(path).relative_to(PurePosixPath(self._root)))
                 if not _COMES.fullmatch(inside) or ".." in PurePosixPath(inside).parts:
-                    continue  # whoever may write there may name things as they like
+                    continue  # names in a store may be anything
                 here = self.folder / inside
                 # Only the description is rewritten in place; of the others, what is complete stays.
                 known = here.is_file() and here.stat().st_size == about["size"]
                 of_cell = inside.split("/")[0] in _OF_CELLS
                 if not known and of_cell and here.is_file() and whole(here.stem):
-                    continue  # what is there is cut off, or somebody else's
+                    continue  # what is there is cut off, or of another program
                 if not known or inside == "experiment.json":
                     write_bytes(here, self._files.cat_file(path))
                 self._sent[inside] = _state(here)
@@ -181,6 +181,6 @@ class Remote:
 
 
 def _state(path: Path) -> tuple[int, int]:
-    """What changes when a file is written anew."""
+    """What changes when a file is rewritten."""
     about = path.stat()
     return about.st_size, about.st_mtime_ns

@@ -29,8 +29,14 @@ from causal_openlock.experiment.carried_code import carry
 from causal_openlock.experiment.cluster import joined
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.progress import ProgressEstimator, RunProgress, work
+from causal_openlock.experiment.running_files import (
+    AWAITED,
+    checkpointed,
+    remove_files_of,
+    reported_progress,
+)
 from causal_openlock.experiment.shard import Shard
-from causal_openlock.experiment.store import AWAITED, Store
+from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.worker import Watching, play_cell, record_failure
 from causal_openlock.experiment.workers import Crew, available_cores, crew
 from causal_openlock.files.atomic import write_text
@@ -82,8 +88,8 @@ def run(
         watching: How often checkpoints are taken inside a cell, and what is logged.
         time_limit: Seconds after which a cell is ended, counted from its start or continuation; by
             default there is no limit. The cell then counts as failed, and keeps its checkpoint.
-            It is ignored with a ``cluster`` or an ``executor``, and without workers: nobody could
-            end a cell.
+            It is ignored with a ``cluster`` or an ``executor``, and without workers: cells cannot
+            be ended there.
         elsewhere: File names of cells that are not played, as their results are kept elsewhere.
 
     Raises:
@@ -135,7 +141,7 @@ def run(
                 continue
             fault = store.check(cell)
             if fault is None:
-                store.clear(cell)
+                remove_files_of(store.path(cell))
                 store.failures.clear(cell)
                 continue
             if retry_failed:
@@ -187,7 +193,7 @@ def run(
             else:
                 those = crew(executor, many)
             with those as found:
-                if executor is not None or cluster:  # nobody could end their workers
+                if executor is not None or cluster:  # their workers cannot be ended from here
                     with suppress(OSError):  # they then end when their cell does
                         awaited.touch()
                         playing.watching = replace(watching, awaited=str(awaited))
@@ -308,9 +314,9 @@ class _Run:
     def _has_lost(self, cell: Cell) -> int:
         """Take note that a cell has lost its worker; returns how often it did without progress.
 
-        With a checkpoint between two losses there was progress, and they are counted anew.
+        With a checkpoint between two losses there was progress, and the count starts again.
         """
-        taken = self.store.checkpointed(cell)
+        taken = checkpointed(self.store.path(cell))
         losses, before = self.lost.get(cell.file_name, (0, taken))
         losses = losses + 1 if taken == before else 1
         self.lost[cell.file_name] = losses, taken
@@ -327,7 +333,7 @@ class _Run:
         now = time.monotonic()
         seconds = {one.cell.file_name: one.seconds for one in self.course.playing(now)}
         for future, cell in self.running.items():
-            heard = self.store.share(cell)
+            heard = reported_progress(self.store.path(cell))
             if cell.file_name not in seconds and (heard or crew.begun(future)):
                 self.course.began(cell, now)
             if heard:

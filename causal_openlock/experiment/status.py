@@ -1,8 +1,8 @@
-"""How a comparison stands, read from its results folder by anybody who can read it.
+"""How a comparison stands, as far as its results folder says.
 
 Workers report the share of their cells that is done in files beside them, wherever they run, and a
-finished record has the seconds that it took. So whoever looks need not know who plays: processes,
-a cluster, or the shards of a job array.
+finished record has the seconds that it took. So the status is the same whether processes, a cluster
+or the shards of a job array play.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.progress import ProgressEstimator, RunProgress
+from causal_openlock.experiment.running_files import reported_progress
 from causal_openlock.experiment.store import Store
 
 QUIET = 120.0
@@ -60,7 +61,7 @@ def status_of(store: Store) -> Status:
                 estimator.began(cell, now - float(wall_time.max(initial=0.0)))
             estimator.ended(cell, now)
             continue
-        report = store.share(cell)
+        report = reported_progress(store.path(cell))
         if report is not None and now - report[0] / 1e9 < QUIET:
             _, share, seconds = report
             estimator.began(cell, now - seconds)

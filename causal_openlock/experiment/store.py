@@ -37,13 +37,10 @@ from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.failures import Failures
 from causal_openlock.experiment.folder_lock import LOCK, FolderLock
 from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.running_files import remove_leftovers
 from causal_openlock.experiment.versions import merged_versions, other_versions, versions
 from causal_openlock.files.atomic import PARTIAL, sweep, write_bytes
-from causal_openlock.files.checksums import (
-    ChecksumError,
-    json_bytes,
-    read_json,
-)
+from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
 from causal_openlock.version import RESULTS_VERSION
 
 if TYPE_CHECKING:
@@ -52,11 +49,6 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.shard import Shard
     from causal_openlock.experiment.stored import StoredExperiment, Versions
 
-AWAITED = ".awaited-"
-"""The beginning of the names of files that are there while a run waits for its workers."""
-CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
-"""Files beside a cell's file while it is played; see
-:mod:`causal_openlock.experiment.checkpoint`."""
 TRANSCRIPTS = "transcripts"
 LOG = "log.jsonl"
 """The actions of people, in a folder of ``play``; see :mod:`causal_openlock.play.log`."""
@@ -143,12 +135,7 @@ class Store:
         """Remove what killed runs and earlier forms of the experiment have left."""
         sweep(self.folder)
         sweep(self.cells)
-        for path in self.folder.glob(f"{AWAITED}*"):  # its run was killed
-            path.unlink(missing_ok=True)
-        for path in self.cells.iterdir():
-            foreign = path.suffix in (CHECKPOINT, ATTEMPTS) and path.stem not in known
-            if foreign or path.suffix == PROGRESS:
-                path.unlink(missing_ok=True)
+        remove_leftovers(self.folder, self.cells, known)
         self.failures.tidy(known)
 
     def _is_of(self, experiment: Experiment, files: set[str], changed: bool) -> bool:
@@ -286,28 +273,6 @@ class Store:
     def path(self, cell: Cell) -> Path:
         """The path of a cell's record."""
         return self.cells / cell.file_name
-
-    def clear(self, cell: Cell) -> None:
-        """Remove the files that a cell has only while it is played."""
-        for suffix in (CHECKPOINT, ATTEMPTS, PROGRESS):
-            self.path(cell).with_suffix(suffix).unlink(missing_ok=True)
-
-    def share(self, cell: Cell) -> tuple[int, float, float] | None:
-        """The progress of a cell that is being played.
-
-        Returns the report's time in nanoseconds, the share done, and seconds played.
-        """
-        path = self.path(cell).with_suffix(PROGRESS)
-        with suppress(OSError, ValueError):  # just written, or just removed
-            share, seconds = map(float, path.read_text(encoding="utf-8").split())
-            return path.stat().st_mtime_ns, share, seconds
-        return None
-
-    def checkpointed(self, cell: Cell) -> int:
-        """When a cell's checkpoint was taken, as a number; 0 if there is none."""
-        with suppress(OSError):
-            return self.path(cell).with_suffix(CHECKPOINT).stat().st_mtime_ns
-        return 0
 
     def source(self, package: str) -> Path:
         """Where the source of a learner that has no file is kept, for people: nothing runs it.

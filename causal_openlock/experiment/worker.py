@@ -1,8 +1,8 @@
 """A worker plays one cell, from its checkpoint if there is one, and saves the record.
 
 Meanwhile it takes checkpoints, reports its progress, and draws curves if they are wanted. None of
-that changes the results. A worker that nobody waits for any longer, since the run that it played
-for has been stopped, takes a checkpoint and ends.
+that changes the results. When the run that a worker plays for has been stopped, it takes a
+checkpoint and ends.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,8 +21,9 @@ from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.experiment.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.learner_check import check_new_learner
+from causal_openlock.experiment.running_files import remove_files_of, report_progress
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.store import PROGRESS, Store
+from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.versions import versions
 
 REPORT_EVERY = 1.0
@@ -75,7 +76,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         checkpoint.warnings += check_new_learner(cell)
         session, learner = _begun(cell, checkpoint)
         with ExitStack() as stack:
-            after = [_reporter(session, store.path(cell).with_suffix(PROGRESS), watching.awaited)]
+            after = [_reporter(session, store.path(cell), watching.awaited)]
             if watching.tensorboard is not None:
                 from causal_openlock.experiment.tensorboard import curves
 
@@ -96,10 +97,10 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         raise
     except (Exception, SystemExit) as error:
         # The learner has to be corrected, so its checkpoint is of no use.
-        store.clear(cell)
+        remove_files_of(store.path(cell))
         raise LearnerError(record_failure(store, cell, error)) from None
     store.write(cell, record)
-    store.clear(cell)
+    remove_files_of(store.path(cell))
     store.failures.clear(cell)
     warnings = [*checkpoint.warnings, *account.remarks]
     return [f"{cell.spec.name}: {warning}" for warning in warnings]
@@ -158,8 +159,8 @@ def _require(awaited: str) -> None:
         pass
 
 
-def _reporter(session: Session, path: Path, awaited: str | None) -> Callable[[], None]:
-    """A function that writes the progress of a session every second; see :meth:`Store.share`.
+def _reporter(session: Session, record: Path, awaited: str | None) -> Callable[[], None]:
+    """A function that reports the progress of a session every second.
 
     It raises :class:`NotAwaitedError` if the file ``awaited`` is gone.
     """
@@ -169,8 +170,7 @@ def _reporter(session: Session, path: Path, awaited: str | None) -> Callable[[],
         nonlocal due
         if (now := time.perf_counter()) >= due:
             due = now + REPORT_EVERY
-            with suppress(OSError):  # the next one may succeed
-                path.write_text(f"{session.progress:.4f} {session.seconds:.1f}", encoding="utf-8")
+            report_progress(record, session.progress, session.seconds)
             if awaited is not None:
                 _require(awaited)
 

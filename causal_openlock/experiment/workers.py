@@ -303,7 +303,7 @@ def how_ended(code: int | None) -> str:
         name = signal.Signals(-code).name
     except ValueError:
         name = f"signal {-code}"
-    return f"killed by {name}" + ", perhaps for want of memory" * (name == "SIGKILL")
+    return f"killed by {name}" + ", perhaps for lack of memory" * (name == "SIGKILL")
 
 
 def available_cores() -> int:

@@ -17,10 +17,10 @@ A bundle is a ZIP file with one folder in it::
 Equal results give equal bundles, byte for byte. Whether its experiment is the one that was run is
 checked when it is made.
 
-The folder may be from somebody else, and what it says of itself forged. So nothing that it names is
+The folder may be of other people, and what it says of itself forged. So nothing that it names is
 run, and a file from outside the folder gets in only if its content has the hash that the results
-were made with: whoever forged that has the content already. Paths in the bundle lead nowhere else,
-whatever things are called.
+were made with: anybody who could forge that hash has the content already. Paths in the bundle lead
+nowhere else, whatever things are called.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]
         licence: Under what the data may be used; an SPDX identifier or an address.
 
     Returns:
-        What is to be known of it, a sentence each: why nobody could check that it runs again.
+        What is to be known of it, a sentence each: why it could not be checked that it runs again.
 
     Raises:
         StoreError: If the folder holds no results, not all of them, or no report.
@@ -298,7 +298,7 @@ def _checked(contents: Contents, experiment: StoredExperiment) -> list[str]:
             data = _plain(now)
         except OpenLockError as error:
             message = str(error).splitlines()[0].replace(f"{path}:", "experiment.yaml:")
-            return [f"Nobody could check that it runs again ({message})."]
+            return [f"It could not be checked that this runs again ({message})."]
     then = _plain(replace(experiment, command=""))
     if data == then:
         codes = {spec.reward.name for spec in learners if isinstance(spec.reward, OwnReward)}
@@ -308,7 +308,7 @@ def _checked(contents: Contents, experiment: StoredExperiment) -> list[str]:
         ]
     if experiment.version != RESULTS_VERSION:
         why = f"the results were made with version {experiment.version}, and this is"
-        return [f"Nobody could check that it runs again: {why} {RESULTS_VERSION}."]
+        return [f"It could not be checked that this runs again: {why} {RESULTS_VERSION}."]
     pairs = zip(data["learners"], then["learners"], strict=True)
     other = [one["name"] for one, before in pairs if one != before]
     return [
@@ -349,7 +349,7 @@ def _requirements(packages: Versions) -> str:
             if not _REQUIREMENT.fullmatch(f"{package} {one}"):
                 raise StoreError(
                     f"the results say that they were made with {f'{package} {one}'[:80]!r}, which "
-                    "is no version of a package; do not use them, somebody has changed them"
+                    "is no version of a package; do not use them, they have been changed"
                 )
         if isinstance(version, list):
             lines.append(f"# {package}: cells were run with {', '.join(version)}")

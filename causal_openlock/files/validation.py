@@ -1,6 +1,6 @@
 """Pydantic's validation errors as sentences for people who write YAML.
 
-Each error becomes one sentence that names the key, describes its value, and tells what to write
+Each error becomes one sentence that names the key, describes its value, and says what to write
 instead.
 """
 

@@ -52,17 +52,17 @@ class Place:
 
 @dataclass(frozen=True)
 class ActionEntry:
-    """An action, as a file tells of it.
+    """An action, as a file describes it.
 
     Attributes:
         place: The row.
-        subject: Who took it, as the file calls them.
+        subject: The subject who took it, by its name in the file.
         condition: The name of the condition.
         trial: Number of the trial, from 1: in the whole condition, or in its ``phase`` and ``loop``
             if these are given.
         attempt: Number of the attempt in the trial, from 1.
         action: Its index or its name.
-        learner: Label of who plays; empty for the default.
+        learner: Label of the learner; empty for the default.
         protocol: Name of the protocol; empty for the default.
         layout: Name of the room's layout, or the positions of its levers; empty if it is the one
             that is drawn.
@@ -90,7 +90,7 @@ class ActionEntry:
 
 
 def action_entry(place: Place, row: Mapping[str, Any]) -> ActionEntry:
-    """A row of a table, or an entry of a list, that tells of one action.
+    """A row of a table, or an entry of a list, that describes one action.
 
     Args:
         place: Where it stands.

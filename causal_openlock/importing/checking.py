@@ -1,4 +1,4 @@
-"""What a file tells, played again: every action is taken in its room, and what came of it compared.
+"""The actions of a file, played again: each is taken in its room, and what came of it compared.
 
 The machine of the room decides, not the file. So a record of imported data is one like any other,
 and a row that could not have happened is found where it stands: an attempt that went on after its
@@ -36,7 +36,7 @@ class Checked:
         subject: Its number.
         condition: What it played, with the rooms that it met where the file names them.
         record: The attempts of the trials that are over.
-        entries: All its actions, as the file tells of them.
+        entries: All its actions, as the file describes them.
         done: The same, as they were taken.
         left_out: How many of them are of a trial that is not over, which no record has.
     """

@@ -62,7 +62,7 @@ def import_files(
     seed: int = 0,
     learner: str = LABEL,
 ) -> Imported:
-    """Play again what files tell of, and write it as a results folder.
+    """Play the actions in files again, and write them as a results folder.
 
     Subjects are numbered in the order in which they come in their condition. What they were called
     is not kept, nor are the names of the files; only this project's own CSV keeps its numbers,

@@ -1,10 +1,10 @@
 """The JSON that jsPsych saves: a list of what happened on each of its screens.
 
-An entry that has an ``action`` tells of one, and the rest of it as a row of a table does; all other
-entries (instructions, consent) are passed over. An experiment adds them as ``data`` of its
-screens, or with ``jsPsych.data.addProperties``. jsPsych's own ``rt`` and ``time_elapsed``, in
-milliseconds, are when the action was taken. A file without any ``subject`` is one subject's, called
-as the file is. Lists in a list, or one in each line, as servers join them, are read as well.
+An entry that has an ``action`` describes one, as a row of a table does; all other entries
+(instructions, consent) are passed over. An experiment adds them as ``data`` of its screens, or with
+``jsPsych.data.addProperties``. jsPsych's own ``rt`` and ``time_elapsed``, in milliseconds, are when
+the action was taken. A file without any ``subject`` is one subject's, named after the file. Lists
+in a list, or one in each line, as servers join them, are read as well.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MILLISECONDS = {"rt": "reaction", "time_elapsed": "time"}
 
 
 def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
-    """The actions that a file of jsPsych tells of, in its order.
+    """The actions in a file of jsPsych, in its order.
 
     Raises:
         OpenLockError: If it is no JSON, not whole, or an entry is none.
@@ -40,7 +40,7 @@ def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
 
 
 def _entries(path: Path) -> Iterator[tuple[Place, dict[str, Any]]]:
-    """The objects in a list, each with its place, which the standard reader does not tell."""
+    """The objects in a list, each with its place, which the standard reader does not give."""
     text, decoder = read_text(path), json.JSONDecoder()
     at = counted = depth = entries = 0
     line = 1

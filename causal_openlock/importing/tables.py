@@ -50,7 +50,7 @@ def read_text(path: Path) -> str:
 
 
 def table_actions(path: Path) -> Iterator[ActionEntry]:
-    """The actions that a CSV file tells of, in its order.
+    """The actions in a CSV file, in its order.
 
     Raises:
         OpenLockError: If it is none of the two forms, or a row is none.

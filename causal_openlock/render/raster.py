@@ -7,7 +7,7 @@ costs as much as the pixels around it.
 Most of a picture is the same as in the one before. A lever, the door and the lock change pixels of
 their own, so what each of them changes is painted once for each state and kept; a picture is a copy
 of the empty room with a few of these pieces on top. An arm that is not at rest is above them and
-is painted anew.
+is painted each time.
 """
 
 from __future__ import annotations

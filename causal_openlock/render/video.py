@@ -115,7 +115,7 @@ def write_mp4(file: BinaryIO, pictures: Iterable[tuple[Bytes, int]], fps: int) -
         film: Any = None
         try:
             for picture, many in pictures:
-                # The usual coding of colours has half the resolution, and so wants even sizes.
+                # The usual coding of colours has half the resolution, and so needs even sizes.
                 height, width = picture.shape[:2]
                 even = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
                 if film is None:

@@ -1,9 +1,9 @@
-"""A room in words: what a person gets in the browser, for whoever reads and writes.
+"""A room in words: what people see in the browser, as text.
 
-The same room can be told in several *stories*: levers and a door, switches and a lamp, neutral
-symbols. A :class:`Wording` is one telling: a story, a name for each position, and the order in
-which positions are listed. Names and order are drawn at random, so nothing that was read about this
-room elsewhere can be recited. Everything that was perceived is told, and nothing latent.
+The same room can be described in several *stories*: levers and a door, switches and a lamp, neutral
+symbols. A :class:`Wording` is a story, a name for each position, and the order in which positions
+are listed. Names and order are drawn at random, so that texts about this room that a language model
+was trained on do not help. The text says everything that can be perceived, and nothing latent.
 
 The environment ``causal_openlock/OpenLockText-v0``, ``causal-openlock text`` and the learner
 ``llm`` use the same words.
@@ -31,7 +31,7 @@ ANY: Literal["any"] = "any"
 
 @dataclass(frozen=True)
 class Story:
-    """The vocabulary of a telling.
+    """The vocabulary of a description.
 
     Attributes:
         scene: What there is and what is to be found out; ``{many}`` stands for its levers.
@@ -114,7 +114,7 @@ class Counters(NamedTuple):
 
 @dataclass(frozen=True)
 class Wording:
-    """One telling of rooms with P positions.
+    """A way to describe rooms with P positions.
 
     Attributes:
         story: Name of the story.
@@ -139,7 +139,7 @@ class Wording:
     def draw(
         cls, positions: int, generator: np.random.Generator, story: StoryName = ANY
     ) -> Wording:
-        """A telling drawn at random, in one story or in any.
+        """A wording drawn at random, in one story or in any.
 
         Raises:
             OpenLockError: If there is no such story.
@@ -153,16 +153,16 @@ class Wording:
         return cls(chosen, tuple(names), tuple(generator.permutation(positions).tolist()))
 
     @property
-    def _told(self) -> Story:
+    def _terms(self) -> Story:
         return STORIES[self.story]
 
     @cached_property
     def actions(self) -> tuple[str, ...]:
         """``2P + 1`` the actions by index."""
         moves = [
-            f"{verb} {name}" for verb in (self._told.push, self._told.pull) for name in self.names
+            f"{verb} {name}" for verb in (self._terms.push, self._terms.pull) for name in self.names
         ]
-        return (*moves, self._told.finish)
+        return (*moves, self._terms.finish)
 
     @property
     def choices(self) -> list[str]:
@@ -172,7 +172,7 @@ class Wording:
         return [self.actions[place] for place in places]
 
     def read(self, text: str) -> int | None:
-        """The index of an action that somebody wrote; ``None`` if it is none.
+        """The index of the action that a text names; ``None`` if it names none.
 
         The last line with any text counts. It has to be an action and nothing else, apart from
         signs and ``action:`` before it.
@@ -186,32 +186,32 @@ class Wording:
         return {action: index for index, action in enumerate(self.actions)}
 
     def instructions(self, action_limit: int, attempt_limit: int) -> str:
-        """What is told before the first room."""
-        told = self._told
+        """The text before the first room."""
+        terms = self._terms
         rules = _RULES.format(
-            **{**vars(told), "Goal": _capital(told.goal)},
+            **{**vars(terms), "Goal": _capital(terms.goal)},
             actions=counted(action_limit, "action"),
             attempts=counted(attempt_limit, "attempt"),
             choices=", ".join(self.choices),
         )
-        many = f"{told.thing}es" if told.thing.endswith("ch") else None
-        return f"{told.scene.format(many=counted(len(self.names), told.thing, many))}\n\n{rules}"
+        many = f"{terms.thing}es" if terms.thing.endswith("ch") else None
+        return f"{terms.scene.format(many=counted(len(self.names), terms.thing, many))}\n\n{rules}"
 
     @property
     def no_action(self) -> str:
-        """What is told to somebody who wrote something that is no action."""
+        """The reply to a text that names no action."""
         listed = ", ".join(self.choices)
         return f"That is no action, and nothing was done. The actions are: {listed}."
 
     def room(self, observation: ArrayLike, now: Counters) -> str:
         """What is seen of a room, and the console."""
-        bits, many, told = _bits(observation), len(self.names), self._told
+        bits, many, terms = _bits(observation), len(self.names), self._terms
         things = "; ".join(
-            f"{self.names[place]}: {told.grey if bits[many + place] else told.white}, "
-            f"{told.pushed if bits[place] else told.pulled}"
+            f"{self.names[place]}: {terms.grey if bits[many + place] else terms.white}, "
+            f"{terms.pushed if bits[place] else terms.pulled}"
             for place in self.order
         )
-        where = f"{_capital(told.place)} {now.trial} of {now.trials}, attempt {now.attempt}"
+        where = f"{_capital(terms.place)} {now.trial} of {now.trials}, attempt {now.attempt}"
         return (
             f"{where}. Left: {counted(now.solutions_left, 'combination')}, "
             f"{counted(now.attempts_left, 'attempt')}, {counted(now.actions_left, 'action')} in "
@@ -219,27 +219,27 @@ class Wording:
         )
 
     def _state(self, bits: Sequence[int]) -> str:
-        told = self._told
-        lock = told.locked if bits[-2] else told.unlocked
-        return f"{told.goal} is {lock} and {told.open if bits[-1] else told.closed}"
+        terms = self._terms
+        lock = terms.locked if bits[-2] else terms.unlocked
+        return f"{terms.goal} is {lock} and {terms.open if bits[-1] else terms.closed}"
 
     def outcome(self, before: ArrayLike, after: ArrayLike, new_solution: bool = False) -> str:
         """What an action did, from the observations before it and right after it."""
-        old, new, told = _bits(before), _bits(after), self._told
+        old, new, terms = _bits(before), _bits(after), self._terms
         if new[-1] and not old[-1]:
             found = "a new combination!" if new_solution else "one that you had found before."
-            return f"{_capital(told.goal)} is {told.open}, by {found}"
+            return f"{_capital(terms.goal)} is {terms.open}, by {found}"
         moved = [
-            f"{self.names[place]} is {told.pushed if new[place] else told.pulled} now"
+            f"{self.names[place]} is {terms.pushed if new[place] else terms.pulled} now"
             for place in self.order
             if new[place] != old[place]
         ]
         if new[-2] != old[-2]:
-            moved.append(f"{told.goal} is {told.locked if new[-2] else told.unlocked} now")
+            moved.append(f"{terms.goal} is {terms.locked if new[-2] else terms.unlocked} now")
         return f"{_capital(joined(moved))}." if moved else "Nothing moved."
 
     def ending(self, attempt: int, trial_over: bool, solutions_left: int) -> str:
-        """What is told at the end of an attempt, after the outcome of its last action.
+        """The text at the end of an attempt, after the outcome of its last action.
 
         Args:
             attempt: Its number in the trial.
@@ -247,7 +247,7 @@ class Wording:
             solutions_left: Solutions still to be found.
         """
         if not trial_over:
-            return f"The attempt is over; the {self._told.place} goes back to where it began."
+            return f"The attempt is over; the {self._terms.place} goes back to where it began."
         if solutions_left:
             left = counted(solutions_left, "combination")
             return f"No attempts are left; {left} stayed hidden."
@@ -255,18 +255,18 @@ class Wording:
 
     def question(self) -> str:
         """The question after a room: what enables what."""
-        told = self._told
+        terms = self._terms
         return (
-            f"You have left this {told.place}. Which {told.thing} had to be {told.pushed} before "
-            f"another one could be moved, and which made {told.goal} {told.unlocked}? List every "
-            f"pair of a cause and its effect that you believe in; an effect is a {told.thing} or "
-            f"`{told.goal}`."
+            f"You have left this {terms.place}. Which {terms.thing} had to be {terms.pushed} "
+            f"before another one could be moved, and which made {terms.goal} {terms.unlocked}? "
+            "List every pair of a cause and its effect that you believe in; an effect is a "
+            f"{terms.thing} or `{terms.goal}`."
         )
 
     @property
     def nodes(self) -> tuple[str, ...]:
         """``P + 1`` what can be an effect: the names of the positions, and the goal."""
-        return (*self.names, self._told.goal)
+        return (*self.names, self._terms.goal)
 
 
 def room_now(words: Wording, view: View, subject: int, trials: int) -> str:
@@ -283,8 +283,8 @@ def room_now(words: Wording, view: View, subject: int, trials: int) -> str:
     return words.room(view.observation[subject], now)
 
 
-def told(words: Wording, step: Step, subject: int, trials: int) -> str:
-    """What a subject is told after an action: what it did, what ended, and what comes next."""
+def feedback(words: Wording, step: Step, subject: int, trials: int) -> str:
+    """The text after an action: what it did, what ended, and what comes next."""
     new, trial_over = bool(step.new_solution[subject]), bool(step.trial_over[subject])
     lines = [words.outcome(step.view.observation[subject], step.outcome[subject], new)]
     if step.attempt_over[subject]:

@@ -320,7 +320,7 @@ class LearnerContract:
                 learner.learn(step)
             except Exception as error:  # whatever it is, it tells what the learner needs
                 raise AssertionError(
-                    f"{self.learner}: told of another's action, it fails with "
+                    f"{self.learner}: given another's action, it fails with "
                     f"{type(error).__name__}: {error}; let learn use step.view and step.action, "
                     "and nothing that act has kept, or set learns_from_others = False"
                 ) from error

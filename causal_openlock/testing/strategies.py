@@ -1,6 +1,6 @@
 """Hypothesis strategies: any schema, layout, protocol, learner or experiment that is valid.
 
-A test that holds for whatever these draw holds for schemas and settings that nobody has thought of,
+A test that holds for whatever these draw holds for schemas and settings that no author thought of,
 and Hypothesis finds the smallest one for which it fails. All are small enough to be played:
 
 >>> from hypothesis import find

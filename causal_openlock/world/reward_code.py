@@ -122,7 +122,7 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
 
 
 def forget() -> None:
-    """Load every function anew when it is next evaluated: its file may be another one now."""
+    """Load every function again when it is next evaluated: its file may have changed."""
     _loaded.cache_clear()
 
 

@@ -195,7 +195,7 @@ def resume(training: MetaTraining, path: Path) -> None:
             training.load_state_dict(state)
     except Exception as error:  # the file may be from anywhere
         raise ExperimentError(
-            f"{path} cannot be used ({in_short(error)}); remove it to begin anew"
+            f"{path} cannot be used ({in_short(error)}); remove it to start over"
         ) from None
     if not same:
         raise ExperimentError(

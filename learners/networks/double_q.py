@@ -4,7 +4,7 @@ N networks of the same shape keep their weights as ``[N, in, out]`` tensors, so 
 matrix product evaluates all of them and one optimizer step trains all of them. Nothing is shared:
 an agent's gradient comes from its own loss alone.
 
-At this size, recording what autograd needs and allocating gradients anew takes as long as the
+At this size, recording what autograd needs and allocating new gradients takes as long as the
 arithmetic. So the gradient of these plain layers is written out (:meth:`StackedMLP.backward`); the
 tests hold it against autograd's.
 """
@@ -301,7 +301,7 @@ class StackedDoubleQ:
             self._target_changed()
 
     def _target_changed(self) -> None:
-        """Evaluate the table anew, in the place where captured steps read it."""
+        """Evaluate the table again, in the place where captured steps read it."""
         if len(self._table) <= LARGE_TABLE:
             values = self.target(self._table)
             kept = self._target_values

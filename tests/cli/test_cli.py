@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -59,7 +60,7 @@ def openlock(
     return done
 
 
-def here(*words: object, cwd: Path, expect: int = 0, **options: bool) -> tuple[str, str]:
+def here(*words: object, cwd: Path, expect: int = 0, **options: Any) -> tuple[str, str]:
     """As :func:`openlock`, in this process, which is faster; returns what was printed."""
     done = at_once(*words, cwd=cwd, **options)
     assert done.status == expect, done.stdout + done.stderr
@@ -86,9 +87,10 @@ def slow(tmp_path: Path) -> Path:
 
 
 def test_a_comparison_killed_at_any_moment_goes_on_and_ends_the_same(
-    slow: Path, tmp_path: Path
+    slow: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Over ten seconds: a comparison is played twice, by six processes, and reported twice."""
+    """And its workers end with it."""
+    start_prepared(monkeypatch)
     here("compare", slow, "--out", "undisturbed", cwd=tmp_path)
     victim = subprocess.Popen(
         command("compare", slow, "--out", "killed", "--workers", "2"),
@@ -98,8 +100,11 @@ def test_a_comparison_killed_at_any_moment_goes_on_and_ends_the_same(
     )
     cells = tmp_path / "killed" / "cells"
     until(lambda: len(list(cells.glob("*.parquet"))) >= 3, victim)
-    victim.send_signal(signal.SIGKILL)
+    workers = workers_of(victim)
+    assert workers or not Path("/proc/self/task").exists()
+    victim.kill()
     victim.wait()
+    until(lambda: not any(_alive(pid) for pid in workers))
     done = {path.name: path.stat().st_mtime_ns for path in cells.glob("*.parquet")}
     total = len(list((tmp_path / "undisturbed" / "cells").glob("*.parquet")))
     assert len(done) < total, "killed too late to show anything"
@@ -113,23 +118,10 @@ def test_a_comparison_killed_at_any_moment_goes_on_and_ends_the_same(
     assert (tmp_path / "killed" / "summary.csv").read_bytes() == undisturbed
 
 
-def test_workers_end_with_a_killed_parent(slow: Path, tmp_path: Path) -> None:
-    victim = subprocess.Popen(
-        command("compare", slow, "--out", "out", "--workers", "2", "--subjects", "400"),
-        cwd=tmp_path,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    children = Path(f"/proc/{victim.pid}/task/{victim.pid}/children")
-    if not children.exists():
-        victim.kill()
-        pytest.skip("needs /proc to find a process's children")
-    until(lambda: list((tmp_path / "out" / "cells").glob("*.parquet")), victim)
-    workers = [int(pid) for pid in children.read_text().split()]
-    assert workers
-    victim.kill()
-    victim.wait()
-    until(lambda: not any(_alive(pid) for pid in workers))
+def workers_of(process: subprocess.Popen[Any]) -> list[int]:
+    """The processes that a comparison plays in, where there is /proc to find them."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    return [int(pid) for pid in children.read_text().split()] if children.exists() else []
 
 
 def _alive(pid: int) -> bool:
@@ -141,13 +133,17 @@ def _alive(pid: int) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("end", "all_of_them", "status"),
-    [(signal.SIGINT, True, 130), (signal.SIGTERM, False, 143), (signal.SIGTERM, True, 143)],
+    ("end", "all_of_them", "status", "playing"),
+    [
+        (signal.SIGINT, True, 130, 2),
+        (signal.SIGTERM, False, 143, 1),
+        (signal.SIGTERM, True, 143, 1),
+    ],
 )
 def test_a_comparison_that_is_stopped_says_that_it_goes_on(
-    slow: Path, tmp_path: Path, end: signal.Signals, all_of_them: bool, status: int
+    slow: Path, tmp_path: Path, end: signal.Signals, all_of_them: bool, status: int, playing: int
 ) -> None:
-    words = ("compare", slow, "--out", "out", "--workers", "2", "--subjects", "400")
+    words = ("compare", slow, "--out", "out", "--workers", playing, "--subjects", "400")
     going = subprocess.Popen(
         command(*words, "--checkpoint-every", "0.01"),
         cwd=tmp_path,
@@ -160,8 +156,7 @@ def test_a_comparison_that_is_stopped_says_that_it_goes_on(
     )
     cells = tmp_path / "out" / "cells"
     until(lambda: list(cells.glob("*.checkpoint")), going)
-    children = Path(f"/proc/{going.pid}/task/{going.pid}/children")
-    workers = [int(pid) for pid in children.read_text().split()] if children.exists() else []
+    workers = workers_of(going)
     # A terminal sends it to all processes, and so do batch systems.
     (os.killpg if all_of_them else os.kill)(going.pid, end)
     _, said = going.communicate(timeout=HANGS)
@@ -178,10 +173,10 @@ def test_output_that_is_no_terminal_is_lines_that_tell_how_far_it_is(tmp_path: P
     assert lines[0] == "oracle_in_CC3_CE3: 0 of 2 cells done, 0% of the work"
     assert lines[1].startswith("oracle_in_CC3_CE3: 2 of 2 cells done, in ")
     assert all(ord(sign) >= 32 for line in lines for sign in line), "no signs that steer a terminal"
-    page = (tmp_path / "out" / "report.html").read_bytes()
-    again = here("compare", *words, "--out", "out", cwd=tmp_path)[0].splitlines()
+    again = here("compare", *words, "--out", "out", cwd=tmp_path, reports="whole")[0].splitlines()
     assert "2 of 2 cells were there already" in again
-    here("report", "out", cwd=tmp_path)
+    page = (tmp_path / "out" / "report.html").read_bytes()
+    here("report", "out", cwd=tmp_path, reports="whole")
     assert (tmp_path / "out" / "report.html").read_bytes() == page
 
 

@@ -107,13 +107,17 @@ def python(installed: dict[str, str], cwd: Path, *arguments: str) -> str:
     return done.stdout
 
 
-def test_it_is_listed_with_its_package_and_its_parameters(installed, tmp_path) -> None:
+def test_it_is_listed_with_its_package_and_its_parameters(installed, tmp_path, monkeypatch) -> None:
     listed = python(installed, tmp_path, "-m", "causal_openlock", "learners")
     row = next(line for line in listed.splitlines() if line.startswith("sweeper"))
     assert "Tries the actions one after another" in row
     assert "gentle-learners" in row
-    shown = python(installed, tmp_path, "-m", "causal_openlock", "learners", "sweeper")
-    assert "positions from one action to the next" in shown
+    target = installed["PYTHONPATH"].split(os.pathsep)[0]
+    monkeypatch.syspath_prepend(target)
+    monkeypatch.setenv("COLUMNS", "120")
+    with modules_of(Path(target)):
+        shown = at_once("learners", "sweeper", cwd=tmp_path)
+    assert "positions from one action to the next" in shown.stdout
 
 
 def test_it_is_compared_with_ours(installed, tmp_path, monkeypatch) -> None:

@@ -33,6 +33,7 @@ from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.checkpoint import Checkpoint
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.running_files import reported_progress
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.status import status_of
 from causal_openlock.experiment.store import Store
@@ -804,7 +805,7 @@ def test_progress_inside_cells_is_told(
     def watched(self: Session, learner: Learner) -> Iterator[Step]:
         for step in steps(self, learner):
             yield step  # the worker looks on here
-            seen.append(Store(tmp_path).share(cell))
+            seen.append(reported_progress(Store(tmp_path).path(cell)))
 
     monkeypatch.setattr(Session, "steps", watched)
     (tmp_path / "cells").mkdir()
@@ -814,7 +815,7 @@ def test_progress_inside_cells_is_told(
     assert shares == sorted(shares)
     assert len(set(shares)) > 3
     assert shares[-1] == 1
-    assert Store(tmp_path).share(cell) is None
+    assert reported_progress(Store(tmp_path).path(cell)) is None
 
 
 def curves(folder: Path) -> dict[str, list[tuple[int, float]]]:

@@ -23,6 +23,7 @@ from causal_openlock.experiment.carried_code import carry, use
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.progress import RunProgress
+from causal_openlock.experiment.running_files import checkpointed
 from causal_openlock.experiment.shard import Shard
 from causal_openlock.experiment.status import status_of
 from causal_openlock.experiment.store import Store
@@ -299,7 +300,7 @@ def test_a_worker_that_nobody_waits_for_takes_a_checkpoint_and_ends(
     store.open(experiment)
     with pytest.raises(NotAwaitedError):
         play_cell(cell, str(store.folder), Watching(awaited=str(folder / "gone")))
-    assert store.checkpointed(cell)
+    assert checkpointed(store.path(cell))
     assert not store.failures.of(cell.file_name)[0]
     assert store.check(cell) == "missing"
 

@@ -87,7 +87,7 @@ BY_ITSELF = {
 WITH_ITS_PROCESS = {
     "Dies": "ended its process (exit status 9)",
     "Segfaults": "ended its process (killed by SIGSEGV)",
-    "Killed": "ended its process (killed by SIGKILL, perhaps for want of memory)",
+    "Killed": "ended its process (killed by SIGKILL, perhaps for lack of memory)",
 }
 
 

@@ -26,7 +26,7 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import _files, write_bundle
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.world.rewards import PRESETS, find_reward
-from support.command import play_here
+from support.command import play_here, report_shortly
 from support.made_up_experiments import NOBODY, condition_called, edit_stored, spec, stored
 from support.processes import start_prepared
 
@@ -133,6 +133,7 @@ def test_the_one_command_of_a_bundle_gives_the_same_summary(
         (made / name).unlink()  # what is not in the bundle is not there
     monkeypatch.chdir(unpacked)
     play_here(monkeypatch)
+    report_shortly(monkeypatch)
     told = re.findall(r"^    (causal-openlock .+)$", Path("README.md").read_text("utf-8"), re.M)
     assert len(told) == 1
     done = CliRunner().invoke(app, shlex.split(told[0])[1:])
@@ -199,6 +200,7 @@ def test_modules_that_a_learner_imports_are_bundled_and_run_again(
     monkeypatch.chdir(away)
     monkeypatch.setattr(sys, "path", [*sys.path])
     start_prepared(monkeypatch)
+    report_shortly(monkeypatch)
     call = CliRunner().invoke
     done = call(app, ["compare", str(beside / "mine.yaml"), "-o", "run-0.5", "--workers", "2"])
     assert done.exit_code == 0, done.output
@@ -260,7 +262,9 @@ def test_results_of_another_version_are_bundled_with_a_warning(made: Path) -> No
     copy = Store(shutil.copytree(made / "out", made / "copy"))
     edit_stored(copy.folder, lambda held: held.update(version="9.0", identity="another"))
     (caution,) = write_bundle(copy, made / "other.zip")
-    assert caution.startswith("Nobody could check that it runs again: the results were made with")
+    assert caution.startswith(
+        "It could not be checked that this runs again: the results were made with"
+    )
     with zipfile.ZipFile(made / "other.zip") as bundle:
         assert caution in bundle.read("own_everything/README.md").decode()
 

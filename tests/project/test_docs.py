@@ -14,6 +14,7 @@ import pytest
 
 import causal_openlock
 import learners
+from support.command import Reports
 from support.documents import DOCS, ROOT, Reader, broken_links, unknown_options, words_of
 
 PAGES = sorted(
@@ -168,7 +169,8 @@ def test_what_a_page_shows_is_what_happens(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Over ten seconds where a page compares learners several times, or trains networks."""
-    reader = Reader(tmp_path, monkeypatch, reports=path.stem == "tutorial")
+    reports: Reports = "decided" if path.stem == "tutorial" else "short"
+    reader = Reader(tmp_path, monkeypatch, reports=reports)
     reader.go_through(path.read_text(encoding="utf-8"))
 
 

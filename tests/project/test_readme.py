@@ -37,7 +37,6 @@ def test_the_vault_has_the_solution_that_the_text_tells_of(folder: Path) -> None
 
 
 def test_the_learner_and_the_experiment_of_ones_own_run(folder: Path) -> None:
-    """Over ten seconds: a whole comparison of three learners, with its report."""
     assert len([line for line in code(README, "python")[0].splitlines() if line.strip()]) <= 20
     compared = [words for words in words_of(README) if words[0] == "compare"]
     (line,) = (words for words in compared if "first" in words[1])

@@ -9,7 +9,7 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.schema_file import find_schema
-from causal_openlock.render.words import STORIES, Counters, Wording, room_now, told
+from causal_openlock.render.words import STORIES, Counters, Wording, feedback, room_now
 from causal_openlock.world.room import Layout
 
 CC3 = find_schema("CC3")
@@ -84,7 +84,7 @@ def test_a_course_in_words() -> None:
     name = words.names
 
     def does(action: int) -> list[str]:
-        return told(words, session.step(np.array([action])), 0, 1).splitlines()
+        return feedback(words, session.step(np.array([action])), 0, 1).splitlines()
 
     start = room_now(words, session.view, 0, 1)
     assert start.startswith("Room 1 of 1, attempt 1. Left: 2 combinations, 3 attempts, 3 actions")

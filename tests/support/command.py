@@ -1,7 +1,7 @@
 """The command line in this process, without the seconds that a process of its own takes to start.
 
-Workers are not started either: cells are played here. That they are as they should be is tested
-elsewhere.
+Workers are not started either: cells are played here. Nor do reports have what takes most of their
+time. That both are as they should be is tested elsewhere.
 """
 
 from __future__ import annotations
@@ -12,15 +12,21 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
+import typer.main
 
+from causal_openlock.analysis.report import writing
+from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.cli import main
 from causal_openlock.contract.registry import _learner_class
-from causal_openlock.experiment import runner
+from causal_openlock.experiment import runner, workers
 from causal_openlock.experiment.workers import Given
+
+_command = cache(typer.main.get_command)
 
 
 class AtOnce(Executor):
@@ -42,8 +48,23 @@ def _at_once(executor: Executor | None, workers: int) -> Iterator[Given]:
 
 
 def play_here(patches: pytest.MonkeyPatch) -> None:
-    """Have cells played in this process."""
+    """Have cells played in this process, and subjects scored and fitted."""
     patches.setattr(runner, "crew", _at_once)
+    patches.setattr(workers, "available_cores", lambda: 1)
+
+
+Reports = Literal["short", "decided", "whole"]
+"""What reports have: see :func:`report_shortly`; all tests of decided ones are made."""
+
+
+def report_shortly(patches: pytest.MonkeyPatch, reports: Reports = "short") -> None:
+    """Have reports without figures and sections, which take most of their time."""
+    if reports == "whole":
+        return
+    for part in ("figures_of", "learner_pages", "sections_of"):
+        patches.setattr(writing, part, lambda *_: [])
+    if reports == "short":
+        patches.setattr(writing, "decisions_of", lambda *_: Decisions())
 
 
 @contextlib.contextmanager
@@ -70,21 +91,26 @@ class Done:
     stderr: str
 
 
-def at_once(*words: object, cwd: Path | None = None, workers: bool = False) -> Done:
+def at_once(
+    *words: object, cwd: Path | None = None, workers: bool = False, reports: Reports = "short"
+) -> Done:
     """Run the command line.
 
     Args:
         words: What follows ``causal-openlock``.
         cwd: Where; by default here.
         workers: Whether processes are started to play in.
+        reports: What reports have.
     """
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patches:
         patches.setattr(sys, "argv", ["causal-openlock", *map(str, words)])
+        patches.setattr(typer.main, "get_command", _command)  # made anew by every call else
         if cwd is not None:
             patches.chdir(cwd)
         if not workers:
             play_here(patches)
+        report_shortly(patches, reports)
         try:
             with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
                 main()

@@ -31,9 +31,8 @@ from typing import Any
 
 import pytest
 
-from causal_openlock.analysis.report import writing as report
 from causal_openlock.cli import app
-from support.command import at_once, modules_of, play_here
+from support.command import Reports, at_once, modules_of, play_here, report_shortly
 from support.places import ROOT
 
 DOCS = ROOT / "docs"
@@ -161,10 +160,12 @@ class Reader:
     Args:
         folder: Where; what is done there can only be seen there.
         patches: Undoes what it changes of this process.
-        reports: Whether reports have all their sections, which takes seconds for each.
+        reports: What reports have; only decided ones say what is found.
     """
 
-    def __init__(self, folder: Path, patches: pytest.MonkeyPatch, *, reports: bool = False) -> None:
+    def __init__(
+        self, folder: Path, patches: pytest.MonkeyPatch, *, reports: Reports = "short"
+    ) -> None:
         self.folder = folder
         page = ModuleType("__main__")  # as a notebook's: learners may be defined on a page
         patches.setitem(sys.modules, "__main__", page)
@@ -175,8 +176,8 @@ class Reader:
         patches.syspath_prepend(folder)
         patches.setenv("COLUMNS", "100")
         play_here(patches)
-        if not reports:
-            patches.setattr(report, "sections_of", lambda *_: [])
+        self.reports = reports
+        report_shortly(patches, reports)
 
     def go_through(self, text: str) -> None:
         """Do all that a page says.
@@ -218,7 +219,7 @@ class Reader:
         program, *words = command.words
         if program == "causal-openlock":
             words += more if words[0] == "compare" else []
-            ended = at_once(*words)
+            ended = at_once(*words, reports=self.reports)
             status, said = ended.status, ended.stdout + ended.stderr
         elif program in ("python", "pytest"):
             words = (

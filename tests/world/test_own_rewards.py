@@ -272,7 +272,7 @@ def test_results_are_told_apart_by_the_code_and_read_without_it(
     (folder / "mine_pays.py").unlink()
     (tmp_path / "mine_pays.py").write_text("raise SystemExit('this was run')\n")
     monkeypatch.syspath_prepend(tmp_path)
-    done = at_once("report", "out", cwd=tmp_path)
+    done = at_once("report", "out", cwd=tmp_path, reports="whole")
     assert done.status == 0, done.stderr
     assert "this was run" not in done.stdout + done.stderr
     assert "mine_pays:pay" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

@@ -105,13 +105,13 @@ def test_it_follows_torch_through_all_that_can_happen(
     torchs, ours = (made(kind, **settings) for kind in (StackedDoubleQ, CompiledDoubleQ))
     start = ours.online.copy()
     observations = table(rng, 90)
-    for step in range(300):
-        if step % 60 == 0:
-            rows = 10 + step // 4
+    for step in range(150):
+        if step % 30 == 0:
+            rows = 10 + step // 2
             torchs.observe(observations[:rows])
             ours.observe(observations[:rows])
         batch = minibatch(rng, [1, 5, rows, rows])
-        trains = torch.from_numpy(rng.random(AGENTS) < 0.7) if 90 < step < 250 else None
+        trains = torch.from_numpy(rng.random(AGENTS) < 0.7) if 45 < step < 125 else None
         torch.testing.assert_close(ours.update(batch, trains), torchs.update(batch, trains))
         seen = table(rng, AGENTS).numpy()
         assert (ours.greedy(seen) == torchs.greedy(seen)).all()

@@ -1,0 +1,59 @@
+"""Files that are there only while cells are played: checkpoints, progress, and that a run waits.
+
+Those of a cell stand beside the file of its record, under the same name with another ending.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from contextlib import suppress
+from pathlib import Path
+
+AWAITED = ".awaited-"
+"""The beginning of the names of files that are there while a run waits for its workers."""
+CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
+"""Endings; see :mod:`causal_openlock.experiment.checkpoint` for the first two."""
+
+
+def report_progress(record: Path, share: float, seconds: float) -> None:
+    """Say which share of a cell is done, after how many seconds; if not now, then the next time."""
+    with suppress(OSError):
+        record.with_suffix(PROGRESS).write_text(f"{share:.4f} {seconds:.1f}", encoding="utf-8")
+
+
+def reported_progress(record: Path) -> tuple[int, float, float] | None:
+    """When a cell that is played was last reported on, in nanoseconds; the share; the seconds."""
+    path = record.with_suffix(PROGRESS)
+    with suppress(OSError, ValueError):  # just written, or just removed
+        share, seconds = map(float, path.read_text(encoding="utf-8").split())
+        return path.stat().st_mtime_ns, share, seconds
+    return None
+
+
+def checkpointed(record: Path) -> int:
+    """When a cell's checkpoint was taken, as a number; 0 if there is none."""
+    with suppress(OSError):
+        return record.with_suffix(CHECKPOINT).stat().st_mtime_ns
+    return 0
+
+
+def remove_files_of(record: Path) -> None:
+    """Remove the files that a cell has only while it is played."""
+    for suffix in (CHECKPOINT, ATTEMPTS, PROGRESS):
+        record.with_suffix(suffix).unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path, cells: Path, known: Collection[str]) -> None:
+    """Remove what killed runs left in a results folder; checkpoints of these cells stay.
+
+    Args:
+        folder: The results folder.
+        cells: The folder of its cells.
+        known: Names of cells' files without the ending.
+    """
+    for path in folder.glob(f"{AWAITED}*"):  # its run was killed
+        path.unlink(missing_ok=True)
+    for path in cells.iterdir():
+        foreign = path.suffix in (CHECKPOINT, ATTEMPTS) and path.stem not in known
+        if foreign or path.suffix == PROGRESS:
+            path.unlink(missing_ok=True)
