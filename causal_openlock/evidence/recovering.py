@@ -1,7 +1,8 @@
 """Running a study of recovery: simulate subjects, let all learners predict all, keep who is who.
 
-All of it goes on where it was, from what is in ``results``. What is kept with the study is written
-once every learner has predicted every subject, and again once parameters are recovered.
+All of it goes on where it was, from what is in ``results``; where that is gone, from what is kept
+with the study, which is written once every learner has predicted every subject, and again once the
+parameters of a learner are recovered.
 """
 
 from __future__ import annotations
@@ -25,13 +26,15 @@ from causal_openlock.comparison.recovering import (
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import units_of_parameters, units_of_recovery
 from causal_openlock.evidence.keeping import (
+    OF_A_RUN,
     Measured,
     Watched,
+    each_once,
     of_this_run,
     parts_of,
     write_measured,
 )
-from causal_openlock.evidence.stored import UNITS, read_run
+from causal_openlock.evidence.stored import UNITS, read_run, read_units
 from causal_openlock.evidence.study import Study
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import write_text
@@ -50,37 +53,58 @@ def run_recovery(study: Study, results: Path, watched: Watched, anew: bool = Fal
         LearnerError: If a learner cannot be put in another's place, or one whose parameters are to
             be recovered has no search space.
     """
-    if not (anew or results.exists()) and _is_complete(study):
-        return
     asked, settings = study.asked, study.file.recovery
     size = ToRecover(**settings.model_dump(exclude={"parameters"}))
     specs = known_learners(settings.parameters, asked.learners)
     spaces = [searched(spec) for spec in specs]  # before hours of work
     folder = results / "cells" / parts_of(study)[0].name
-    with _timed(results):
-        actions = predicted(asked, folder, size, _running(watched, "subjects"))
-        units = units_of_recovery(actions, asked.seed)
-    _keep(study, results, folder, units, left=len(specs))
-    for number, (spec, space) in enumerate(zip(specs, spaces, strict=True), 1):
+    kept = None if anew else _stored(study)
+    if kept and not results.exists():
+        if not kept.missing:
+            return
+        write_text(results / SECONDS, json.dumps(kept.seconds))  # time counts on from there
+    if kept is None or (folder / SIMULATED).exists():
         with _timed(results):
-            pairs, _ = parameters_recovered(
-                spec,
-                asked,
-                folder / f"parameters_{spec.name}",
-                size,
-                _running(watched, f"parameters of {spec.name}"),
-            )
-        own = units_of_parameters(spec.name, pairs, space)
-        units = pd.concat([units, own], ignore_index=True)
-        _keep(study, results, folder, units, left=len(specs) - number)
+            actions = predicted(asked, folder, size, _running(watched, "subjects"))
+            units = units_of_recovery(actions, asked.seed)
+        kept = _keep(study, results, folder, units, kept, left=len(specs))
+    for number, (spec, space) in enumerate(zip(specs, spaces, strict=True), 1):
+        units, own = kept.tables[UNITS], folder / f"parameters_{spec.name}"
+        if not own.exists() and spec.name in _recovered(units):
+            continue
+        with _timed(results):
+            what = f"parameters of {spec.name}"
+            pairs, _ = parameters_recovered(spec, asked, own, size, _running(watched, what))
+        others = units[~_of_parameters(units) | (units["learner"] != spec.name)]
+        units = pd.concat([others, units_of_parameters(spec.name, pairs, space)], ignore_index=True)
+        kept = _keep(study, results, own, units, kept, left=len(specs) - number)
 
 
-def _is_complete(study: Study) -> bool:
+def _stored(study: Study) -> Measured | None:
+    """What is stored with the study, if that is what it declares now."""
     try:
-        run = read_run(study)
+        run, units = read_run(study), read_units(study)
     except EvidenceError:
-        return False
-    return bool(run["complete"]) and run["declared"] == study.declared
+        return None
+    if run["declared"] != study.declared:
+        return None
+    held = run["parts"][parts_of(study)[0].name]
+    return Measured(
+        tables={UNITS: units},
+        cells=tuple(held["cells"]),
+        missing=held["missing"],
+        seconds=held["seconds"],
+        run={name: held[name] for name in OF_A_RUN},
+    )
+
+
+def _of_parameters(units: pd.DataFrame) -> pd.Series[bool]:
+    return units["parameter"].notna() if "parameter" in units else units["unit"].lt(0)
+
+
+def _recovered(units: pd.DataFrame) -> set[str]:
+    """The learners whose parameters were recovered."""
+    return set(units.loc[_of_parameters(units), "learner"])
 
 
 def _running(watched: Watched, what: str) -> Running:
@@ -91,18 +115,36 @@ def _running(watched: Watched, what: str) -> Running:
     return Running(watched.workers, watched.warn, watched.show, report)
 
 
-def _keep(study: Study, results: Path, folder: Path, units: pd.DataFrame, left: int) -> None:
-    """Keep units, while the parameters of so many learners are still to be recovered."""
+def _keep(
+    study: Study,
+    results: Path,
+    folder: Path,
+    units: pd.DataFrame,
+    before: Measured | None,
+    left: int,
+) -> Measured:
+    """Keep units, while the parameters of so many learners are still to be recovered.
+
+    Args:
+        study: The study.
+        results: Where its time is kept.
+        folder: Where the subjects of this step were simulated.
+        units: All rows that there are by now.
+        before: What was kept before.
+        left: How many learners' parameters are to be recovered.
+    """
     experiment = Store(folder / SIMULATED).record()[1]
     last = max(path.stat().st_mtime for path in folder.rglob("*") if path.is_file())
+    run = of_this_run(study, last, experiment.versions)
     measured = Measured(
         tables={UNITS: units},
-        cells=tuple(experiment.files),
+        cells=tuple(cell.file_name for cell in study.asked.cells()),
         missing=left,
         seconds=_seconds(results),
-        run=of_this_run(study, last, experiment.versions),
+        run={name: each_once([*(before.run[name] if before else ()), *run[name]]) for name in run},
     )
-    write_measured(study, {parts_of(study)[0].name: measured}, known=False)
+    write_measured(study, {parts_of(study)[0].name: measured}, known=before is not None)
+    return measured
 
 
 @contextmanager
