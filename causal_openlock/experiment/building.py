@@ -323,6 +323,7 @@ class _Builder:
             protocol=played,
             reward=pays,
             subjects=self.changes.subjects or declared.subjects or file.subjects,
+            cell_size=declared.cell_size,
         )
 
 

@@ -55,6 +55,7 @@ class LearnerSpec:
         protocol: The protocol it plays under.
         reward: The reward of its actions.
         subjects: How many subjects it plays in each condition.
+        cell_size: Most of them in a cell; by default as the experiment says.
         recorded: Its origin, if it is read from a results folder; its code is then not loaded and
             need not be installed.
     """
@@ -65,6 +66,7 @@ class LearnerSpec:
     protocol: Protocol
     reward: RewardFunction
     subjects: int
+    cell_size: int | None = None
     recorded: Origin | None = None
 
     @cached_property
@@ -99,6 +101,7 @@ class LearnerSpec:
             "protocol": self.protocol.as_dict(),
             "reward": self.reward.as_dict(),
             "subjects": self.subjects,
+            **({"cell_size": self.cell_size} if self.cell_size else {}),
             **{name: value for name, value in known.items() if value},
         }
 
@@ -119,6 +122,7 @@ class Cell:
         """A hash of everything that determines the cell's record."""
         learner = _deciding(self.spec.as_dict())
         del learner["subjects"]
+        learner.pop("cell_size", None)
         return _digest(
             {
                 "version": RESULTS_VERSION,
@@ -159,7 +163,7 @@ class Experiment:
         name: A short name.
         title: A line for the report.
         seed: All randomness comes from it.
-        cell_size: Most subjects in a cell.
+        cell_size: Most subjects in a cell of a learner that has none of its own.
         conditions: The conditions.
         learners: The learners.
         command: The command that runs it again.
@@ -188,11 +192,12 @@ class Experiment:
                 spec,
                 condition,
                 first,
-                min(self.cell_size, spec.subjects - first),
+                min(size, spec.subjects - first),
             )
             for spec in self.learners
+            for size in [spec.cell_size or self.cell_size]
             for condition in self.conditions
-            for first in range(0, spec.subjects, self.cell_size)
+            for first in range(0, spec.subjects, size)
         )
 
     @property

@@ -106,6 +106,7 @@ class LearnerFile(StrictModel):
     parameters: dict[str, Any] = Field(default_factory=dict)
     protocol: str | None = None
     subjects: Positive | None = None
+    cell_size: Positive | None = None
     reward: RewardName | None = None
 
 

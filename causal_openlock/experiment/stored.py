@@ -181,6 +181,7 @@ class _Learner(StrictModel):
     protocol: Protocol
     reward: _Reward
     subjects: Count
+    cell_size: Count | None = None
     prior_attempts: Annotated[int, Field(ge=0)] = 0
     informed: bool = False
 
@@ -193,6 +194,7 @@ class _Learner(StrictModel):
             protocol=self.protocol,
             reward=reward if isinstance(reward, AuthorsReward) else reward.built(),
             subjects=self.subjects,
+            cell_size=self.cell_size,
             recorded=Origin(
                 self.class_, self.package, self.material, self.prior_attempts, self.informed
             ),

@@ -38,6 +38,7 @@ def experiment_file(experiment: Experiment, schemas: str = "schemas") -> dict[st
                 "name": spec.name,
                 "protocol": spec.protocol.name,
                 "subjects": spec.subjects,
+                **({"cell_size": spec.cell_size} if spec.cell_size else {}),
                 "reward": spec.reward.written(),
                 "parameters": spec.parameters,
             }

@@ -74,6 +74,12 @@ def test_a_cell_is_another_cell_as_soon_as_anything_that_matters_changes(tmp_pat
     # More subjects leave the full cells as they are.
     more = identities(SMALL.replace("subjects: 5", "subjects: 6"))
     assert set(before) - set(more) == {before[2], before[5]}
+    # Nor does it matter whether the size of a cell is that of all or its learner's own.
+    alone = SMALL.replace("subjects: 3", "subjects: 3, cell_size: 1")
+    own = identities(alone)
+    assert [own[:6], len(own)] == [before[:6], 12]
+    assert own[6:] == identities(alone.replace("cell_size: 2", "cell_size: 1"))[-6:]
+    assert read_experiment(written(tmp_path, alone)).learners[1].cell_size == 1
 
 
 def test_a_changed_schema_file_changes_the_cell(tmp_path: Path) -> None:
