@@ -7,8 +7,8 @@ every learner predict all of them (:mod:`~causal_openlock.fitting.recovery`). It
 - a row for each simulated subject: ``nats NAME``, the log-likelihood of what it did under each
   learner; how many ``actions`` it took; and ``single``, 1 if it is attributed to the learner that
   made it, 0 if to others, and a share where several predict it equally well;
-- a row for each learner and condition: ``groups``, the share of groups of as many ``subjects``,
-  drawn with replacement, that are attributed to the learner that made them;
+- a row for each group of so many ``subjects`` of a learner in a condition: ``groups``, all of them,
+  and ``halves``, two groups of half as many; 1 or 0, or a share, as of a subject;
 - a row for each set and ``parameter`` that was recovered: the ``true`` value and the ``fitted``
   one, logarithms where these were searched. ``r``, their correlation over sets, follows from them.
 """
@@ -26,16 +26,17 @@ from causal_openlock.fitting.search import SearchSpace
 from causal_openlock.scoring.scores import LN2, SUBJECT
 
 NATS = "nats "
+GROUPS = {"groups": 1, "halves": 2}
+"""Into how many groups the subjects of a learner in a condition are divided."""
 WHOLE = {"phase": "test", "judged": True}
 """A subject is looked at as a whole, so that a phase or a trial says nothing."""
 
 
-def units_of_recovery(actions: pd.DataFrame, seed: int) -> pd.DataFrame:
+def units_of_recovery(actions: pd.DataFrame) -> pd.DataFrame:
     """The rows of subjects and of groups.
 
     Args:
         actions: From :func:`~causal_openlock.comparison.recovering.predicted`.
-        seed: Of the groups.
     """
     sums = actions.groupby([*SUBJECT, "scored"], observed=True)["log_probability"].sum()
     wide = sums.unstack("scored")[list(dict.fromkeys(actions["scored"]))]
@@ -47,16 +48,23 @@ def units_of_recovery(actions: pd.DataFrame, seed: int) -> pd.DataFrame:
     ]
     subjects = wide.add_prefix(NATS).assign(actions=taken, single=single).reset_index()
     subjects = subjects.rename(columns={"subject": "unit"}).assign(subjects=1)
-    groups = recovery_of(subjects, seed).by_size
-    sizes = subjects.groupby(["learner", "condition", "protocol"], observed=True, sort=False).size()
-    whole = (
-        sizes.rename("subjects")
-        .reset_index()
-        .merge(groups, on=["learner", "condition", "subjects"])
-    )
-    whole = whole.rename(columns={"right": "groups"}).drop(columns="trials").assign(unit=0)
     kept = subjects.drop(columns=["experiment", "seed"])
-    return pd.concat([kept, whole], ignore_index=True).assign(**WHOLE)
+    return pd.concat([kept, units_of_groups(kept)], ignore_index=True).assign(**WHOLE)
+
+
+def units_of_groups(subjects: pd.DataFrame) -> pd.DataFrame:
+    """The rows of groups, from those of subjects: each group as if it were one subject."""
+    nats = [str(name) for name in subjects.columns if str(name).startswith(NATS)]
+    rows = []
+    for names, own in subjects.groupby(["learner", "condition", "protocol"], sort=False):
+        maker, likelihoods = nats.index(NATS + names[0]), own[nats].to_numpy(float)
+        for measure, many in GROUPS.items():
+            for unit, group in enumerate(np.array_split(likelihoods, min(many, len(own)))):
+                right = attributed(group.sum(axis=0, keepdims=True))[maker]
+                rows.append([*names, unit, len(group), measure, float(right)])
+    columns = ["learner", "condition", "protocol", "unit", "subjects", "measure", "right"]
+    found = pd.DataFrame(rows, columns=columns)
+    return found.pivot(index=columns[:5], columns="measure", values="right").reset_index()
 
 
 def units_of_parameters(learner: str, pairs: pd.DataFrame, space: SearchSpace) -> pd.DataFrame:

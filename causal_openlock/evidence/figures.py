@@ -260,4 +260,5 @@ def _measure(table: Table) -> str:
         "else": "share of attempts",
         "single": "share attributed right",
         "groups": "share attributed right",
+        "halves": "share attributed right",
     }[table.measure]

@@ -66,7 +66,7 @@ def run_recovery(study: Study, results: Path, watched: Watched, anew: bool = Fal
     if kept is None or (folder / SIMULATED).exists():
         with _timed(results):
             actions = predicted(asked, folder, size, _running(watched, "subjects"))
-            units = units_of_recovery(actions, asked.seed)
+            units = units_of_recovery(actions)
         kept = _keep(study, results, folder, units, kept, left=len(specs))
     for number, (spec, space) in enumerate(zip(specs, spaces, strict=True), 1):
         units, own = kept.tables[UNITS], folder / f"parameters_{spec.name}"

@@ -68,7 +68,7 @@ BLOCK = 50
 ATTEMPTS = ("attempts", "first_solution")
 """Those of all measures that are numbers of attempts; the others are shares."""
 
-RECOVERED = ("single", "groups")
+RECOVERED = ("single", "groups", "halves")
 """Of a recovery: shares that are attributed to the learner that made them; every row is a unit."""
 
 CORRELATION = "r"
@@ -86,7 +86,7 @@ MEASURED: Mapping[str, Sequence[str]] = {
 
 Measure = Literal[
     "attempts", "first_solution", "solved", "found", "opens", "finds_all", "else", "unlocks",
-    "single", "groups", "r",
+    "single", "groups", "halves", "r",
 ]  # fmt: skip
 """What is measured of each unit: see :mod:`~causal_openlock.evidence.units`."""
 

@@ -166,7 +166,7 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
             values=rows[measure].to_numpy(float),
             units=np.arange(len(rows)),
             share=True,
-            draws=int(rows["subjects"].sum()),
+            draws=len(rows),
         )
     by_unit, played = rows.groupby("unit"), rows["condition"].unique()
     if len(played) == 1:  # most often; it takes half of the time

@@ -20,11 +20,11 @@ correction, as each must pass its own test; it does not hold if none does, not e
 undecided while one of them is, and holds in part otherwise.
 
 Intervals are Student's t; of two independent groups Welch's; of correlations Fisher's. Fewer than
-three units decide nothing. There are two exceptions. Of shares of which each subject has 0 or 1
-they are Clopper and Pearson's (1934). And where units are all equal, at the limit of attempts for
-instance, they cover what so many draws can miss: of n draws a fraction of ``1 - 0.025 ** (1 / n)``,
-each as far off as the measure reaches; a network, or a group of a recovery, counts for as many
-draws as it had subjects. Differences with such a side are put together from the intervals of both
+three units decide nothing. There are two exceptions. Of shares of which each subject, or group of
+a recovery, has 0 or 1 they are Clopper and Pearson's (1934). And where units are all equal, at the
+limit of attempts for instance, they cover what so many draws can miss: of n draws a fraction of
+``1 - 0.025 ** (1 / n)``, each as far off as the measure reaches; a network counts for as many draws
+as it had subjects. Differences with such a side are put together from the intervals of both
 (Newcombe, 1998).
 """
 

@@ -23,7 +23,7 @@ from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import Contrast, Selection, read_study
-from causal_openlock.evidence.units import Selected
+from causal_openlock.evidence.units import selected
 from causal_openlock.evidence.verdicts import correlation, estimate, mean_of
 from causal_openlock.fitting.actions import ActionPlan
 from causal_openlock.fitting.recovery import recovery
@@ -50,10 +50,10 @@ derived: confusion
 hours: 0.01
 claims:
   told_apart:
-    text: At least half of all subjects, and of groups, are attributed right
+    text: At least half of all subjects, and of halves, are attributed right
     contrasts:
       single: {measure: single, of: {learner: everyone}, minus: 0.5, expected: more}
-      groups: {measure: groups, of: {learner: everyone}, minus: 0.5, expected: more}
+      halves: {measure: halves, of: {learner: everyone}, minus: 0.5, expected: more}
       win_stay in CC3: {measure: single, of: {learner: win_stay, condition: CC3}, minus: 0.3, expected: more}
   parameters:
     text: Forgetting is recovered
@@ -88,7 +88,7 @@ def test_a_study_of_recovery_from_the_run_to_its_page(
             run_study(study, results, Watched(workers=0))
     assert not read_run(study)["complete"]
     assert Evidence(study).text("claim parameters verdict") == "undecided"
-    assert len(read_units(study)) == 3 * 5 + 3  # subjects, and groups
+    assert len(read_units(study)) == 3 * (5 + 1 + 2)  # subjects, groups, halves
 
     with monkeypatch.context() as patched:  # what is scored is not scored again
         patched.setattr("causal_openlock.scoring.teacher_forcing.score_part", None)
@@ -104,7 +104,7 @@ def test_a_study_of_recovery_from_the_run_to_its_page(
     found = Evidence(study)
     assert found.complete
     units = read_units(study)
-    assert len(units) == 3 * 5 + 3 + 4 * 4
+    assert len(units) == 3 * (5 + 1 + 2) + 4 * 4
     assert found.text("claim told_apart verdict") == "holds"
     assert float(found.text("single win_stay")) > 0.8
     assert found.text("groups everyone units") == "3"
@@ -156,20 +156,26 @@ def made_up(chances: dict[str, list[float]]) -> pd.DataFrame:
 
 def test_units_hold_all_that_the_confusion_needs() -> None:
     actions = made_up({"a": [3, 3, 3, -1, 0], "b": [-2, -2, -2, -2, -2]})
-    units = units_of_recovery(actions, 1)
+    units = units_of_recovery(actions)
     assert units.query("learner == 'a'")["single"].dropna().tolist() == [1, 1, 1, 0, 0.5]
-    of_a, of_b = units["groups"].dropna().tolist()
-    assert 0.9 < of_a < of_b == 1.0
+    # Of all five of `a`, of its first three and of the other two; and of all of `b`, and so on.
+    groups = units[units["subjects"] > 1]
+    assert groups["groups"].dropna().tolist() == [1, 1]
+    assert groups["halves"].dropna().tolist() == [1, 0, 1, 1]
+    assert sorted(groups["subjects"]) == [2, 2, 3, 3, 5, 5]
     again, plain = recovery_of(units, 1), recovery(actions, 1)
     pd.testing.assert_frame_equal(again.single, plain.single)
     pd.testing.assert_frame_equal(again.bits, plain.bits, check_names=False)
 
 
-def test_a_group_counts_for_as_many_draws_as_it_had_subjects() -> None:
-    """Or forty-eight groups that are all right could not show nineteen in twenty."""
-    groups = np.ones(48)
-    assert mean_of(Selected(groups, share=True, draws=48)).interval[0] < 0.95
-    assert mean_of(Selected(groups, share=True, draws=48 * 40)).interval[0] > 0.95
+def test_a_group_counts_once_however_many_subjects_it_has() -> None:
+    """Forty-eight groups that are all right cannot show 19 in 20, and their halves can."""
+    ones = pd.DataFrame({"groups": np.ones(48), "halves": 1.0, "subjects": 40, "learner": "a"})
+    everyone = Selection(learner="everyone")
+    for many, measure, shown in ((1, "groups", False), (2, "halves", True)):
+        units = pd.concat([ones.assign(judged=True)] * many, ignore_index=True)
+        low, high = mean_of(selected(units, everyone, measure)).interval
+        assert [low > 0.95, high] == [shown, 1.0]
 
 
 def test_correlations_are_of_what_was_searched() -> None:
