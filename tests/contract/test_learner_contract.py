@@ -515,7 +515,7 @@ class TestDice(LearnerContract):
         (TurnsBits, GIVEN, "act changes an array .* copy"),
         (ClearsRewards, GIVEN, "learn changes an array .* copy"),
         (TurnsBitsThroughTorch, GIVEN, "act changes an array .* copy"),
-        (NeedsToAct, OTHERS, "told of another's action, it fails with AttributeError"),
+        (NeedsToAct, OTHERS, "given another's action, it fails with AttributeError"),
         (Forgets, RESUMES, "as it would have uninterrupted: .* agree for"),
         (HandsOutItsOwnState, RESUMES, "changed with the learner it came from"),
         (TakesOverTheCheckpoint, RESUMES, "changed with the learner it went to"),
