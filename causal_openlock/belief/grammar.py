@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations, pairwise, permutations
 
 import numpy as np
@@ -75,7 +75,7 @@ class SchemaClass:
     roles: tuple[Role, ...]
     door: Role
 
-    @property
+    @cached_property
     def length(self) -> int:
         """Length of its description: roles, arrows between them, and unusual gates."""
         return sum(role.length for role in (*self.roles, self.door)) - 1

@@ -40,6 +40,7 @@ class ToRecover:
         sets: Sets of parameters to recover.
         each: Subjects in each condition that share a set.
         candidates: Settings to try for each fit.
+        restarts: From so many of them, the best, the fit goes downhill.
     """
 
     draws: int = 128
@@ -47,6 +48,7 @@ class ToRecover:
     sets: int = 20
     each: int = 1
     candidates: int = 40
+    restarts: int = 2
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,14 @@ def parameters_recovered(
         seed=experiment.seed,
     )
     record, played = running.simulated(made, folder).record()
-    plan = ActionPlan(space, size.lapse, "none", candidates=size.candidates, seed=experiment.seed)
+    plan = ActionPlan(
+        space,
+        size.lapse,
+        "none",
+        candidates=size.candidates,
+        restarts=size.restarts,
+        seed=experiment.seed,
+    )
     jobs = [
         FitJob(one.name, tuple(recorded_subjects(record, played, [one.name])), -1, plan)
         for one in made.learners

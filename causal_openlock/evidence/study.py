@@ -228,6 +228,7 @@ class RecoverySettings(StrictModel):
     sets: Annotated[int, Field(ge=3)] = 20
     each: Count = 1
     candidates: Count = 40
+    restarts: Count = 2
 
 
 class StudyFile(StrictModel):
