@@ -66,9 +66,12 @@ def run_recovery(study: Study, results: Path, watched: Watched, anew: bool = Fal
     if kept is None or (folder / SIMULATED).exists():
         with _timed(results):
             actions = predicted(asked, folder, size, _running(watched, "subjects"))
-            units = units_of_recovery(actions)
-        kept = _keep(study, results, folder, units, kept, left=len(specs))
-    for number, (spec, space) in enumerate(zip(specs, spaces, strict=True), 1):
+        units = units_of_recovery(actions)
+        if kept:  # parameters that are stored, and not here, are not recovered again
+            before = kept.tables[UNITS]
+            units = pd.concat([units, before[_of_parameters(before)]], ignore_index=True)
+        kept = _keep(study, results, folder, units, kept)
+    for spec, space in zip(specs, spaces, strict=True):
         units, own = kept.tables[UNITS], folder / f"parameters_{spec.name}"
         if not own.exists() and spec.name in _recovered(units):
             continue
@@ -77,7 +80,7 @@ def run_recovery(study: Study, results: Path, watched: Watched, anew: bool = Fal
             pairs, _ = parameters_recovered(spec, asked, own, size, _running(watched, what))
         others = units[~_of_parameters(units) | (units["learner"] != spec.name)]
         units = pd.concat([others, units_of_parameters(spec.name, pairs, space)], ignore_index=True)
-        kept = _keep(study, results, own, units, kept, left=len(specs) - number)
+        kept = _keep(study, results, own, units, kept)
 
 
 def _stored(study: Study) -> Measured | None:
@@ -121,9 +124,8 @@ def _keep(
     folder: Path,
     units: pd.DataFrame,
     before: Measured | None,
-    left: int,
 ) -> Measured:
-    """Keep units, while the parameters of so many learners are still to be recovered.
+    """Keep units; what is missing are the learners whose parameters are not among them.
 
     Args:
         study: The study.
@@ -131,7 +133,6 @@ def _keep(
         folder: Where the subjects of this step were simulated.
         units: All rows that there are by now.
         before: What was kept before.
-        left: How many learners' parameters are to be recovered.
     """
     experiment = Store(folder / SIMULATED).record()[1]
     last = max(path.stat().st_mtime for path in folder.rglob("*") if path.is_file())
@@ -139,7 +140,7 @@ def _keep(
     measured = Measured(
         tables={UNITS: units},
         cells=tuple(cell.file_name for cell in study.asked.cells()),
-        missing=left,
+        missing=len(set(study.file.recovery.parameters) - _recovered(units)),
         seconds=_seconds(results),
         run={name: each_once([*(before.run[name] if before else ()), *run[name]]) for name in run},
     )

@@ -84,7 +84,7 @@ class ActionPlan:
     def spec(self, chosen: Mapping[str, float]) -> LearnerSpec:
         """The learner with some parameters."""
         name = self.space.learner
-        made = learner(name, label="fitted", **self.space.parameters(chosen))
+        made = learner(name, **self.space.parameters(chosen))
         return make_experiment(["CC4"], [made]).learners[0]
 
 

@@ -40,6 +40,8 @@ GRADIENT = 0.05
 """A peak is where the slope is less than this, in nats per spread of the group."""
 SETTLED = 0.02
 """A round that changes no mean and no spread by more is the last one; in log-odds."""
+LARGEST = 1e12
+"""No number of a peak is as large."""
 EASY_ROUNDS = 10_000
 """The most rounds in which likelihoods are taken to be normal."""
 
@@ -73,8 +75,8 @@ class Peak:
 
     Attributes:
         at: ``[D]`` where it is, in log-odds.
-        curvature: ``[D, D]`` second derivatives of the negative log-likelihood there, in nats; no
-            direction bends down.
+        slope: ``[D]`` first derivatives of the negative log-likelihood there, in nats.
+        curvature: ``[D, D]`` its second derivatives; no direction bends down.
         nll: Negative log-likelihood there, in nats, of what is fitted.
         actions: Of so many actions.
         held_out: The same of what is held out.
@@ -83,12 +85,30 @@ class Peak:
     """
 
     at: list[float]
+    slope: list[float]
     curvature: list[list[float]]
     nll: float
     actions: int = 1
     held_out: float = 0.0
     held_out_actions: int = 0
     evaluations: int = 0
+
+    def check(self, parameters: int) -> None:
+        """Check what was read from a file.
+
+        Raises:
+            ValueError: If it cannot be a peak of so many parameters.
+        """
+        shapes = [np.shape(each) for each in (self.at, self.slope, self.curvature)]
+        square = (parameters, parameters) if parameters else (0,)
+        if shapes != [(parameters,), (parameters,), square]:
+            raise ValueError("a peak of other parameters")
+        bends = np.array(self.curvature).reshape(parameters, parameters)
+        numbers = np.array([*self.at, *self.slope, *bends.flat, self.nll, self.held_out])
+        if not (np.abs(numbers) < LARGEST).all() or not np.allclose(bends, bends.T):
+            raise ValueError("a peak that cannot be")
+        if np.linalg.eigvalsh(bends).min(initial=0.0) < -1e-6 * np.abs(bends).max(initial=1.0):
+            raise ValueError("a peak that bends down")
 
 
 def peak(loss: Callable[[FloatArray], float], group: Group, start: FloatArray) -> Peak:
@@ -125,9 +145,10 @@ def peak(loss: Callable[[FloatArray], float], group: Group, start: FloatArray) -
         options={"gtol": GRADIENT, "maxiter": 50},
     )
     at = there(found.x)
-    values, vectors = np.linalg.eigh(bent(*at)[1])
+    slope, curvature = bent(*at)
+    values, vectors = np.linalg.eigh(curvature)
     upward = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return Peak(at.tolist(), upward.tolist(), loss(at))
+    return Peak(at.tolist(), slope.tolist(), upward.tolist(), loss(at))
 
 
 def derivatives(f: Callable[[FloatArray], float], x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -150,7 +171,7 @@ def group_of(peaks: Sequence[Peak], group: Group, followed: FloatArray | None = 
 
     Args:
         peaks: Of the subjects; those without actions do not count.
-        group: The prior under which they are the peaks. It stays if less than one subject counts.
+        group: The prior under which they were found. It stays if less than one subject counts.
         followed: ``[S]`` for how much each subject counts, the probability that it is of this
             group; 1 by default.
 
@@ -159,7 +180,7 @@ def group_of(peaks: Sequence[Peak], group: Group, followed: FloatArray | None = 
 
         >>> far = np.sqrt(7.5)  # the mean square of -far, 0 and far is 5
         >>> flat = Group(np.zeros(1), np.full(1, 1e6))
-        >>> three = [Peak([x], [[1.0]], 0.0) for x in (-far, 0.0, far)]
+        >>> three = [Peak([x], [0.0], [[1.0]], 0.0) for x in (-far, 0.0, far)]
         >>> group_of(three, flat).spread.round(3).tolist()
         [1.6]
     """
@@ -168,10 +189,11 @@ def group_of(peaks: Sequence[Peak], group: Group, followed: FloatArray | None = 
     known = [one for one in peaks if one.actions]
     if counts.sum() < 1 or not len(group.mean):
         return group
-    at, bends = (np.array([getattr(one, name) for one in known]) for name in ("at", "curvature"))
+    names = ("at", "slope", "curvature")
+    at, slopes, bends = (np.array([getattr(one, name) for one in known]) for name in names)
     mean, spread = group.mean, group.spread
-    # A normal likelihood with these curvatures, of which each peak is where it is.
-    pull = (bends @ at[..., None])[..., 0] + (at - mean) / spread**2
+    # A normal likelihood with these slopes and curvatures where each peak is.
+    pull = (bends @ at[..., None])[..., 0] - slopes
     for _ in range(EASY_ROUNDS):
         covariance = np.linalg.inv(bends + np.diag(1.0 / spread**2))
         each = (covariance @ (pull + mean / spread**2)[..., None])[..., 0]
@@ -188,7 +210,7 @@ def group_of(peaks: Sequence[Peak], group: Group, followed: FloatArray | None = 
 def evidence_of(found: Peak, group: Group) -> tuple[float, FloatArray]:
     """Log evidence of a subject under a prior, and ``[D]`` the spread of its parameters.
 
-    >>> one = Peak([0.5], [[1.0]], nll=0.125 + 0.5 * np.log(2 * np.pi))  # a measurement of 1
+    >>> one = Peak([0.5], [-0.5], [[1.0]], nll=0.125 + 0.5 * np.log(2 * np.pi))  # it measures 1
     >>> evidence, spread = evidence_of(one, Group(np.zeros(1), np.ones(1)))
     >>> bool(np.isclose(evidence, norm.logpdf(1, scale=2**0.5))), (spread**2).round(3).tolist()
     (True, [0.5])

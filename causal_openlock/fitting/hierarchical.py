@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
-from itertools import islice
+from itertools import combinations, islice
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +31,12 @@ from pydantic import TypeAdapter
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import norm, qmc
 
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.fitting.actions import (
     DIFFERING,
     FILE,
+    WHOLE,
     ActionPlan,
     Fitted,
     Predictions,
@@ -66,6 +67,8 @@ PROGRESS = "hierarchical.json"
 """What is done of a fit that goes on."""
 ROUNDS = 25
 """The most rounds in which subjects are asked."""
+NO_EFFECT = 1e-6
+"""Slopes and curvatures below are rounding errors, in nats per log-odds."""
 
 Do = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 """What carries out a function on several jobs, in their order."""
@@ -97,10 +100,10 @@ Starts = dict[str, list[list[float]]]
 def start_job(job: StartJob) -> Starts:
     """Try the same points for all subjects; the best of each, by fold."""
     plan, numbers = job.plan, job.part.numbers
-    if not plan.space.ranges:
-        return {who: [[]] * len(plan.numbers) for who in job.part.alone()}
-    points = qmc.Halton(len(plan.space.ranges), rng=plan.seed).random(plan.candidates)
-    points = logit(points.clip(0.01, 0.99))
+    points = np.zeros((1, 0))
+    if free := len(plan.space.ranges):
+        points = qmc.Halton(free, rng=plan.seed).random(plan.candidates)
+        points = logit(points.clip(0.01, 0.99))
     prior = norm.logpdf(points, scale=SPREADS[1]).sum(axis=1)
     predicted = Predictions([job.part], plan)
     losses = np.zeros((len(plan.numbers), len(numbers), len(points)))
@@ -128,10 +131,10 @@ def peak_job(job: PeakJob) -> Peak:
 
     out = held_out(predicted(chosen_at(plan, job.start)), plan, job.fold)
     if out.all():
-        nothing = np.zeros((len(job.start), len(job.start))).tolist()
-        found = Peak(job.group.mean.tolist(), nothing, 0.0)
+        zero = np.zeros_like(job.start)
+        found = Peak(job.group.mean.tolist(), zero.tolist(), np.diag(zero).tolist(), 0.0)
     elif not len(job.start):
-        found = Peak([], [], loss(job.start))
+        found = Peak([], [], [], loss(job.start))
     else:
         found = peak(loss, job.group, job.start)
     there = predicted(chosen_at(plan, np.array(found.at)))
@@ -162,7 +165,7 @@ class GroupFit:
         rounds: By fold, how many rounds it took, or :data:`ROUNDS` if it has not settled.
 
     Raises:
-        LearnerError: If a parameter takes whole numbers only.
+        LearnerError: If a parameter takes whole numbers only, or two learners are the same.
     """
 
     def __init__(
@@ -175,6 +178,12 @@ class GroupFit:
                         f"{name} of {plan.space.learner} takes whole numbers only, and these are "
                         f"not normal in a group; fix it: --fix {name}={one.low:g}"
                     )
+        for (one, plan), (other, same) in combinations(plans.items(), 2):
+            if plan.space == same.space:
+                raise LearnerError(
+                    f"{one} and {other} are the same learner, of which the same is searched: who "
+                    "follows which cannot be told; leave one out, or give it other settings"
+                )
         self.plans, self._parts, self._folder = dict(plans), parts, folder
         self._alone = {who: own for part in parts for who, own in part.alone().items()}
         asked = {label: plan.as_dict() for label, plan in plans.items()}
@@ -192,6 +201,7 @@ class GroupFit:
         """Fit what is missing; the fits of all subjects and of the groups, by fold.
 
         Raises:
+            LearnerError: If a learner gives no probabilities, or a parameter makes no difference.
             StoreError: If the folder holds another fit, or another process fits there.
         """
         fits = []
@@ -211,6 +221,10 @@ class GroupFit:
                     report(f"fold {place + 1} of {len(self._numbers)}, round {number}")
 
                 fits += self._fold(fold, self._begins(place), known, do, say)
+            if next(known, None):
+                raise StoreError(
+                    f"{self._folder / PROGRESS}: this is no fit; choose another folder with --out"
+                )
             keep_fit(self._folder / FILE, self._about, done=[asdict(one) for one in fits])
         return fits
 
@@ -227,11 +241,28 @@ class GroupFit:
             starts = TypeAdapter(list[Starts]).validate_python(kept["starts"])
             if [[*one] for one in starts] != whose[: len(starts)]:
                 raise ValueError("the subjects are in another order")
-            return starts, TypeAdapter(list[Peak]).validate_python(kept["peaks"])
+            peaks = TypeAdapter(list[Peak]).validate_python(kept["peaks"])
+            self._check(starts, peaks)
+            return starts, peaks
 
         fit_of(self._folder / FILE, self._about, fits, "fit to actions", DIFFERING)
         kept = fit_of(self._folder / PROGRESS, self._about, progress, "fit to actions", DIFFERING)
         self._starts, self._peaks = kept or ([], [])
+
+    def _check(self, starts: Sequence[Starts], peaks: Sequence[Peak]) -> None:
+        """Raise ValueError if some are not of these learners and subjects."""
+        free = [len(plan.space.ranges) for plan in self.plans.values()]
+        actions = [len(part.done()[0]) for part in self._alone.values()]
+        for number, found in enumerate(starts):
+            wanted = len(self._numbers), free[number // len(self._parts)]
+            for at in found.values():
+                if np.shape(at) != wanted or not np.isfinite(at).all():
+                    raise ValueError("a search that begins nowhere")
+        for number, one in enumerate(peaks):
+            learner, subject = divmod(number, len(actions))
+            one.check(free[learner % len(free)])
+            if one.actions + one.held_out_actions != actions[subject]:
+                raise ValueError("a peak of another subject")
 
     def _begins(self, place: int) -> list[list[FloatArray]]:
         """By learner and subject, where the search of a fold begins."""
@@ -254,7 +285,7 @@ class GroupFit:
         plans = list(self.plans.values())
         groups = [Group.wide(len(plan.space.ranges)) for plan in plans]
         asked = np.array(
-            [[plan.candidates if plan.space.ranges else 0] * len(self._alone) for plan in plans]
+            [[plan.candidates if plan.space.ranges else 1] * len(self._alone) for plan in plans]
         )
         for number in range(1, ROUNDS + 1):
             say(number)
@@ -262,6 +293,9 @@ class GroupFit:
                 self._round(plan, fold, group, own, known, do)
                 for plan, group, own in zip(plans, groups, at, strict=True)
             ]
+            if fold == WHOLE:
+                for (label, plan), own in zip(self.plans.items(), peaks, strict=True):
+                    _require_effect(label, plan, own)
             asked += [[one.evaluations for one in own] for own in peaks]
             mixed = self._mixed(peaks, groups)
             after = [
@@ -356,6 +390,18 @@ class GroupFit:
             learner=named,
         )
         return [of_group, *fits]
+
+
+def _require_effect(label: str, plan: ActionPlan, peaks: Sequence[Peak]) -> None:
+    """Raise LearnerError if a parameter makes no difference: it could come out anywhere."""
+    known = [one for one in peaks if one.actions]
+    for place, name in enumerate(plan.space.ranges):
+        effects = (abs(one.slope[place]) + one.curvature[place][place] for one in known)
+        if max(effects, default=1.0) < NO_EFFECT:
+            raise LearnerError(
+                f"{name} makes no difference to how likely {label} finds what was done, as it is "
+                "set; take it out of what is searched, or set otherwise what it depends on (--fix)"
+            )
 
 
 def _summed(fits: Sequence[Fitted]) -> dict[str, Any]:

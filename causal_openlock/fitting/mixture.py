@@ -2,11 +2,12 @@
 
 The evidence of a learner for a subject (:func:`~causal_openlock.fitting.group.evidence_of`) is that
 of parameters drawn from the learner's group. The means and spreads of the group were chosen in the
-light of it, which has a price: that of the BIC, half a logarithm of the number of actions for each,
-of which those who follow the learner bear their shares (the integrated BIC of Huys et al. 2011).
-Who follows it depends on the price and the price on who follows it, so both are repeated until they
-stay. How frequent learners are is inferred as in
-:mod:`~causal_openlock.scoring.model_selection`.
+light of it, which has a price: that of the BIC, half a logarithm of the number of all actions for
+each, of which those who follow the learner bear their shares (the integrated BIC of Huys et al.
+2011). Who follows it depends on the price and the price on who follows it, so both are repeated
+until they stay. The fewer follow a learner, the higher is the price of each, so that one or the
+other of several answers may stay: it is the one that is reached from equal shares. How frequent
+learners are is inferred as in :mod:`~causal_openlock.scoring.model_selection`.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from causal_openlock.scoring.model_selection import select_models
+from causal_openlock.scoring.model_selection import frequencies_of
 from causal_openlock.world.fsm import FloatArray, IntArray
 
-ROUNDS, ENOUGH = 200, 1e-6
+ROUNDS, ENOUGH = 1000, 1e-6
 
 
 @dataclass(frozen=True)
@@ -30,15 +31,12 @@ class Mixture:
         followed: ``[S, M]`` probability that each subject is of each group; for one without
             actions, their frequencies.
         frequencies: ``[M]`` expected share of subjects.
-        protected: ``[M]`` probability that no other group is more frequent, allowing for equal
-            frequencies.
         bic: ``[S, M]`` integrated BIC, the price included; 0 without actions.
         evidence: Log evidence of the whole, at these frequencies, less all prices.
     """
 
     followed: FloatArray
     frequencies: FloatArray
-    protected: FloatArray
     bic: FloatArray
     evidence: float
 
@@ -61,25 +59,24 @@ def mixture_of(evidence: FloatArray, actions: IntArray, parameters: IntArray) ->
     """
     known = actions > 0
     evidence, many = np.maximum(evidence, -1e6), evidence.shape[1]
-    shares = np.full((int(known.sum()), many), 1.0 / many)
-    price = np.zeros(many)
-    selection = None
-    for _ in range(ROUNDS if known.any() else 0):
-        total = (shares * actions[known, None]).sum(axis=0)
-        price = parameters / 2 * np.log(np.maximum(total, 1)) / np.maximum(shares.sum(axis=0), 1)
-        selection = select_models(evidence[known] - price)
-        before, shares = shares, selection.followed
-        if np.abs(shares - before).max() < ENOUGH:
-            break
-    if selection is None:
+    if not known.any():
         flat = np.full(many, 1.0 / many)
-        return Mixture(np.tile(flat, (len(actions), 1)), flat, flat, np.zeros_like(evidence), 0.0)
-    followed = np.tile(selection.frequencies, (len(actions), 1))
+        return Mixture(np.tile(flat, (len(actions), 1)), flat, np.zeros_like(evidence), 0.0)
+    each = parameters / 2 * np.log(actions.sum())
+    counts, shares = np.ones(many), np.full((int(known.sum()), many), 1.0 / many)
+    for _ in range(ROUNDS):
+        price = each / np.maximum(shares.sum(axis=0), 1)
+        counts, found = frequencies_of(evidence[known] - price)
+        moved = np.abs(found - shares).max()
+        shares = (shares + found) / 2  # half of the way, so that groups do not take turns
+        if moved < ENOUGH:
+            break
+    frequencies = counts / counts.sum()
+    followed = np.tile(frequencies, (len(actions), 1))
     followed[known] = shares
     return Mixture(
         followed,
-        selection.frequencies,
-        selection.protected,
+        frequencies,
         np.where(known[:, None], 2 * (price - evidence), 0.0),
-        float(logsumexp(evidence[known] - price, axis=1, b=selection.frequencies).sum()),
+        float(logsumexp(evidence[known] - price, axis=1, b=frequencies).sum()),
     )

@@ -59,15 +59,8 @@ def select_models(evidence: FloatArray) -> Selection:
         >>> found.frequencies.round(2).tolist(), found.exceedance.round(2).tolist()
         ([0.67, 0.33], [0.89, 0.11])
     """
-    subjects, learners = evidence.shape
-    prior = np.ones(learners)
-    counts, followed = prior + subjects / learners, np.zeros_like(evidence)
-    for _ in range(ROUNDS):
-        expected = digamma(counts) - digamma(counts.sum())
-        followed = softmax(evidence + expected, axis=1)
-        before, counts = counts, prior + followed.sum(axis=0)
-        if np.abs(counts - before).max() < ENOUGH:
-            break
+    learners = evidence.shape[1]
+    counts, followed = frequencies_of(evidence)
     exceedance = exceedance_of(counts)
     all_equal = float(expit(_equal(evidence) - _bound(evidence, followed, counts)))
     return Selection(
@@ -77,6 +70,28 @@ def select_models(evidence: FloatArray) -> Selection:
         all_equal=all_equal,
         followed=followed,
     )
+
+
+def frequencies_of(evidence: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How frequent learners are, and who follows whom.
+
+    Args:
+        evidence: As :func:`select_models` takes it.
+
+    Returns:
+        ``[M]`` counts of the Dirichlet distribution of the frequencies, and ``[S, M]`` the
+        probability that each subject followed each learner.
+    """
+    subjects, learners = evidence.shape
+    prior = np.ones(learners)
+    counts, followed = prior + subjects / learners, np.zeros_like(evidence)
+    for _ in range(ROUNDS):
+        expected = digamma(counts) - digamma(counts.sum())
+        followed = softmax(evidence + expected, axis=1)
+        before, counts = counts, prior + followed.sum(axis=0)
+        if np.abs(counts - before).max() < ENOUGH:
+            break
+    return counts, followed
 
 
 def exceedance_of(counts: FloatArray) -> FloatArray:

@@ -96,6 +96,7 @@ def test_a_study_of_recovery_from_the_run_to_its_page(
         with pytest.raises(KeyboardInterrupt):
             run_study(study, results, Watched(workers=0))
     spent = read_run(study)["parts"]["played"]["seconds"]
+    shutil.copytree(results, root / "part")
     shutil.rmtree(results)  # on another machine, for instance
     with monkeypatch.context() as patched:
         patched.setattr(recovering, "predicted", None)
@@ -129,6 +130,12 @@ def test_a_study_of_recovery_from_the_run_to_its_page(
     assert "| Thompson | – | – | – |" in page
 
     before = read_units(study)
+    shutil.rmtree(results)
+    shutil.move(root / "part", results)  # parameters are stored, and their records gone
+    with monkeypatch.context() as patched:
+        patched.setattr(recovering, "parameters_recovered", _stopped)
+        run_study(study, results, Watched(workers=0))
+    pd.testing.assert_frame_equal(read_units(study)[list(before)], before)
     shutil.rmtree(results)
     run_study(study, results, Watched(workers=0))  # all is stored: nothing is run
     assert not results.exists()

@@ -31,8 +31,10 @@ from causal_openlock.fitting.group import (
 )
 from causal_openlock.fitting.hierarchical import PROGRESS, GroupFit
 from causal_openlock.fitting.kept import fitting_in, keep_fit
+from causal_openlock.fitting.mixture import mixture_of
 from causal_openlock.fitting.predicting import read_fit
 from causal_openlock.fitting.search import Range, search_beside, search_space
+from causal_openlock.scoring.model_selection import frequencies_of
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
 from causal_openlock.world.fsm import FloatArray
 
@@ -58,16 +60,43 @@ def test_the_group_is_that_of_greatest_likelihood() -> None:
     for one, spread in zip(measured, variance, strict=True):
         bent = 1 / spread
         at = (bent * one + group.mean / group.spread**2) / (bent + 1 / group.spread**2)
-        peaks.append(Peak(at.tolist(), np.diag(bent).tolist(), 0.0))
+        slope = bent * (at - one)
+        peaks.append(Peak(at.tolist(), slope.tolist(), np.diag(bent).tolist(), 0.0))
     found = group_of(peaks, group)
     assert [*found.mean, *found.spread] == pytest.approx([*wanted[:2], *abs(wanted[2:])], abs=2e-3)
-    outsider = Peak([4.0, 4.0], np.eye(2).tolist(), 0.0)
+    outsider = Peak([4.0, 4.0], [0.0, 0.0], np.eye(2).tolist(), 0.0)
     counts = np.array([1.0] * len(peaks) + [0.0])
     assert group_of([*peaks, outsider], group, counts).mean == pytest.approx(found.mean)
     assert group_of([*peaks, outsider], group).mean[0] > found.mean[0] + 0.1
     assert group_of(peaks, group, np.full(len(peaks), 0.1)) is group
-    nobody = Peak([9.0, 9.0], np.zeros((2, 2)).tolist(), 0.0, actions=0)
+    nobody = Peak([9.0, 9.0], [0.0, 0.0], np.zeros((2, 2)).tolist(), 0.0, actions=0)
     assert group_of([*peaks, nobody], group).mean == pytest.approx(found.mean)
+
+
+def test_a_group_that_nothing_is_known_of_stays_as_it_is() -> None:
+    """However far from its peak the search for it has stopped."""
+    for start in (0.05, -0.05):
+        group = Group.wide(1)
+        peaks = [peak(lambda x: 100.0, group, np.full(1, start)) for _ in range(10)]
+        found = group_of(peaks, group)
+        assert [*found.mean, *found.spread] == pytest.approx([*group.mean, *group.spread], abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_who_follows_whom_settles(seed: int) -> None:
+    """A price that fewer followers share drives them away, and does not bring them back."""
+    generator = np.random.default_rng(seed)
+    for _ in range(10):
+        subjects, learners = generator.integers(1, 9), generator.integers(2, 5)
+        evidence = generator.normal(-100, generator.choice([1, 4, 20]), (subjects, learners))
+        actions = generator.integers(50, 190, subjects)
+        parameters = generator.choice([0, 2, 8], learners)
+        found = mixture_of(evidence, actions, parameters)
+        assert found.followed.sum(axis=1) == pytest.approx(1)
+        # With the price that it states, the same comes out.
+        assert frequencies_of(-found.bic / 2)[1] == pytest.approx(found.followed, abs=1e-4)
+    alone = mixture_of(np.array([[-97.0, -100.0]]), np.array([100]), np.array([2, 0]))
+    assert alone.followed[0, 0] < 0.2  # three nats are less than two parameters cost
 
 
 def test_derivatives_are_those_of_a_function() -> None:
@@ -168,6 +197,20 @@ def test_a_group_of_subjects_is_fitted(folder: Path, tmp_path: Path) -> None:
     keep_fit(path, kept["plan"], starts=kept["starts"][::-1], peaks=kept["peaks"])
     with pytest.raises(StoreError, match="this is no fit"):
         resumed.run()
+    first = kept["peaks"][0]
+    for spoiled in (
+        {"peaks": [{**first, "at": [0.0, 1.0]}]},
+        {"peaks": [{**first, "curvature": []}]},
+        {"peaks": [{**first, "curvature": [[-1.0]]}]},
+        {"peaks": [{**first, "slope": [1e300]}]},
+        {"peaks": [{**first, "actions": 0}]},
+        {"peaks": kept["peaks"] * 2},
+        {"starts": [{**kept["starts"][0], who: [[]]} for who in kept["starts"][0]], "peaks": []},
+    ):
+        changed = {"starts": kept["starts"], "peaks": kept["peaks"], **spoiled}
+        keep_fit(path, kept["plan"], **changed)
+        with pytest.raises(StoreError, match="this is no fit"):
+            resumed.run()
 
 
 def test_who_is_held_out_is_predicted_by_the_group(tmp_path: Path) -> None:
@@ -188,6 +231,16 @@ def test_what_cannot_be_fitted_so_is_refused(folder: Path, tmp_path: Path) -> No
     whole = ActionPlan(search_space("bayes", {"particles": Range(10, 20)}))
     with pytest.raises(LearnerError, match="particles of bayes takes whole numbers only"):
         GroupFit(parts(folder), {"bayes": whole}, tmp_path)
+    twice = {"associative": PLAN, "associative_2": replace(PLAN)}
+    with pytest.raises(LearnerError, match="associative and associative_2 are the same learner"):
+        GroupFit(parts(folder), twice, tmp_path)
+    asked = replace(PLAN, space=search_beside("posterior_sampling"))
+    with pytest.raises(LearnerError, match="posterior_sampling gives no probabilities"):
+        GroupFit(parts(folder), {"own": PLAN, "asked": asked}, tmp_path / "asked").run()
+    nothing = dict.fromkeys(("lever", "position", "colour"), 0.0)
+    sure = search_space("associative", {"temperature": HEAT}, nothing)
+    with pytest.raises(LearnerError, match="temperature makes no difference to how likely"):
+        GroupFit(parts(folder), {"associative": replace(PLAN, space=sure)}, tmp_path / "sure").run()
     result = CliRunner().invoke(app, ["fit", "associative", "--hierarchical"])
     assert isinstance(result.exception, OpenLockError)
     assert "give --to" in str(result.exception)
