@@ -128,7 +128,7 @@ def fit(
     if not hierarchical:
         require_optuna()
     learner_class(learner)  # fails at once if there is none
-    kind = "-mixture" if beside else "-hierarchical" if hierarchical else ""
+    kind = "-mixture" if beside else "-hierarchical" if hierarchical else "-each" if each else ""
     name = f"fit-{learner.replace(':', '.')}{kind}"
     folder = out or (to or Path("results")) / name
     _check_folder(folder)

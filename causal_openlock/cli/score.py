@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from causal_openlock.cli.options import Workers
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
@@ -51,8 +51,9 @@ def score(
     """Score learners on every action of every subject of a results folder.
 
     Each learner sees what a subject saw, says how likely each action is, and is then shown what the
-    subject did. Written are scores/actions.parquet, a row an action, and scores/subjects.csv, a row
-    a subject; printed is the ranking, in bits per action.
+    subject did. Written are scores/actions.parquet, a row an action; scores/subjects.csv, a row a
+    subject and learner; and scores/followed.csv, which of them each subject follows. Printed is the
+    ranking, in bits per action.
     """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import make_experiment
@@ -61,8 +62,9 @@ def score(
     from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.predicting import read_fit, score_fits
     from causal_openlock.scoring.inverse_binomial import Draws
+    from causal_openlock.scoring.scores import FOLDER
     from causal_openlock.scoring.teacher_forcing import known_learners
-    from causal_openlock.wording import counted
+    from causal_openlock.wording import counted, joined
 
     console = Terminal()
     record, played = Store(folder).record()
@@ -91,7 +93,8 @@ def score(
             report=lambda done, total: status.update(f"{done} of {total} parts are scored"),
         )
     subjects, ranked = scores.subjects, scores.ranking
-    files = scores.save(out or folder / "scores")
+    before = _names_in(out := out or folder / FOLDER)
+    files = scores.save(out)
     console.print_whole(_table(ranked, scores.followed))
     who = [counted(subjects[name].nunique(), name) for name in ("learner", "condition")]
     console.print_line(
@@ -107,12 +110,29 @@ def score(
         )
         console.print_line(f"{one.label} predicts {by}")
     drawn = subjects[subjects["standard_error"] > 0]
-    for name, errors in drawn.groupby("scored", observed=True)["standard_error"]:
-        console.print_line(
-            f"{name} gives no probabilities: it was asked by inverse binomial sampling, with a "
-            f"standard error of {errors.mean():.1f} nats for a subject; --hits makes it smaller"
-        )
+    for name, own in drawn.groupby("scored", observed=True):
+        error = f"with a standard error of {own['standard_error'].mean():.1f} nats for a subject"
+        if own["expected"].isna().all():
+            console.print_line(
+                f"{name} gives no probabilities: it was asked by inverse binomial sampling, "
+                f"{error}; --hits makes it smaller"
+            )
+        else:
+            console.print_line(f"{name} estimates its probabilities from draws, {error}")
+    if gone := [name for name in before if name not in set(ranked["scored"])]:
+        console.print_line(f"the scores of {joined(gone)}, which were there, are replaced")
+    console.print_line(f"which of them each subject follows: {files[2]}")
     console.print_line(f"{files[0]} and subjects.csv written")
+
+
+def _names_in(folder: Path) -> list[str]:
+    """The learners whose scores are in a folder."""
+    from causal_openlock.scoring.scores import Scores
+
+    try:
+        return list(dict.fromkeys(Scores.read(folder).subjects["scored"]))
+    except StoreError:
+        return []
 
 
 def _table(ranked: pd.DataFrame, followed: pd.DataFrame) -> Table:

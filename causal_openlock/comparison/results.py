@@ -231,7 +231,7 @@ class Results(Material):
         learners: LearnerForm | Sequence[LearnerForm] = (),
         *,
         fits: Sequence[Path | str] = (),
-        of: Sequence[str] = (),
+        of: Sequence[str] | str = (),
         lapse: float = LAPSE,
         workers: int = 1,
     ) -> Scores:
@@ -259,7 +259,7 @@ class Results(Material):
         asked = listed(learners)
         predicting = make_experiment(["CC4"], asked).learners if asked else ()
         fitted = [read_fit(Path(one), [spec.learner for spec in predicting]) for one in fits]
-        known_learners(of, self.experiment.learners)
+        of = [one.name for one in known_learners(of, self.experiment.learners)]
         record, experiment = Store(self.folders[0]).record()
         return score_fits(
             record, experiment, fitted, predicting, of=of, lapse=lapse, workers=workers

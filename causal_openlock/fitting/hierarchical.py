@@ -109,11 +109,6 @@ def start_job(job: StartJob) -> Starts:
     losses = np.zeros((len(plan.numbers), len(numbers), len(points)))
     for number, point in enumerate(points):
         table = predicted(chosen_at(plan, point))
-        if (table["standard_error"] > 0).any():
-            raise LearnerError(
-                f"{plan.space.learner} gives no probabilities, and likelihoods from draws are too "
-                "rough for a hierarchical fit; fit each subject by itself with --each"
-            )
         for row, fold in enumerate(plan.numbers):
             own = table[~held_out(table, plan, fold)]
             sums = -own.groupby("subject")["log_probability"].sum()
@@ -178,10 +173,10 @@ class GroupFit:
                         f"{name} of {plan.space.learner} takes whole numbers only, and these are "
                         f"not normal in a group; fix it: --fix {name}={one.low:g}"
                     )
-        for (one, plan), (other, same) in combinations(plans.items(), 2):
+        for (label, plan), (other, same) in combinations(plans.items(), 2):
             if plan.space == same.space:
                 raise LearnerError(
-                    f"{one} and {other} are the same learner, of which the same is searched: who "
+                    f"{label} and {other} are the same learner, of which the same is searched: who "
                     "follows which cannot be told; leave one out, or give it other settings"
                 )
         self.plans, self._parts, self._folder = dict(plans), parts, folder
@@ -201,9 +196,13 @@ class GroupFit:
         """Fit what is missing; the fits of all subjects and of the groups, by fold.
 
         Raises:
-            LearnerError: If a learner gives no probabilities, or a parameter makes no difference.
+            LearnerError: If a learner gives no exact probabilities, or a parameter makes no
+                difference.
             StoreError: If the folder holds another fit, or another process fits there.
         """
+        anybody = next(iter(self._alone.values()))
+        for plan in self.plans.values():
+            _require_exact(plan, anybody)
         fits = []
         pools = worker_pool(workers) if workers > 1 else nullcontext()
         with fitting_in(self._folder), pools as pool:
@@ -390,6 +389,21 @@ class GroupFit:
             learner=named,
         )
         return [of_group, *fits]
+
+
+def _require_exact(plan: ActionPlan, part: Recorded) -> None:
+    """Raise LearnerError if likelihoods are from draws: these are too rough for curvatures."""
+    middle = chosen_at(plan, np.zeros(len(plan.space.ranges)))
+    table = Predictions([part], plan)(middle)
+    if (table["standard_error"] > 0).any():
+        what, exact = "gives no probabilities, and draws are", ""
+        if not table["entropy"].isna().all():
+            what = "estimates its probabilities from draws, which are"
+            exact = ", or set it so that they are exact (theory_based: beliefs=mean)"
+        raise LearnerError(
+            f"{plan.space.learner} {what} too rough for a hierarchical fit; fit each subject by "
+            f"itself with --each{exact}"
+        )
 
 
 def _require_effect(label: str, plan: ActionPlan, peaks: Sequence[Peak]) -> None:

@@ -99,7 +99,7 @@ def fit_of(
         if kept["plan"] != json.loads(json.dumps(plan, default=str)):
             raise StoreError(
                 f"{path.parent} holds another {what} ({parts} or version differ); choose another "
-                "folder with --out"
+                "folder with --out, or delete this one"
             )
         return read(kept)
 

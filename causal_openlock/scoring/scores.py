@@ -27,7 +27,7 @@ from causal_openlock.files.checksums import ChecksumError, read_table, table_byt
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
-from causal_openlock.scoring.model_selection import select_models
+from causal_openlock.scoring.model_selection import frequencies_of, select_models
 from causal_openlock.scoring.teacher_forcing import COLUMNS, EXACT, GROUP, score_actions
 from causal_openlock.wording import nearest
 
@@ -38,6 +38,8 @@ SUBJECT = [*GROUP, "subject"]
 LN2 = float(np.log(2.0))
 FOLDER, ACTIONS, BY_SUBJECT = "scores", "actions.parquet", "subjects.csv"
 """Where scores are kept in a results folder."""
+FOLLOWED = "followed.csv"
+"""What follows from them: which learner each subject follows."""
 SUBJECT_COLUMNS = ["scored", *SUBJECT, "actions", "nll", "bits", "expected", "bic", "impossible"]
 _TEXTS = dict.fromkeys(["scored", "learner", "condition", "protocol", "experiment"], str)
 
@@ -64,6 +66,11 @@ class Scores:
     def followed(self) -> pd.DataFrame:
         """Which learners subjects follow, if each follows one; see :func:`followed`."""
         return followed(self.subjects)
+
+    @cached_property
+    def attributed(self) -> pd.DataFrame:
+        """Which learner each subject follows, if each follows one; see :func:`attributed`."""
+        return attributed(self.subjects)
 
     @classmethod
     def read(cls, folder: Path) -> Scores:
@@ -134,16 +141,17 @@ class Scores:
         return draw_scores(own.over("condition", "trial"), names, ax)
 
     def save(self, folder: Path) -> list[Path]:
-        """Write ``actions.parquet`` and ``subjects.csv``; returns where.
+        """Write ``actions.parquet``, ``subjects.csv`` and ``followed.csv``; returns where.
 
         Raises:
             OSError: If they cannot be written.
         """
         import pyarrow as pa
 
-        files = [folder / ACTIONS, folder / BY_SUBJECT]
+        files = [folder / ACTIONS, folder / BY_SUBJECT, folder / FOLLOWED]
         write_bytes(files[0], table_bytes(pa.Table.from_pandas(self.actions)))
         write_text(files[1], csv_of(self.subjects.round(6)))
+        write_text(files[2], csv_of(self.attributed.round(6)))
         return files
 
 
@@ -255,17 +263,49 @@ def followed(subjects: pd.DataFrame) -> pd.DataFrame:
         :func:`~causal_openlock.scoring.model_selection.select_models`, with -BIC/2 for the log
         evidence; a learner that never does what a subject did is taken to be very unlikely for it.
     """
-    wide = subjects.pivot_table(index=SUBJECT, columns="scored", values="bic", observed=True)
-    wide = wide[list(dict.fromkeys(subjects["scored"]))].dropna()
-    found = select_models(np.maximum(-0.5 * wide.to_numpy(float), -1e6))
+    evidence = _evidence(subjects)
+    found = select_models(evidence.to_numpy(float))
     return pd.DataFrame(
         {
-            "scored": wide.columns,
+            "scored": evidence.columns,
             "frequency": found.frequencies,
             "exceedance": found.exceedance,
             "protected": found.protected,
         }
     )
+
+
+def attributed(subjects: pd.DataFrame) -> pd.DataFrame:
+    """Which learner each subject follows, if each follows one of these.
+
+    Args:
+        subjects: From :func:`by_subject`.
+
+    Returns:
+        A row for each subject: the learner that it most probably ``follows`` and the
+        ``probability`` that it does, in the light of how frequent learners are among all; and how
+        far its evidence, as :func:`followed` takes it, is ``ahead`` of the best of the others, in
+        nats (negative where another one is more frequent; NaN if there is no other).
+    """
+    evidence = _evidence(subjects)
+    _, shares = frequencies_of(evidence.to_numpy(float))
+    which, rows = shares.argmax(axis=1), np.arange(len(shares))
+    others = evidence.to_numpy(float, copy=True)
+    own = others[rows, which]
+    others[rows, which] = -np.inf
+    ahead = own - others.max(axis=1)
+    return evidence.index.to_frame(index=False).assign(
+        follows=evidence.columns[which],
+        probability=shares[rows, which],
+        ahead=np.where(np.isfinite(ahead), ahead, np.nan),
+    )
+
+
+def _evidence(subjects: pd.DataFrame) -> pd.DataFrame:
+    """-BIC/2 by subject, and learner that predicts it."""
+    wide = subjects.pivot_table(index=SUBJECT, columns="scored", values="bic", observed=True)
+    wide = wide[list(dict.fromkeys(subjects["scored"]))].dropna()
+    return (-0.5 * wide).clip(lower=-1e6)
 
 
 def over(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:

@@ -25,7 +25,12 @@ from causal_openlock.world.room import action_names, positions_for
 
 MOST_PLOTS = 4
 """A figure for the subjects of so many learners; tables have all of them."""
+MOST_SUBJECTS = 200
+"""A row for each of so many subjects; ``followed.csv`` has all of them."""
+SURE = 0.9
+"""From this probability on a subject is said to follow a learner."""
 _PROSE = Prose("scores")
+_ATTRIBUTED = ["condition", "subject", "follows", "probability", "ahead"]
 _NAMES = {
     **{"scored": "predicted by", "by": "predicted by", "low": "ci_low", "high": "ci_high"},
     **{"worse": "more than best", "worse_low": "low", "worse_high": "high"},
@@ -35,7 +40,7 @@ _FORMATS = {
     **dict.fromkeys(("bits", "ci_low", "ci_high", "expected", "beyond"), ".2f"),
     **dict.fromkeys(("more than best", "low", "high"), "+.2f"),
     **{"p corrected": ".2g", "followed": ".0%", "most frequent": ".2f"},
-    **{"actions": ",", "subjects": ","},
+    **{"actions": ",", "subjects": ",", "probability": ".2f", "ahead": ",.1f"},
 }
 _KEY = {name: (int if name in ("seed", "subject") else str) for name in SUBJECT}
 
@@ -83,7 +88,8 @@ def section(material: Material, decisions: Decisions) -> Section | None:
         one.name: max(map(positions_for, one.schemas)) for one in material.experiment.conditions
     }
     who: list[dict[str, Any]] = []
-    tables: dict[str, list[pd.DataFrame]] = {"scores": [], "failures": [], "worst_attempts": []}
+    names = ("scores", "attributed", "failures", "worst_attempts")
+    tables: dict[str, list[pd.DataFrame]] = {name: [] for name in names}
     plots: list[SectionPlot] = []
     each: dict[str, Scores] = decisions.computed(__name__)
     parts = file_names(each)
@@ -101,9 +107,12 @@ def section(material: Material, decisions: Decisions) -> Section | None:
             **{"most frequent": shares.loc[ranked["scored"], "protected"].to_numpy()},
         )
         tables["scores"].append(ranked.assign(of=of))
+        if len(ranked) > 1:
+            tables["attributed"].append(one.attributed[_ATTRIBUTED].assign(of=of))
         tables["failures"].append(worst.assign(of=of, by=best))
         tables["worst_attempts"].append(worst_attempts(own, positions).assign(of=of, by=best))
-        who.append(_found(of, ranked, worst, own, positions))
+        sure = one.attributed.query("probability >= @SURE")["follows"].value_counts()
+        who.append({**_found(of, ranked, worst, own, positions), "sure": sure.to_dict()})
         if len(plots) < MOST_PLOTS:
             name = f"scores_{parts[of]}"
             call = f"results.scores.plot(of={of!r})"
@@ -113,7 +122,13 @@ def section(material: Material, decisions: Decisions) -> Section | None:
             )  # fmt: skip
     if not who:
         return None
-    shown = [_PROSE.table(name, _shown(rows, len(each)), _FORMATS) for name, rows in tables.items()]
+    if sum(map(len, tables["attributed"])) > MOST_SUBJECTS:
+        del tables["attributed"]
+    shown = [
+        _PROSE.table(name, _shown(rows, len(each)), _FORMATS)
+        for name, rows in tables.items()
+        if rows
+    ]
     return _PROSE.section("scores", shown, plots, who=who, subjects=_sizes(material, each))
 
 
@@ -143,7 +158,7 @@ def _found(
 def _shown(tables: Sequence[pd.DataFrame], several: int) -> pd.DataFrame:
     """Tables as one; whose subjects they are about stands first, where there are several."""
     table = pd.concat(tables, ignore_index=True).rename(columns=_NAMES)
-    first = [*(["of"] if several > 1 else []), "predicted by"]
+    first = [*(["of"] if several > 1 else []), *table.columns.intersection(["predicted by"])]
     order = [*first, *(name for name in table.columns if name not in ("of", "predicted by", "p"))]
     return table[order]
 

@@ -374,13 +374,14 @@ def _asked(
     }
 
 
-def known_learners(names: Sequence[str], specs: Sequence[LearnerSpec]) -> list[LearnerSpec]:
+def known_learners(names: Sequence[str] | str, specs: Sequence[LearnerSpec]) -> list[LearnerSpec]:
     """Those of some learners that have these labels.
 
     Raises:
         LearnerError: If there is none of a label.
     """
     known = {spec.name: spec for spec in specs}
+    names = [names] if isinstance(names, str) else names
     for name in names:
         if name not in known:
             raise LearnerError(f"there is no learner {name!r}; {nearest(name, known)}")

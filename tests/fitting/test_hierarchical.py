@@ -237,6 +237,10 @@ def test_what_cannot_be_fitted_so_is_refused(folder: Path, tmp_path: Path) -> No
     asked = replace(PLAN, space=search_beside("posterior_sampling"))
     with pytest.raises(LearnerError, match="posterior_sampling gives no probabilities"):
         GroupFit(parts(folder), {"own": PLAN, "asked": asked}, tmp_path / "asked").run()
+    assert not (tmp_path / "asked").exists()
+    drawn = replace(PLAN, space=search_space("theory_based", {"schema_gain": Range(0.1, 10)}))
+    with pytest.raises(LearnerError, match=r"estimates .* from draws, .* beliefs=mean"):
+        GroupFit(parts(folder), {"theory_based": drawn}, tmp_path / "asked").run()
     nothing = dict.fromkeys(("lever", "position", "colour"), 0.0)
     sure = search_space("associative", {"temperature": HEAT}, nothing)
     with pytest.raises(LearnerError, match="temperature makes no difference to how likely"):

@@ -16,7 +16,7 @@ from causal_openlock.analysis.report.sections import ORDER, decisions_of, sectio
 from causal_openlock.comparison.results import SECTIONS
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.scoring.failures import failures, worst_attempts
-from causal_openlock.scoring.scores import FOLDER, Scores, over
+from causal_openlock.scoring.scores import FOLDER, FOLLOWED, SUBJECT, Scores, attributed, over
 
 OURS = "causal_openlock.scoring.section"
 SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)
@@ -71,6 +71,23 @@ def test_who_acted_is_found_to_predict_best(shown: Section) -> None:
     assert "thompson predicts best, with" in said
     assert "a learner that knows nothing needs 3.91" in said
     assert [plot.name for plot in shown.plots] == ["scores_thompson", "scores_win_stay"]
+
+
+def test_each_subject_is_attributed_to_who_acted(folder: Path, shown: Section) -> None:
+    table = rows(shown, "attributed")
+    assert table["of"].tolist() == table["follows"].tolist() == ["thompson"] * 6 + ["win_stay"] * 6
+    assert (table["probability"] > 0.9).all()
+    scores = ol.open_results(folder).scores
+    wide = scores.subjects.pivot_table(index=SUBJECT, columns="scored", values="bic", observed=True)
+    ordered = np.sort(
+        wide.loc[[("win_stay", *one[1:]) for one in wide.index if one[0] == "win_stay"]]
+    )
+    assert table["ahead"][6:].tolist() == pytest.approx((ordered[:, 1] - ordered[:, 0]) / 2)
+    assert pd.read_csv(folder / FOLDER / FOLLOWED)["subject"].tolist() == [*range(6)] * 2
+    assert "do not all follow" not in " ".join(shown.text)
+    both = scores.subjects.assign(learner="person")
+    both["subject"] += 6 * (scores.subjects["learner"] == "win_stay")
+    assert attributed(both)["follows"].tolist() == table["follows"].tolist()
 
 
 def test_ps_are_corrected_with_all_others_of_the_report(folder: Path) -> None:
