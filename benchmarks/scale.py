@@ -231,10 +231,10 @@ def hypotheses() -> Iterator[Cost]:
 
 PANELS = {
     "subjects": ("Subjects of a cell", f"{CONDITION}, people's protocol"),
-    "levers": ("Active levers", "a subject, two trials, common cause"),
+    "levers": ("Active levers", "a subject, common cause"),
     "hypotheses": ("Hypotheses", "one decision, one update"),
     "attempts": ("Attempts on record", "of random, in one cell"),
-    "workers": ("Workers", "eight cells"),
+    "workers": ("Workers", "eight cells, all processes"),
 }
 COLOURS = ("#00427A", "#E69F00", "#009E73", "#D55E00")
 MARKERS = "osD^"
@@ -251,14 +251,18 @@ def draw(costs: list[Cost], path: Path) -> None:
         panels = figure.subplots(2, 3).flatten()
         for axes, (grows, (title, about)) in zip(panels, PANELS.items(), strict=False):
             here = [cost for cost in costs if cost.grows == grows and cost.unit == "s"]
-            here = [cost for cost in here if "a cell" not in cost.of]
+            # Wall times say little of a machine that does other work.
+            here = [cost for cost in here if "a cell" not in cost.of and "wall" not in cost.of]
             for index, of in enumerate(dict.fromkeys(cost.of for cost in here)):
                 line = [(cost.size, cost.value) for cost in here if cost.of == of]
                 axes.plot(
                     *zip(*line, strict=True),
-                    color=COLOURS[index], marker=MARKERS[index], ms=4, lw=1.2, label=of,
+                    color=COLOURS[index], marker=MARKERS[index], ms=4, lw=1.2,
+                    label=of.removesuffix(", processor"),
                 )  # fmt: skip
             axes.set(xscale="linear" if grows == "levers" else "log", yscale="log")
+            if grows == "workers":
+                axes.set(yscale="linear", ylim=(0, None))
             if grows in ("levers", "workers"):
                 ticks = sorted({cost.size for cost in here})
                 axes.set_xticks(ticks, ticks, minor=False)
