@@ -26,7 +26,15 @@ from causal_openlock.evidence.confusions import recovery_of
 from causal_openlock.evidence.derived import beside_people
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.stored import UNITS
-from causal_openlock.evidence.study import BLOCK, OF_ALL, PUBLISHED, RL_2020, Selection, Table
+from causal_openlock.evidence.study import (
+    ATTEMPTS,
+    BLOCK,
+    OF_ALL,
+    PUBLISHED,
+    RL_2020,
+    Selection,
+    Table,
+)
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import mean_of
 
@@ -171,8 +179,15 @@ def draw_course(evidence: Evidence, table: Table, figure: Any) -> None:
                 _lines_of_row(axes, x, [found for _, found in parts], row, colours)
             if not by_fifties:
                 axes.set_xticks([float(_part(column)) for column in table.columns])
+            if all(row.split()[0] in PUBLISHED for row in rows if _panel(row) == name):
+                axes.text(0.5, 0.5, "not run", ha="center", color=_PUBLISHED,
+                          transform=axes.transAxes)  # fmt: skip
             axes.set_xlabel("trial" if by_fifties else "part of the training")
-            axes.set_ylim(*_limits(evidence, table))
+            low, high = _limits(evidence, table)
+            if by_fifties and table.measure in ATTEMPTS:  # a few, or all that there are
+                axes.set(yscale="log", ylim=(2.0, 1.2 * high))
+            else:
+                axes.set_ylim(low, high)
         at.label_y(_measure(table))
         keys = [Line2D([], [], color=colour, lw=2, label=one) for one, colour in colours.items()]
         if any(row.split()[0] in RL_2020 for row in rows):
@@ -242,7 +257,7 @@ def draw_distances(evidence: Evidence, figure: Any) -> None:
 
 def _limits(evidence: Evidence, table: Table) -> tuple[float, float]:
     """Those of all panels: of shares all there are, of attempts as many as a unit needed."""
-    if table.measure not in ("attempts", "first_solution"):
+    if table.measure not in ATTEMPTS:
         return -0.03, 1.03
     cells = (_units(evidence, table, row, c) for row in table.rows for c in table.columns)
     return 0.0, 1.05 * max(float(cell.values.max()) for cell in cells if cell is not None)

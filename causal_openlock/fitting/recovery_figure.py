@@ -41,15 +41,18 @@ def _matrix(axes: Axes, table: pd.DataFrame, title: str) -> None:
 
 def _by_size(axes: Axes, found: Recovery) -> None:
     whole = found.by_size[found.by_size["trials"] == found.by_size["trials"].max()]
+    lowest = 0.9
     for name, own in whole.groupby("learner", sort=False):
         right = own.groupby("subjects")["right"].mean()
+        lowest = min(lowest, float(right.min()))
         axes.plot(right.index, right, marker="o", markersize=3, label=style.label(str(name), 20))
     known = sorted(whole["subjects"].unique().tolist())
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(FixedLocator(known))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xticklabels([str(size) for size in known])
-    axes.set_ylim(-0.03, 1.03)
+    axes.set_ylim(lowest - 0.03, 1.01)
+    axes.set_title("groups of any size")
     axes.set_xlabel("subjects in a group")
     axes.set_ylabel("share attributed right")
     axes.legend(fontsize="x-small")
