@@ -79,12 +79,13 @@ def recover(
     with resumable(), console.status("") as status:
 
         def running(what: str) -> Running:
+            def report(done: int, total: int) -> None:
+                status.update(f"{what}: {done} of {total} parts")
+                if not console.is_terminal and done * 20 // total > (done - 1) * 20 // total:
+                    console.print_line(f"{what}: {done} of {total} parts")
+
             status.update(f"{what}: 0 parts are done")
-            return Running(
-                workers or available_cores(),
-                console.warn,
-                report=lambda done, total: status.update(f"{what}: {done} of {total} parts"),
-            )
+            return Running(workers or available_cores(), console.warn, report=report)
 
         found = recovery(predicted(chosen, folder, size, running("scores")), chosen.seed)
         files = found.save(folder)
@@ -128,7 +129,8 @@ def _print(found: Recovery, console: Terminal) -> None:
     console.print_line(
         f"Taken for another: {'; '.join(confused)}. A study of this size cannot tell these apart."
         if confused
-        else "A study of this size can tell these learners apart, if people follow one of them."
+        else "A study of this size can tell these learners apart, if people follow one of them "
+        "with these parameters."
     )
 
 
