@@ -15,7 +15,7 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.analysis.plots.survival import MOST_BANDS
-from causal_openlock.scoring.scores import SUBJECT
+from causal_openlock.scoring.teacher_forcing import GROUP
 
 _NOTHING: Any = {"color": "#666666", "lw": 1.0, "ls": (0, (1, 1.5))}
 
@@ -55,7 +55,7 @@ def draw_scores(
                 own = each[(each["condition"] == condition) & (each["scored"] == name)]
                 subjects = [
                     one[["trial", "bits"]].to_numpy(float)
-                    for _, one in own.groupby(SUBJECT, observed=True)
+                    for _, one in own.groupby([*GROUP, "subject"], observed=True)
                 ]
                 axes.add_collection(
                     LineCollection(subjects, colors=look["color"], lw=0.6, alpha=0.3, zorder=1)
