@@ -19,7 +19,9 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import pkgutil
 import sys
+import sysconfig
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from functools import cache, lru_cache
@@ -37,7 +39,7 @@ from causal_openlock.files.module_source import (
     look_beside,
     module_source,
 )
-from causal_openlock.wording import nearest
+from causal_openlock.wording import joined, nearest
 
 ENTRY_POINTS = "causal_openlock.learners"
 
@@ -150,8 +152,10 @@ def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
     try:
         loaded = entry.load()
     except Exception as error:  # a module can fail in any way while it is imported
+        misspelt = _misspelt(entry, error) if name == entry.value else None
         raise LearnerError(
-            f"the learner {name!r} ({entry.value}) cannot be imported: "
+            misspelt
+            or f"the learner {name!r} ({entry.value}) cannot be imported: "
             f"{type(error).__name__}: {error}"
         ) from error
     if not (isinstance(loaded, type) and issubclass(loaded, Learner | OneSubjectLearner)):
@@ -159,6 +163,43 @@ def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
             f"the learner {name!r} ({entry.value}) is no subclass of Learner or OneSubjectLearner"
         )
     return loaded
+
+
+def _misspelt(entry: EntryPoint, error: Exception) -> str | None:
+    """What to say where ``module:Class`` names no module, or no class of it; else None.
+
+    What a module fails with while it is imported is none of these.
+    """
+    if isinstance(error, ModuleNotFoundError):
+        missing = error.name or ""
+        return _no_module(missing) if f"{entry.module}.".startswith(f"{missing}.") else None
+    module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept
+    if module is None or is_of_session(entry.value) or not isinstance(error, AttributeError):
+        return None
+    source = Path(getattr(module, "__file__", None) or entry.module)
+    shown = source.relative_to(Path.cwd()) if source.is_relative_to(Path.cwd()) else source
+    kinds = Learner, OneSubjectLearner
+    known = [
+        name
+        for name, value in vars(module).items()
+        if isinstance(value, type) and issubclass(value, kinds) and value not in kinds
+    ]
+    return f"{shown} has no class {entry.attr}; {nearest(entry.attr, known)}"
+
+
+def _no_module(missing: str) -> str:
+    """That there is no such module, and which ones there are where one's own are looked for."""
+    package, _, last = missing.rpartition(".")
+    if package:
+        places = [*getattr(sys.modules.get(package), "__path__", ())]
+    else:
+        ours = {Path(__file__).parents[2], Path(sysconfig.get_path("scripts"))}
+        paths = [Path(place).resolve() for place in sys.path if Path(place) not in ours]
+        own = [path for path in paths if path.is_dir() and not is_installed(path)]
+        places = [str(path) for path in dict.fromkeys([Path.cwd(), *own])]
+    where = f" in {joined(places)}" if places else ""
+    known = {found.name for found in pkgutil.iter_modules(places)}
+    return f"there is no module {missing}{where}; {nearest(last, known)}"
 
 
 def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:

@@ -456,6 +456,11 @@ def read_studies(root: Path, names: tuple[str, ...] = ()) -> list[Study]:
         EvidenceError: If there is none, or none of a name.
     """
     known = sorted(path.parent.name for path in root.glob(f"*/{FILE}"))
+    if not root.is_dir():
+        raise EvidenceError(
+            f"there is no folder {root} here; run this in a checkout of the project, or name one "
+            "with --folder"
+        )
     if not known:
         raise EvidenceError(f"{root} holds no study; name the folder of evidence with --folder")
     for name in names:

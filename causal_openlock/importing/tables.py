@@ -55,16 +55,24 @@ def table_actions(path: Path) -> Iterator[ActionEntry]:
     Raises:
         OpenLockError: If it is none of the two forms, or a row is none.
     """
-    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+    content = read_text(path)
+    first = content.partition("\n")[0]
+    for sign, called in ((";", "';'"), ("\t", "tabs")):
+        if sign in first and "," not in first:
+            raise Place(path, 1).fault(
+                f"the columns are separated by {called}; save it with commas"
+            )
+    reader = csv.reader(io.StringIO(content, newline=""), strict=True)
     try:
         header = [name.strip() for name in next(reader, [])]
         own = {*record_schema().names} <= {*header}
         if twice := {name for name in header if name and header.count(name) > 1}:
             raise Place(path, 1).fault(f"the column {min(twice)} is there twice; remove one")
         if not own and (missing := [name for name in NEEDED if name not in header]):
+            found = f"found: {', '.join(header)}; rename the column" if header else "it is empty"
             raise Place(path, 1).fault(
-                f"there is no column {missing[0]}; a table of actions has {', '.join(NEEDED)}, and "
-                "an export of this project the columns of a record"
+                f"there is no column {missing[0]}; {found}: a table of actions has "
+                f"{', '.join(NEEDED)}, and an export of this project the columns of a record"
             )
         for row in reader:
             place = Place(path, reader.line_num)

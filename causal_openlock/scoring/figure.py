@@ -1,12 +1,13 @@
-"""How well learners predict over trials: a line for each, in bits per action."""
+"""How well learners predict over trials, in bits per action: means, and a thin line a subject."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
@@ -14,26 +15,51 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.analysis.plots.survival import MOST_BANDS
+from causal_openlock.scoring.teacher_forcing import GROUP
+
+_NOTHING: Any = {"color": "#666666", "lw": 1.0, "ls": (0, (1, 1.5))}
 
 
-def draw_scores(table: pd.DataFrame, names: Sequence[str], ax: Any = None) -> Any:
+def draw_scores(
+    table: pd.DataFrame,
+    each: pd.DataFrame,
+    names: Sequence[str],
+    choices: Mapping[str, int],
+    ax: Any = None,
+) -> Any:
     """Draw a panel for each condition, with a line for each learner that predicts.
 
     Args:
         table: A row for each ``scored`` learner, condition and trial, from
             :func:`~causal_openlock.scoring.scores.over`.
+        each: The ``bits`` of each subject in each trial, as they are drawn behind the means.
         names: Labels of the learners, in the order of the legend.
+        choices: By condition, among how many actions one that knows nothing chooses; where it is
+            not known, no level is drawn.
         ax: As for :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    table = table[table["scored"].isin(names)].replace(np.inf, np.nan)
-    top = 1.04 * float(table[["bits", "ci_high"]].max(axis=None))
+    table, each = (one[one["scored"].isin(names)].replace(np.inf, np.nan) for one in (table, each))
+    levels = {name: float(np.log2(count)) for name, count in choices.items()}
+    levels = {name: levels[name] for name in table["condition"].unique() if name in levels}
+    drawn = table[["bits", "ci_high"]].max(axis=None), each["bits"].max(), *levels.values()
+    top = 1.04 * float(np.nanmax(drawn))
     conditions = ordered(table["condition"].unique())
     looks = {name: style.current().line(number) for number, name in enumerate(names)}
     with panels(ax, len(conditions), in_rows(len(conditions), 3, 2.2)) as at:
         for axes, condition in zip(at.axes, conditions, strict=True):
             here = table[table["condition"] == condition]
+            if condition in levels:
+                axes.axhline(levels[condition], label="knows nothing", zorder=1.5, **_NOTHING)
             for name in names:
                 rows, look = here[here["scored"] == name], looks[name]
+                own = each[(each["condition"] == condition) & (each["scored"] == name)]
+                subjects = [
+                    one[["trial", "bits"]].to_numpy(float)
+                    for _, one in own.groupby([*GROUP, "subject"], observed=True)
+                ]
+                axes.add_collection(
+                    LineCollection(subjects, colors=look["color"], lw=0.6, alpha=0.3, zorder=1)
+                )
                 axes.plot(rows["trial"], rows["bits"], marker="o", ms=3, label=name, **look)
                 if len(names) <= MOST_BANDS:
                     ends = rows["ci_low"], rows["ci_high"]
@@ -43,5 +69,9 @@ def draw_scores(table: pd.DataFrame, names: Sequence[str], ax: Any = None) -> An
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         at.label_y("Bits per action")
         keys = [Line2D([], [], label=style.label(name, 24), **looks[name]) for name in names]
-        at.legend(keys, columns=min(len(names), 4))
+        if levels:
+            shown = {f"{level:.2f}" for level in levels.values()}
+            label = f"knows nothing ({' or '.join(sorted(shown))})"
+            keys.append(Line2D([], [], label=label, **_NOTHING))
+        at.legend(keys, columns=min(len(keys), 4))
     return at.returned

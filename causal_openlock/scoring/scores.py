@@ -8,7 +8,7 @@ is the mean of subjects, and two learners are compared on the same subjects.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import OpenLockError, StoreError, in_short
-from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_bytes, write_text
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
@@ -30,6 +30,7 @@ from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.model_selection import frequencies_of, select_models
 from causal_openlock.scoring.teacher_forcing import COLUMNS, EXACT, GROUP, score_actions
 from causal_openlock.wording import nearest
+from causal_openlock.world.room import action_names, positions_for
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -52,10 +53,13 @@ class Scores:
         actions: A row for each action and learner, see
             :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
         subjects: A row for each subject and learner, see :func:`by_subject`.
+        choices: By condition, among how many actions subjects choose; empty where the experiment
+            is not known.
     """
 
     actions: pd.DataFrame
     subjects: pd.DataFrame
+    choices: Mapping[str, int] = field(default_factory=dict)
 
     @cached_property
     def ranking(self) -> pd.DataFrame:
@@ -104,7 +108,7 @@ class Scores:
         actions, subjects = (
             one[one["learner"] == learner] for one in (self.actions, self.subjects)
         )
-        return Scores(actions, subjects)
+        return replace(self, actions=actions, subjects=subjects)
 
     def over(self, *columns: str) -> pd.DataFrame:
         """How well learners predict parts of what was done; see :func:`over`."""
@@ -116,7 +120,8 @@ class Scores:
         """Draw how many bits per action learners need in each trial; the fewer, the better.
 
         A panel for each condition, a line for each learner that predicts, the one that predicts
-        best first; with at most four a band is the 95% bootstrap interval over subjects. A trial in
+        best first; with at most four a band is the 95% bootstrap interval over subjects. Thin lines
+        are subjects, and the dotted one is what a learner that knows nothing needs. A trial in
         which a subject did what a learner takes for impossible has no point.
 
         Args:
@@ -138,7 +143,10 @@ class Scores:
         own = self.of(whose)
         names = [str(name) for name in own.ranking["scored"]]
         names = [name for name in names if learners is None or name in learners]
-        return draw_scores(own.over("condition", "trial"), names, ax)
+        each = own.actions.assign(bits=-own.actions["log_probability"] / LN2)
+        each = each.groupby(["scored", *SUBJECT, "trial"], observed=True)["bits"].mean()
+        means = own.over("condition", "trial")
+        return draw_scores(means, each.reset_index(), names, self.choices, ax)
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``actions.parquet``, ``subjects.csv`` and ``followed.csv``; returns where.
@@ -175,7 +183,15 @@ def score_learners(
         record, experiment, learners, lapse, of=of, draws=draws, workers=workers, report=report
     )
     chosen = {one.name: len(changed_parameters(one.learner, one.parameters)) for one in learners}
-    return Scores(actions, by_subject(actions, chosen))
+    return Scores(actions, by_subject(actions, chosen), choices_in(experiment))
+
+
+def choices_in(experiment: Experiment) -> dict[str, int]:
+    """By condition, among how many actions a subject chooses."""
+    return {
+        one.name: len(action_names(max(map(positions_for, one.schemas))))
+        for one in experiment.conditions
+    }
 
 
 def by_subject(actions: pd.DataFrame, chosen: Mapping[str, int] | None = None) -> pd.DataFrame:

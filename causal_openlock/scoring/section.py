@@ -19,7 +19,7 @@ from causal_openlock.analysis.report.section import Section, SectionPlot
 from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.scoring.failures import failures, worst_attempts
-from causal_openlock.scoring.scores import FOLDER, SUBJECT, Scores
+from causal_openlock.scoring.scores import FOLDER, SUBJECT, Scores, choices_in
 from causal_openlock.wording import file_names
 from causal_openlock.world.room import action_names, positions_for
 
@@ -60,7 +60,9 @@ def scores_on_record(material: Material) -> Scores | None:
         table = pd.concat(tables, ignore_index=True)
         kept = pd.MultiIndex.from_frame(table[SUBJECT].astype(_KEY)).isin(known)
         parts.append(table[kept])
-    return Scores(*parts) if len(parts[0]) and len(parts[1]) else None
+    actions, subjects = parts
+    made = Scores(actions, subjects, choices_in(material.experiment))
+    return made if len(actions) and len(subjects) else None
 
 
 def compute(material: Material) -> dict[str, Scores]:

@@ -109,6 +109,9 @@ def test_only_marks_that_occur_are_explained(played: Material) -> None:
     assert "[all]" in every
     assert "≥ marks" in every
     assert "*" not in every
+    assert "1 ideal; solved" in every
+    lucky = standings(played).replace({"score": {1.0: 1.01}})
+    assert "1 ideal (above 1 by luck, with few subjects);" in legend([*first_tables(lucky)], True)
     rows = [row for name in "ab" for row in play(name, same(5), 2)]
     held = replace(material(rows, ("a", "b")), like_people=frozenset())
     plain = legend([*first_tables(standings(held))], narrow=True)

@@ -10,7 +10,7 @@ import pytest
 from statsmodels.duration.survfunc import SurvfuncRight
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.sections.learning_cost import shown
+from causal_openlock.analysis.report.sections.learning_cost import section, shown
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.cost import cost_of_learning, learning_costs, median_cost
 from causal_openlock.analysis.results.survival import unsolved_after
@@ -141,6 +141,15 @@ def test_training_before_the_experiment_counts() -> None:
     assert frame["95% interval"].tolist() == ["1,002 to beyond"]
     never = shown(learning_costs(held, within=0.5))
     assert never["attempts, median"].tolist() == ["not within 1,005"]
+
+
+def test_a_median_between_two_numbers_of_attempts_is_not_rounded() -> None:
+    record = table([*solved_at(2, subject=0), *solved_at(3, subject=1)])
+    held = material_of(record, experiment_of(record, learners=(spec("a"),)), bounds=BOUNDS)
+    assert shown(learning_costs(held))["attempts, median"].tolist() == ["2.5"]
+    found = section(held)
+    assert found is not None
+    assert "Medians of subjects: a 2.5." in " ".join(found.text)
 
 
 def test_what_a_learner_declares_of_its_past_is_stored_and_changes_no_identity() -> None:

@@ -297,8 +297,10 @@ def test_the_same_learner_registered_by_two_packages_is_none(tmp_path, monkeypat
     ("name", "says"),
     [
         ("randon", "there is no learner 'randon'; did you mean random"),
-        ("no_such_module:Learner", "cannot be imported: ModuleNotFoundError: No module named"),
-        ("learners.random:NoSuchClass", "cannot be imported: AttributeError: .*NoSuchClass"),
+        ("no_such_module:Learner", "there is no module no_such_module in .*known: "),
+        ("learners.randon:Random", "there is no module learners.randon in .*did you mean random"),
+        ("learners.random.x:Random", "there is no module learners.random.x; known: none"),
+        ("learners.random:Learners", "random.py has no class Learners; .*known: RandomLearner$"),
         ("learners.random:Streams", "no subclass of Learner or OneSubjectLearner"),
         ("learners.networks.replay_buffer:np", "no subclass of Learner or OneSubjectLearner"),
         (":Learner", "names no learner; write it like my_module:MyLearner"),
@@ -326,6 +328,26 @@ def test_a_module_of_the_working_directory_is_found(tmp_path, monkeypatch) -> No
         create("does_not_parse:Mine")
     with pytest.raises(LearnerError, match="imported: ZeroDivisionError"):
         create("fails_at_import:Mine")
+
+
+def test_a_misspelt_name_is_told_apart_from_a_module_that_fails(tmp_path, monkeypatch) -> None:
+    text = "from learners.random import RandomLearner\nclass Persistent(RandomLearner): pass\n"
+    (tmp_path / "my_own_learners.py").write_text(text)
+    (tmp_path / "needs_more.py").write_text("import no_such_module_here\n")
+    (tmp_path / "needs_itself.py").write_text("import needs_itself\nneeds_itself.Persistent\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for name, says in (
+        ("my_own_learners:Persist", "^my_own_learners.py has no class Persist; did you mean Pers"),
+        (
+            "myownlearners:Persistent",
+            f"^there is no module myownlearners in {tmp_path}.*; did you mean my_own_learners?",
+        ),
+        ("needs_more:Persistent", "imported: ModuleNotFoundError: .*no_such_module_here"),
+        ("needs_itself:Persistent", "imported: AttributeError: .*partially initialized"),
+    ):
+        with pytest.raises(LearnerError, match=says):
+            create(name)
 
 
 def test_create_gives_a_learner_of_either_kind() -> None:

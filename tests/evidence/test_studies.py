@@ -433,6 +433,13 @@ def test_a_study_file_with_a_mistake_names_the_line(root: Path) -> None:
         read_study(root / "small")
 
 
+def test_no_folder_is_told_apart_from_one_without_studies(root: Path) -> None:
+    with pytest.raises(EvidenceError, match=r"no folder .*nowhere here; run this in a checkout"):
+        read_studies(root / "nowhere")
+    with pytest.raises(EvidenceError, match="small holds no study; name the folder of evidence"):
+        read_studies(root / "small")
+
+
 def test_what_was_run_under_another_seed_is_not_kept(root: Path) -> None:
     run(root)
     before = (root / "small" / "run.json").read_bytes()

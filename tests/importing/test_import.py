@@ -204,7 +204,20 @@ def test_an_attempt_of_ours_that_came_to_something_else_is_named(own: Path, tmp_
 @pytest.mark.parametrize(
     ("name", "content", "what"),
     [
-        ("data.csv", "", "there is no column subject"),
+        ("data.csv", "", "there is no column subject; it is empty"),
+        (
+            "data.csv",
+            "subject;condition;trial\na;CC3;1\n",
+            "data.csv:1: the columns are separated by ';'; save it with commas",
+        ),
+        ("data.csv", '"subject";"condition"\n"a";"CC3"\n', "are separated by ';'; save it"),
+        ("data.csv", "subject\tcondition\na\tCC3\n", "are separated by tabs; save it with commas"),
+        (
+            "data.csv",
+            "participant,condition,trial,attempt,action\n",
+            "there is no column subject; "
+            "found: participant, condition, trial, attempt, action; rename the column",
+        ),
         ("data.csv", "subject,subject,condition\n", "data.csv:1: the column subject is there"),
         ("data.csv", "subject,condition,trial,attempt,action\n", "there is no trial that is over"),
         ("data.csv", "subject,condition,trial,attempt,action\na,CC3,1\n", "3 cells and 5 columns"),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import causal_openlock as ol
@@ -173,11 +175,19 @@ def test_the_figure_has_a_line_for_each_learner_at_the_numbers_of_the_table(fold
     scores = ol.open_results(folder).scores
     axes = scores.plot(of="win_stay", ax=Figure())
     table = scores.of("win_stay").over("condition", "trial").set_index(["scored", "trial"])
-    lines = {str(line.get_label()): line.get_ydata().tolist() for line in axes.lines}
+    lines = {str(line.get_label()): [*line.get_ydata()] for line in axes.lines}
+    assert set(lines.pop("knows nothing")) == {np.log2(15)}
     assert list(lines) == scores.of("win_stay").ranking["scored"].tolist()
+    thin = [one.get_segments() for one in axes.collections if isinstance(one, LineCollection)]
+    assert [len(one) for one in thin] == [6] * len(lines)  # a line a subject, for each of them
+    assert max(line[:, 1].max() for own in thin for line in own) <= axes.get_ylim()[1]
+    mean = np.mean([line[0, 1] for line in thin[0]])
+    assert mean == pytest.approx(next(iter(lines.values()))[0])
     for name, drawn in lines.items():
         assert drawn == table.loc[name, "bits"].tolist()
     only = scores.plot(learners=["random"], ax=Figure())
-    assert len(only.lines) == 1
+    assert [line.get_label() for line in only.lines] == ["knows nothing", "random"]
+    untold = replace(scores, choices={}).plot(learners=["random"], ax=Figure())
+    assert [line.get_label() for line in untold.lines] == ["random"]
     with pytest.raises(OpenLockError, match="did you mean win_stay"):
         scores.plot(of="winstay", ax=Figure())

@@ -52,6 +52,7 @@ class FirstTable:
         short_heads: The same for a narrow table.
         rows: By learner, what is in the other columns; :data:`SHOWN_PEOPLE` stand first.
         short_rows: The same for a narrow table, a text each.
+        above: Whether a score is shown as above 1, that of the ideal observer.
     """
 
     protocol: str
@@ -67,6 +68,7 @@ class FirstTable:
     rows: Mapping[str, tuple[Cell, ...]]
     short_rows: Mapping[str, tuple[str, ...]]
     marks: frozenset[str]
+    above: bool
 
     @property
     def measured(self) -> str:
@@ -134,6 +136,7 @@ def first_tables(standings: pd.DataFrame) -> Iterator[FirstTable]:
                 for mark, text in (("≥", "≥"), ("≤", "≤"), ("*", "*"), ("all", "in every subject"))
                 if any(text in part for cells in wide.values() for cell in cells for part in cell)
             ),
+            above=bool((rows["score"].astype(float).round(2) > 1).any()),
         )
 
 
@@ -150,6 +153,7 @@ def legend(tables: Sequence[FirstTable], narrow: bool = False) -> str:
         columns={name for table in tables for name in table.columns},
         marks=frozenset().union(*(table.marks for table in tables)),
         given=any(set(table.references) - {SHOWN_PEOPLE} for table in tables),
+        above=any(table.above for table in tables),
     )
 
 

@@ -95,6 +95,11 @@ def test_the_section_names_the_pairs_of_which_no_difference_is_found() -> None:
     assert table["p corrected"].tolist() == pytest.approx([3 * 2 / 2**72, 3 * 2 / 2**72, 1.0])
     told, _ = said(material([*play("a", scattered(1), 4), *play("b", scattered(9), 4)], ("a", "b")))
     assert "Protocol human: of 1 pair of learners 0 differ in" in told
+    whole = pairwise.section(held, decisions_of(held, ["pairwise"]))
+    assert whole is not None
+    assert (
+        "An interval is for its comparison alone; what is found is decided after" in whole.text[1]
+    )
 
 
 def said(held: Material) -> tuple[str, pd.DataFrame]:

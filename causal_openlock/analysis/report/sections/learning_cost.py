@@ -19,13 +19,13 @@ def section(material: Material) -> Section | None:
     table = learning_costs(material)
     if table.empty:
         return None
-    able = table[np.isfinite(table["attempts"])]
+    able = table[np.isfinite(table["attempts"])].sort_values("attempts", kind="stable")
     return _PROSE.section(
         "learning_cost",
         [_PROSE.table("learning_cost", shown(table), {"reached": ".0%", "n": ","})],
         [_PROSE.plot("learning_cost", plot_cost, material, name="cost_of_learning")],
         within=WITHIN,
-        able=able.sort_values("attempts", kind="stable").to_dict("records"),
+        able=able.assign(attempts=able["attempts"].map(_printed)).to_dict("records"),
         total=len(table),
         unable=table.loc[np.isinf(table["attempts"]), "learner"].tolist(),
     )
@@ -36,7 +36,7 @@ def shown(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for row in table.to_dict("records"):
         never = f"not within {row['asked']:,}"
-        ends = [f"{row[end]:,.0f}" if np.isfinite(row[end]) else "beyond"
+        ends = [_printed(row[end]) if np.isfinite(row[end]) else "beyond"
                 for end in ("ci_low", "ci_high")]  # fmt: skip
         known = np.isfinite(row["attempts"])
         rows.append(
@@ -46,9 +46,14 @@ def shown(table: pd.DataFrame) -> pd.DataFrame:
                 "n": row["subjects"],
                 "reached": row["reached"],
                 "before the experiment": f"{row['before']:,}" if row["before"] else "none",
-                "attempts, median": f"{row['attempts']:,.0f}" if known else never,
+                "attempts, median": _printed(row["attempts"]) if known else never,
                 "95% interval": " to ".join(ends) if known else "",
             }
         )
     frame = pd.DataFrame(rows)
     return frame.drop(columns="protocol") if frame["protocol"].nunique() == 1 else frame
+
+
+def _printed(attempts: float) -> str:
+    """Attempts; of a median between two whole numbers with its half."""
+    return f"{attempts:,.1f}".removesuffix(".0")
