@@ -46,7 +46,7 @@ from causal_openlock.fitting.kept import kept_fit
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
-from causal_openlock.scoring.scores import Scores, by_subject, score_learners
+from causal_openlock.scoring.scores import Scores, by_subject, choices_in, score_learners
 from causal_openlock.scoring.teacher_forcing import (
     EXACT,
     GROUP,
@@ -202,7 +202,8 @@ def score_fits(
     for one in others:
         for own, all_of_them in ((one.actions, tables), (one.subjects, subjects)):
             all_of_them.append(own[subject_names(own).isin(shared)])
-    return Scores(*(pd.concat(own, ignore_index=True) for own in (tables, subjects)))
+    parts = (pd.concat(own, ignore_index=True) for own in (tables, subjects))
+    return Scores(*parts, choices_in(experiment))
 
 
 def _check(

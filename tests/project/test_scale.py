@@ -56,10 +56,15 @@ def test_workers_cost_what_the_page_says(
 def test_the_record_costs_what_the_page_says(
     page: str, measured: dict[tuple[str, str, int], float]
 ) -> None:
-    of = {name: measured["attempts", name, 10**6] for name in ("written", "read", "summarised")}
-    size = measured["attempts", "on disk", 10**6] / 1e6
-    times = "{written:.2f} s, {read:.2f} s and {summarised:.2f} s".format(**of)
-    assert f"A million attempts take {times}, and {size:.1f} MB of the disk" in page
+    said = " ".join(page.split())
+    for many, words, digits, place in (
+        (10**6, "A million attempts", 2, 1),
+        (10**7, "ten million", 1, 0),
+    ):
+        of = [measured["attempts", name, many] for name in ("written", "read", "summarised")]
+        first, second, third = (f"{seconds:.{digits}f} s" for seconds in of)
+        size = f"{measured['attempts', 'on disk', many] / 1e6:.{place}f} MB"
+        assert f"{words} take {first}, {second} and {third}, and {size}" in said
 
 
 def test_growth_is_what_the_page_says(
@@ -69,16 +74,23 @@ def test_growth_is_what_the_page_says(
         return f"{measured[grows, of, large] / measured[grows, of, small]:.1f}"
 
     said = " ".join(page.split())
-    hundred = [times("subjects", of, 1, 100) for of in ("random", "tabular_q", "bayes")]
+    learners = ("random", "tabular_q", "ddqn", "bayes")
+    hundred = [times("subjects", of, 1, 100) for of in learners]
     assert f"takes {hundred[0]} times as long as one of a single subject with `random`" in said
-    assert f"{hundred[1]} times with `tabular_q` and {float(hundred[2]):.0f} times" in said
-    assert f"ten take {times('subjects', 'ddqn', 1, 10)} times as long as one" in said
+    trained, belief = (f"{float(one):.0f}" for one in hundred[2:])
+    assert (
+        f"{hundred[1]} times with `tabular_q`, {trained} times with `ddqn` and {belief} times"
+        in said
+    )
+    for of in ("bayes", "ddqn"):
+        each = [1000 * measured["subjects", of, many] / many for many in (1, 10, 100, 1000)]
+        assert "{:.0f}, {:.0f}, {:.0f} and {:.0f} ms with `{}`".format(*each, of) in said
     levers = max(times("levers", of, 3, 12) for of in ("random", "tabular_q", "ddqn"))
     assert f"up to {levers} times as much in a room of twelve levers" in said
     kinds = ("written", "read", "summarised")
-    few = [times("attempts", of, 10**4, 10**5) for of in kinds]
-    many = [times("attempts", of, 10**5, 10**6) for of in kinds]
+    few = [times("attempts", of, 10**5, 10**6) for of in kinds]
+    many = [times("attempts", of, 10**6, 10**7) for of in kinds]
     assert (
         f"writing takes {few[0]} times as long, reading {few[1]} and summarising {few[2]}" in said
     )
-    assert f"to a million {many[0]}, {many[1]} and {many[2]} times" in said
+    assert f"to ten million {many[0]}, {many[1]} and {many[2]} times" in said
