@@ -13,6 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import causal_openlock as ol
+from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.sections import ORDER, decisions_of, sections_of
 from causal_openlock.comparison.results import SECTIONS
@@ -191,3 +192,14 @@ def test_the_figure_has_a_line_for_each_learner_at_the_numbers_of_the_table(fold
     assert [line.get_label() for line in untold.lines] == ["random"]
     with pytest.raises(OpenLockError, match="did you mean win_stay"):
         scores.plot(of="winstay", ax=Figure())
+
+
+def test_means_over_subjects_who_follow_several_are_said_to_describe_none() -> None:
+    """What is said of five people of whom four follow one learner and one another."""
+    said = Prose("scores").sentence(
+        "predicted", of="person", uniform=3.91, actions=100, beaten=[], others=["theory"],
+        best={"subjects": 5, "scored": "win_stay", "bits": 2.0, "low": 1.0, "high": 3.0},
+        most={"followed": 0.7, "scored": "win_stay", "most frequent": 0.8},
+        worst={"part": "pulls", "bits": 3.0, "expected": 1.0}, sure={"win_stay": 4, "theory": 1},
+    )  # fmt: skip
+    assert "at least 0.9, 4 follow win_stay and 1 follows theory. Means over all of them" in said
