@@ -202,8 +202,8 @@ def score_fits(
     for one in others:
         for own, all_of_them in ((one.actions, tables), (one.subjects, subjects)):
             all_of_them.append(own[subject_names(own).isin(shared)])
-    parts = (pd.concat(own, ignore_index=True) for own in (tables, subjects))
-    return Scores(*parts, choices_in(experiment))
+    actions, each = (pd.concat(own, ignore_index=True) for own in (tables, subjects))
+    return Scores(actions, each, choices_in(experiment))
 
 
 def _check(
