@@ -60,6 +60,7 @@ def recover(
     from causal_openlock.comparison.recovering import (
         Running,
         ToRecover,
+        is_another_twentieth,
         parameters_recovered,
         predicted,
     )
@@ -81,7 +82,7 @@ def recover(
         def running(what: str) -> Running:
             def report(done: int, total: int) -> None:
                 status.update(f"{what}: {done} of {total} parts")
-                if not console.is_terminal and done * 20 // total > (done - 1) * 20 // total:
+                if not console.is_terminal and is_another_twentieth(done, total):
                     console.print_line(f"{what}: {done} of {total} parts")
 
             status.update(f"{what}: 0 parts are done")

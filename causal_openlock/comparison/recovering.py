@@ -81,6 +81,15 @@ class Running:
         return store
 
 
+def is_another_twentieth(done: int, total: int) -> bool:
+    """Whether a log that has a line for each twentieth has one now.
+
+    >>> [done for done in range(1, 61) if is_another_twentieth(done, 60)][:3]
+    [3, 6, 9]
+    """
+    return done * 20 // total > (done - 1) * 20 // total
+
+
 def predicted(
     experiment: Experiment, folder: Path, size: ToRecover, running: Running
 ) -> pd.DataFrame:

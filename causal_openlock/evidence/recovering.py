@@ -19,6 +19,7 @@ from causal_openlock.comparison.recovering import (
     SIMULATED,
     Running,
     ToRecover,
+    is_another_twentieth,
     parameters_recovered,
     predicted,
     searched,
@@ -112,7 +113,7 @@ def _recovered(units: pd.DataFrame) -> set[str]:
 
 def _running(watched: Watched, what: str) -> Running:
     def report(done: int, total: int) -> None:
-        if done * 20 // total > (done - 1) * 20 // total:
+        if is_another_twentieth(done, total):
             watched.say(f"{what}: {done} of {total} parts are done")
 
     return Running(watched.workers, watched.warn, watched.show, report)

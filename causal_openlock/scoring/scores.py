@@ -143,10 +143,8 @@ class Scores:
         own = self.of(whose)
         names = [str(name) for name in own.ranking["scored"]]
         names = [name for name in names if learners is None or name in learners]
-        each = own.actions.assign(bits=-own.actions["log_probability"] / LN2)
-        each = each.groupby(["scored", *SUBJECT, "trial"], observed=True)["bits"].mean()
-        means = own.over("condition", "trial")
-        return draw_scores(means, each.reset_index(), names, self.choices, ax)
+        each, means = _of_each(own.actions, ["condition", "trial"]), own.over("condition", "trial")
+        return draw_scores(means, each, names, self.choices, ax)
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``actions.parquet``, ``subjects.csv`` and ``followed.csv``; returns where.
@@ -338,19 +336,23 @@ def over(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
         many ``subjects``. What one does that the learner takes for impossible needs infinitely
         many, and has no interval.
     """
-    by = ["scored", *columns]
-    table = actions.assign(
-        bits=-actions["log_probability"] / LN2, expected=actions["entropy"] / LN2, done=1
-    )
-    each = table.groupby([*dict.fromkeys([*by, *SUBJECT])], observed=True)
-    own = each.agg(bits=("bits", "mean"), expected=("expected", "mean"), done=("done", "sum"))
-    own = own.reset_index()
+    by, own = ["scored", *columns], _of_each(actions, columns)
     found = own.groupby(by, observed=True).agg(
         subjects=("bits", "size"), actions=("done", "sum"), bits=("bits", "mean"),
         expected=("expected", "mean"),
     )  # fmt: skip
     known = own[np.isfinite(own.groupby(by, observed=True)["bits"].transform("max"))]
     return found.reset_index().merge(mean_intervals(known, by, "bits"), on=by, how="left")
+
+
+def _of_each(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
+    """Of each subject, in each part: mean ``bits`` and ``expected``, and actions ``done``."""
+    table = actions.assign(
+        bits=-actions["log_probability"] / LN2, expected=actions["entropy"] / LN2, done=1
+    )
+    each = table.groupby([*dict.fromkeys(["scored", *columns, *SUBJECT])], observed=True)
+    own = each.agg(bits=("bits", "mean"), expected=("expected", "mean"), done=("done", "sum"))
+    return own.reset_index()
 
 
 def _interval(values: np.ndarray) -> tuple[float, float, float, float]:

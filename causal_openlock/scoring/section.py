@@ -21,7 +21,7 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.scoring.failures import failures, worst_attempts
 from causal_openlock.scoring.scores import FOLDER, SUBJECT, Scores, choices_in
 from causal_openlock.wording import file_names
-from causal_openlock.world.room import action_names, positions_for
+from causal_openlock.world.room import positions_for
 
 MOST_PLOTS = 4
 """A figure for the subjects of so many learners; tables have all of them."""
@@ -114,7 +114,7 @@ def section(material: Material, decisions: Decisions) -> Section | None:
         tables["failures"].append(worst.assign(of=of, by=best))
         tables["worst_attempts"].append(worst_attempts(own, positions).assign(of=of, by=best))
         sure = one.attributed.query("probability >= @SURE")["follows"].value_counts()
-        who.append({**_found(of, ranked, worst, own, positions), "sure": sure.to_dict()})
+        who.append({**_found(of, ranked, worst, own, one.choices), "sure": sure.to_dict()})
         if len(plots) < MOST_PLOTS:
             name = f"scores_{parts[of]}"
             call = f"results.scores.plot(of={of!r})"
@@ -139,12 +139,12 @@ def _found(
     ranked: pd.DataFrame,
     worst: pd.DataFrame,
     own: pd.DataFrame,
-    positions: Mapping[str, int],
+    choices: Mapping[str, int],
 ) -> dict[str, Any]:
     """What is said of the subjects of one learner."""
     others = ranked.iloc[1:]
     beaten = others["p_corrected"] < ALPHA
-    size = {name: np.log2(len(action_names(count))) for name, count in positions.items()}
+    size = {name: np.log2(count) for name, count in choices.items()}
     return {
         "of": of,
         "best": ranked.iloc[0].to_dict(),
