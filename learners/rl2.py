@@ -12,7 +12,6 @@ with the trained weights and follows the same policy gradient, on the experiment
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -24,6 +23,7 @@ from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
+from causal_openlock.files.digest import digest
 from causal_openlock.world.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, certain
 from learners.networks.checkpointed import Checkpointed
@@ -89,7 +89,7 @@ class RL2(Checkpointed, Learner):
         try:
             if path.exists() and not (path.is_file() and path.stat().st_size <= MOST_BYTES):
                 raise LearnerError(f"{path} is no checkpoint of rl2; name a file of its weights")
-            return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+            return digest(path.read_bytes())
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise LearnerError(f"the network of rl2 cannot be read: {path}: {reason}") from None

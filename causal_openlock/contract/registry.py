@@ -17,11 +17,8 @@ explains them to users.
 
 from __future__ import annotations
 
-import hashlib
 import inspect
-import pkgutil
 import sys
-import sysconfig
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from functools import cache, lru_cache
@@ -33,13 +30,15 @@ from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.session_code import is_of_session, session_source
 from causal_openlock.errors import LearnerError
+from causal_openlock.files.digest import digest
+from causal_openlock.files.misspelt import misspelt
 from causal_openlock.files.module_source import (
     MODULE_AND_NAME,
     is_installed,
     look_beside,
     module_source,
 )
-from causal_openlock.wording import joined, nearest
+from causal_openlock.wording import nearest
 
 ENTRY_POINTS = "causal_openlock.learners"
 
@@ -81,12 +80,6 @@ def _origin(entry: EntryPoint) -> str:
 def _package(name: str) -> Distribution | None:
     entry = registry().get(name)
     return entry.dist if entry else None
-
-
-def digest(source: bytes | str) -> str:
-    """A hash of source code, in short."""
-    content = source if isinstance(source, bytes) else source.encode()
-    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def origin(name: str) -> str:
@@ -152,9 +145,9 @@ def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
     try:
         loaded = entry.load()
     except Exception as error:  # a module can fail in any way while it is imported
-        misspelt = _misspelt(entry, error) if name == entry.value else None
+        meant = misspelt(entry, error, "class", _is_learner) if name == entry.value else None
         raise LearnerError(
-            misspelt
+            meant
             or f"the learner {name!r} ({entry.value}) cannot be imported: "
             f"{type(error).__name__}: {error}"
         ) from error
@@ -165,41 +158,9 @@ def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
     return loaded
 
 
-def _misspelt(entry: EntryPoint, error: Exception) -> str | None:
-    """What to say where ``module:Class`` names no module, or no class of it; else None.
-
-    What a module fails with while it is imported is none of these.
-    """
-    if isinstance(error, ModuleNotFoundError):
-        missing = error.name or ""
-        return _no_module(missing) if f"{entry.module}.".startswith(f"{missing}.") else None
-    module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept
-    if module is None or is_of_session(entry.value) or not isinstance(error, AttributeError):
-        return None
-    source = Path(getattr(module, "__file__", None) or entry.module)
-    shown = source.relative_to(Path.cwd()) if source.is_relative_to(Path.cwd()) else source
+def _is_learner(value: Any) -> bool:
     kinds = Learner, OneSubjectLearner
-    known = [
-        name
-        for name, value in vars(module).items()
-        if isinstance(value, type) and issubclass(value, kinds) and value not in kinds
-    ]
-    return f"{shown} has no class {entry.attr}; {nearest(entry.attr, known)}"
-
-
-def _no_module(missing: str) -> str:
-    """That there is no such module, and which ones there are where one's own are looked for."""
-    package, _, last = missing.rpartition(".")
-    if package:
-        places = [*getattr(sys.modules.get(package), "__path__", ())]
-    else:
-        ours = {Path(__file__).parents[2], Path(sysconfig.get_path("scripts"))}
-        paths = [Path(place).resolve() for place in sys.path if Path(place) not in ours]
-        own = [path for path in paths if path.is_dir() and not is_installed(path)]
-        places = [str(path) for path in dict.fromkeys([Path.cwd(), *own])]
-    where = f" in {joined(places)}" if places else ""
-    known = {found.name for found in pkgutil.iter_modules(places)}
-    return f"there is no module {missing}{where}; {nearest(last, known)}"
+    return isinstance(value, type) and issubclass(value, kinds) and value not in kinds
 
 
 def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:

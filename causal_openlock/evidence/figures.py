@@ -11,7 +11,6 @@ the drawing: so a figure of other units, or one that was changed, is found witho
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -37,6 +36,7 @@ from causal_openlock.evidence.study import (
 )
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import mean_of
+from causal_openlock.files.digest import digest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,7 +67,7 @@ def _marked(svg: str, evidence: Evidence, name: str) -> str:
     file = evidence.study.file
     what = file.derived if name == OF_ALL else file.tables[name].model_dump()
     made_of = json.dumps([FORM, evidence.run["files"][UNITS], what, svg])  # rows have an order
-    return f"{svg}{_MARK}{hashlib.sha256(made_of.encode()).hexdigest()[:16]} -->\n"
+    return f"{svg}{_MARK}{digest(made_of)} -->\n"
 
 
 def drawn(evidence: Evidence, name: str) -> str:

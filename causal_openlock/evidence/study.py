@@ -21,7 +21,6 @@ Example of a ``study.yaml``::
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shlex
@@ -39,6 +38,7 @@ from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.file_format import NAME_FORM
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import plain, read_document
 from causal_openlock.fitting.recovery import space_of
@@ -432,7 +432,7 @@ class Study:
 
 
 def _digest(content: Any) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return digest(json.dumps(content, sort_keys=True))
 
 
 def read_study(folder: Path) -> Study:

@@ -19,6 +19,7 @@ from causal_openlock.contract.session_code import is_of_session
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.digest import digest
 from causal_openlock.files.local_modules import local_modules
 from causal_openlock.files.module_source import is_installed, module_source
 from causal_openlock.world import reward_code
@@ -58,7 +59,7 @@ def carry(experiment: Experiment, folder: Path) -> CarriedCode:
         if source is None or is_installed(source) or module.startswith("causal_openlock."):
             continue
         files = {inside: path.read_bytes() for inside, path in local_modules(module).files.items()}
-        held = {f"{Path(one).name} {registry.digest(text)}" for one, text in files.items()}
+        held = {f"{Path(one).name} {digest(text)}" for one, text in files.items()}
         file = declared.rpartition(" ")[0]
         if declared not in held and any(one.startswith(f"{file} ") for one in held):
             raise LearnerError(
@@ -67,7 +68,7 @@ def carry(experiment: Experiment, folder: Path) -> CarriedCode:
             )
         found.update(files)
     hashes = {inside: _sha256(content) for inside, content in sorted(found.items())}
-    place = folder.resolve() / "code" / registry.digest(repr(hashes))
+    place = folder.resolve() / "code" / digest(repr(hashes))
     for inside, content in found.items():
         write_bytes(place / inside, content)
     return CarriedCode(str(place), hashes)

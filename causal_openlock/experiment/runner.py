@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from uuid import uuid4
 
-from causal_openlock.contract.registry import digest, is_ours
+from causal_openlock.contract.registry import is_ours
 from causal_openlock.contract.session_code import is_of_session, packed, session_source
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.carried_code import carry
@@ -40,6 +40,7 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.worker import Watching, play_cell, record_failure
 from causal_openlock.experiment.workers import Crew, available_cores, crew
 from causal_openlock.files.atomic import write_text
+from causal_openlock.files.digest import digest
 
 LOOK_EVERY = 1.0
 """Seconds between two looks at the progress of the cells."""

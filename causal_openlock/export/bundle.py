@@ -40,7 +40,6 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Template
 
 from causal_openlock.analysis.report.writing import files_of
-from causal_openlock.contract.registry import digest
 from causal_openlock.contract.session_code import is_of_session
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.containment import check_inside
@@ -50,6 +49,7 @@ from causal_openlock.experiment.stored import StoredExperiment, Versions
 from causal_openlock.export.croissant import as_json, croissant, data_card
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.atomic import replacing, write_bytes
+from causal_openlock.files.digest import digest
 from causal_openlock.files.local_modules import local_modules
 from causal_openlock.files.module_source import module_source
 from causal_openlock.files.yaml_file import dump_yaml

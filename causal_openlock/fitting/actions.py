@@ -24,11 +24,12 @@ import pandas as pd
 from pydantic import TypeAdapter
 from scipy.optimize import minimize
 
-from causal_openlock.contract.registry import digest, parse_parameters
+from causal_openlock.contract.registry import parse_parameters
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.workers import worker_pool
+from causal_openlock.files.digest import digest
 from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
 from causal_openlock.fitting.search import Range, SearchSpace, check_chosen
 from causal_openlock.fitting.study import proposals, require_optuna

@@ -31,6 +31,7 @@ from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import sweep, write_text
+from causal_openlock.files.digest import digest
 from causal_openlock.play.game import EXPERIMENT, Answer
 from causal_openlock.play.log import Entry as LogEntry
 from causal_openlock.play.log import Log, is_forgotten, is_join, is_return, is_turn
@@ -126,7 +127,7 @@ class People:
         )
         self.practice, self._clock = practice, clock
         self.ask, self.consent, self.recruiting = ask, consent, tuple(recruiting)
-        self.consent_mark = hashlib.sha256(consent.encode()).hexdigest()[:16] if consent else ""
+        self.consent_mark = digest(consent) if consent else ""
         self.store = Store(folder)
         self._people: dict[str, Participant] = {}
         self._order: list[Participant | None] = []  # None: their data were deleted

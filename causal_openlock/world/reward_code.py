@@ -18,7 +18,6 @@ results can be read without the code.
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import sys
 from collections.abc import Callable
@@ -31,6 +30,8 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.errors import RewardError
+from causal_openlock.files.digest import digest
+from causal_openlock.files.misspelt import misspelt
 from causal_openlock.files.module_source import MODULE_AND_NAME, look_beside
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.reward_table import Events, RewardFunction
@@ -106,10 +107,11 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
         raise RewardError(f"{name!r} names no reward; write it like my_module:my_function")
     look_beside()
     try:
-        function = EntryPoint(name, name, "").load()
+        function = (entry := EntryPoint(name, name, "")).load()
     except Exception as error:  # a module can fail in any way while it is imported
         raise RewardError(
-            f"the reward {name!r} cannot be imported: {type(error).__name__}: {error}"
+            misspelt(entry, error, "function", inspect.isfunction)
+            or f"the reward {name!r} cannot be imported: {type(error).__name__}: {error}"
         ) from error
     if not callable(function) or isinstance(function, type):
         raise RewardError(f"{name!r} is no function; a reward is a function of events")
@@ -117,8 +119,7 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
     source = inspect.getsourcefile(sys.modules[name.partition(":")[0]])
     if source is None:
         raise RewardError(f"{name!r} has no source that can be recorded; write it in a file")
-    digest = hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]
-    return function, f"{Path(source).name} {digest}"
+    return function, f"{Path(source).name} {digest(Path(source).read_bytes())}"
 
 
 def forget() -> None:

@@ -1,0 +1,61 @@
+"""What is wrong with ``module:name`` if it names nothing: a module or a name that may be misspelt.
+
+A module that fails while it is imported is something else: its own error says more.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+import sys
+import sysconfig
+from collections.abc import Callable
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+from causal_openlock.files.module_source import is_installed
+from causal_openlock.wording import joined, nearest
+
+
+def misspelt(
+    entry: EntryPoint, error: Exception, kind: str, fits: Callable[[Any], bool]
+) -> str | None:
+    """What to say where ``module:name`` names no module, or nothing in it; else None.
+
+    Args:
+        entry: What was loaded.
+        error: What loading it raised.
+        kind: What the name is to be, such as ``class``.
+        fits: Whether something else in the module could have been meant.
+
+    Example:
+        >>> entry = EntryPoint("", "causal_openlock.wording:conted", "")
+        >>> said = misspelt(entry, AttributeError(), "function", callable)
+        >>> "wording.py has no function conted; did you mean counted?" in said
+        True
+    """
+    if isinstance(error, ModuleNotFoundError):
+        missing = error.name or ""
+        return _no_module(missing) if f"{entry.module}.".startswith(f"{missing}.") else None
+    module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept
+    if module is None or entry.module == "__main__" or not isinstance(error, AttributeError):
+        return None
+    source = Path(getattr(module, "__file__", None) or entry.module)
+    shown = source.relative_to(Path.cwd()) if source.is_relative_to(Path.cwd()) else source
+    known = [name for name, value in vars(module).items() if name[0] != "_" and fits(value)]
+    return f"{shown} has no {kind} {entry.attr}; {nearest(entry.attr, known)}"
+
+
+def _no_module(missing: str) -> str:
+    """That there is no such module, and which ones there are where one's own are looked for."""
+    package, _, last = missing.rpartition(".")
+    if package:
+        places = [*getattr(sys.modules.get(package), "__path__", ())]
+    else:
+        ours = {Path(__file__).parents[2], Path(sysconfig.get_path("scripts"))}
+        paths = [Path(place).resolve() for place in sys.path if Path(place) not in ours]
+        own = [path for path in paths if path.is_dir() and not is_installed(path)]
+        places = [str(path) for path in dict.fromkeys([Path.cwd(), *own])]
+    where = f" in {joined(places)}" if places else ""
+    known = {found.name for found in pkgutil.iter_modules(places)}
+    return f"there is no module {missing}{where}; {nearest(last, known)}"
