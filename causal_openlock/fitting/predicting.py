@@ -55,6 +55,7 @@ from causal_openlock.scoring.teacher_forcing import (
     scored_parts,
     subject_names,
 )
+from causal_openlock.wording import joined
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -193,7 +194,8 @@ def score_fits(
     _check(fits, learners, parts, lapse)
     shared = [who for who in subjects_of(parts) if all(who in one.subjects for one in fits)]
     if not shared:
-        raise StoreError("no subject is in all of these fits; fit all of them to the same subjects")
+        labels = joined([one.label for one in fits])
+        raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")
     tables = [_predicted(one, parts, set(shared), lapse, draws, workers) for one in fits]
     subjects = [
         table.assign(bic=2.0 * table["nll"] + subject_names(table).map(one.price))

@@ -114,7 +114,8 @@ def section(material: Material, decisions: Decisions) -> Section | None:
         tables["failures"].append(worst.assign(of=of, by=best))
         tables["worst_attempts"].append(worst_attempts(own, positions).assign(of=of, by=best))
         sure = one.attributed.query("probability >= @SURE")["follows"].value_counts()
-        who.append({**_found(of, ranked, worst, own, one.choices), "sure": sure.to_dict()})
+        found = _found(of, ranked, worst, own, one.choices)
+        who.append({**found, "sure": sure.to_dict(), "at_least": SURE})
         if len(plots) < MOST_PLOTS:
             name = f"scores_{parts[of]}"
             call = f"results.scores.plot(of={of!r})"

@@ -124,6 +124,9 @@ def test_mistakes_are_explained(folder: Path, tmp_path: Path) -> None:
     other = read_fit(changed(whole, tmp_path / "others", subjects=dict.fromkeys(names, "0")))
     with pytest.raises(StoreError, match="fitted to other actions"):
         scored(folder, other)
+    nobody = read_fit(changed(whole, tmp_path / "nobody", subjects={"somebody else": "0"}))
+    with pytest.raises(StoreError, match="no subject was fitted in each of all and nobody"):
+        scored(folder, read_fit(whole), nobody)
 
 
 def test_a_fit_runs_no_code_and_opens_no_file_unasked(folder: Path, tmp_path: Path) -> None:

@@ -200,6 +200,7 @@ def test_means_over_subjects_who_follow_several_are_said_to_describe_none() -> N
         "predicted", of="person", uniform=3.91, actions=100, beaten=[], others=["theory"],
         best={"subjects": 5, "scored": "win_stay", "bits": 2.0, "low": 1.0, "high": 3.0},
         most={"followed": 0.7, "scored": "win_stay", "most frequent": 0.8},
-        worst={"part": "pulls", "bits": 3.0, "expected": 1.0}, sure={"win_stay": 4, "theory": 1},
+        worst={"part": "pulls", "bits": 3.0, "expected": 1.0},
+        sure={"win_stay": 4, "theory": 1}, at_least=0.9,
     )  # fmt: skip
     assert "at least 0.9, 4 follow win_stay and 1 follows theory. Means over all of them" in said
