@@ -185,7 +185,7 @@ def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
     from causal_openlock.experiment.folder_lock import LOCK
     from causal_openlock.fitting.actions import FILE as OF_ACTIONS
-    from causal_openlock.fitting.hierarchical import PROGRESS
+    from causal_openlock.fitting.progress import PROGRESS
     from causal_openlock.fitting.study import FILE
 
     for place in (folder, *folder.parents):

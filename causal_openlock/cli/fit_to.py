@@ -94,7 +94,8 @@ def _print_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal) ->
 def _print_mixture(table: pd.DataFrame, plans: Mapping[str, ActionPlan], console: Terminal) -> None:
     """How many subjects follow each learner, and how well they predict, alone and together."""
     from causal_openlock.comparison.console import plain_table
-    from causal_openlock.fitting.hierarchical import GROUP, MIXTURE
+    from causal_openlock.fitting.hierarchical import GROUP
+    from causal_openlock.fitting.mixture import MIXTURE
 
     shown = plain_table("", "followed by", "with", "bits/action", "held out")
     for row in table[table["who"] == GROUP].to_dict("records"):

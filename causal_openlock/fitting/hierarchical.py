@@ -11,141 +11,42 @@ each (:mod:`~causal_openlock.fitting.mixture`), and counts for as much in fittin
 who follow another learner do not spoil it (Piray et al. 2019, PLoS Computational Biology 15:
 e1007043; there groups have priors, where here they have a price).
 
-The first peaks are looked for from the best of a number of points that are spread evenly (Halton),
-the same for all subjects. Parameters that are whole numbers have no normal distribution, and of
-learners without probabilities likelihoods are too rough for curvatures: both are refused. A learner
-of which nothing is searched takes part in a mixture as it is.
+Subjects are asked in rounds for their most probable parameters under the priors of their groups
+(:mod:`~causal_openlock.fitting.subject_peak`), and groups follow from what they answer; what they
+answered is kept (:mod:`~causal_openlock.fitting.progress`). Parameters that are whole numbers have
+no normal distribution, and of learners without probabilities likelihoods are too rough for
+curvatures: both are refused. A learner of which nothing is searched takes part in a mixture as it
+is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
-from itertools import combinations, islice
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
-from scipy.special import expit, logit, logsumexp
-from scipy.stats import norm, qmc
+from scipy.special import logsumexp
 
-from causal_openlock.errors import LearnerError, StoreError
+from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.workers import worker_pool
-from causal_openlock.fitting.actions import (
-    DIFFERING,
-    FILE,
-    WHOLE,
-    ActionPlan,
-    Fitted,
-    Predictions,
-    fits_of,
-    held_out,
-    of_share,
-    subjects_of,
-)
-from causal_openlock.fitting.group import (
-    SETTLED,
-    SPREADS,
-    Group,
-    Peak,
-    evidence_of,
-    group_of,
-    peak,
-)
-from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
-from causal_openlock.fitting.mixture import Mixture, mixture_of
+from causal_openlock.fitting.actions import WHOLE, ActionPlan, Fitted, Predictions
+from causal_openlock.fitting.group import SETTLED, Group, Peak, evidence_of, group_of
+from causal_openlock.fitting.kept import fitting_in
+from causal_openlock.fitting.mixture import MIXTURE, Mixture, mixture_of
+from causal_openlock.fitting.progress import Progress
+from causal_openlock.fitting.subject_peak import PeakJob, chosen_at
 from causal_openlock.scoring.teacher_forcing import Recorded
 from causal_openlock.world.fsm import FloatArray, IntArray
 
 GROUP = "group"
 """Label of the fit of a group itself."""
-MIXTURE = "mixture"
-"""Learner of the fit of all groups together."""
-PROGRESS = "hierarchical.json"
-"""What is done of a fit that goes on."""
 ROUNDS = 25
 """The most rounds in which subjects are asked."""
 NO_EFFECT = 1e-6
 """Slopes and curvatures below are rounding errors, in nats per log-odds."""
-
-Do = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-"""What carries out a function on several jobs, in their order."""
-
-
-@dataclass(frozen=True)
-class StartJob:
-    """Where the search begins for some subjects."""
-
-    part: Recorded
-    plan: ActionPlan
-
-
-@dataclass(frozen=True)
-class PeakJob:
-    """The most probable parameters of one subject, without one fold."""
-
-    part: Recorded
-    plan: ActionPlan
-    fold: int
-    group: Group
-    start: FloatArray
-
-
-Starts = dict[str, list[list[float]]]
-"""By subject, and then by fold, where the search begins, in log-odds."""
-
-
-def start_job(job: StartJob) -> Starts:
-    """Try the same points for all subjects; the best of each, by fold."""
-    plan, numbers = job.plan, job.part.numbers
-    points = np.zeros((1, 0))
-    if free := len(plan.space.ranges):
-        points = qmc.Halton(free, rng=plan.seed).random(plan.candidates)
-        points = logit(points.clip(0.01, 0.99))
-    prior = norm.logpdf(points, scale=SPREADS[1]).sum(axis=1)
-    predicted = Predictions([job.part], plan)
-    losses = np.zeros((len(plan.numbers), len(numbers), len(points)))
-    for number, point in enumerate(points):
-        table = predicted(chosen_at(plan, point))
-        for row, fold in enumerate(plan.numbers):
-            own = table[~held_out(table, plan, fold)]
-            sums = -own.groupby("subject")["log_probability"].sum()
-            losses[row, :, number] = sums.reindex(numbers, fill_value=0.0).clip(upper=1e6)
-    best = (losses - prior).argmin(axis=2)
-    return {who: points[best[:, row]].tolist() for row, who in enumerate(job.part.alone())}
-
-
-def peak_job(job: PeakJob) -> Peak:
-    """Find the peak of one subject, and predict what is held out of its actions there."""
-    plan, predicted = job.plan, Predictions([job.part], job.plan)
-
-    def loss(x: FloatArray) -> float:
-        return predicted.loss(chosen_at(plan, x), job.fold)
-
-    out = held_out(predicted(chosen_at(plan, job.start)), plan, job.fold)
-    if out.all():
-        zero = np.zeros_like(job.start)
-        found = Peak(job.group.mean.tolist(), zero.tolist(), np.diag(zero).tolist(), 0.0)
-    elif not len(job.start):
-        found = Peak([], [], [], loss(job.start))
-    else:
-        found = peak(loss, job.group, job.start)
-    there = predicted(chosen_at(plan, np.array(found.at)))
-    return replace(
-        found,
-        actions=int((~out).sum()),
-        held_out=-float(there["log_probability"][out].sum()),
-        held_out_actions=int(out.sum()),
-        evaluations=len(predicted.known),
-    )
-
-
-def chosen_at(plan: ActionPlan, x: FloatArray) -> dict[str, float]:
-    """The parameters that have these log-odds, ``[D]``."""
-    ranges = plan.space.ranges
-    return {name: of_share(one, expit(v)) for (name, one), v in zip(ranges.items(), x, strict=True)}
 
 
 class GroupFit:
@@ -181,13 +82,6 @@ class GroupFit:
                 )
         self.plans, self._parts, self._folder = dict(plans), parts, folder
         self._alone = {who: own for part in parts for who, own in part.alone().items()}
-        asked = {label: plan.as_dict() for label, plan in plans.items()}
-        first = next(iter(asked.values()))
-        about = {MIXTURE: asked} if len(plans) > 1 else first
-        self._numbers = next(iter(plans.values())).numbers
-        self._about = {**about, "hierarchical": True, "subjects": subjects_of(parts)}
-        self._starts: list[Starts] = []
-        self._peaks: list[Peak] = []
         self.rounds: dict[int, int] = {}
 
     def run(
@@ -204,80 +98,27 @@ class GroupFit:
         for plan in self.plans.values():
             _require_exact(plan, anybody)
         fits = []
+        numbers = next(iter(self.plans.values())).numbers
         pools = worker_pool(workers) if workers > 1 else nullcontext()
         with fitting_in(self._folder), pools as pool:
-            self._go_on()
-            do: Do = pool.map if pool else map
+            steps = Progress(self._parts, self.plans, self._folder, pool.map if pool else map)
             report("looking for where to begin")
-            jobs = [StartJob(part, plan) for plan in self.plans.values() for part in self._parts]
-            for found in do(start_job, jobs[len(self._starts) :]):
-                self._starts.append(found)
-                self._keep()
-            known = iter(list(self._peaks))
-            for place, fold in enumerate(self._numbers):
+            starts = steps.starts()
+            for place, fold in enumerate(numbers):
 
                 def say(number: int, place: int = place) -> None:
-                    report(f"fold {place + 1} of {len(self._numbers)}, round {number}")
+                    report(f"fold {place + 1} of {len(numbers)}, round {number}")
 
-                fits += self._fold(fold, self._begins(place), known, do, say)
-            if next(known, None):
-                raise StoreError(
-                    f"{self._folder / PROGRESS}: this is no fit; choose another folder with --out"
-                )
-            keep_fit(self._folder / FILE, self._about, done=[asdict(one) for one in fits])
+                at = [[np.array(own[who][place]) for who in self._alone] for own in starts]
+                fits += self._fold(fold, at, steps, say)
+            steps.finish(fits)
         return fits
-
-    def _go_on(self) -> None:
-        """Read what is done."""
-        several = len(self.plans) > 1
-        ranges = {label if several else "": one.space.ranges for label, one in self.plans.items()}
-        whose = [[*part.alone()] for _ in self.plans for part in self._parts]
-
-        def fits(kept: Mapping[str, Any]) -> list[Fitted]:
-            return fits_of(kept, {**ranges, MIXTURE: {}} if several else ranges)
-
-        def progress(kept: Mapping[str, Any]) -> tuple[list[Starts], list[Peak]]:
-            starts = TypeAdapter(list[Starts]).validate_python(kept["starts"])
-            if [[*one] for one in starts] != whose[: len(starts)]:
-                raise ValueError("the subjects are in another order")
-            peaks = TypeAdapter(list[Peak]).validate_python(kept["peaks"])
-            self._check(starts, peaks)
-            return starts, peaks
-
-        fit_of(self._folder / FILE, self._about, fits, "fit to actions", DIFFERING)
-        kept = fit_of(self._folder / PROGRESS, self._about, progress, "fit to actions", DIFFERING)
-        self._starts, self._peaks = kept or ([], [])
-
-    def _check(self, starts: Sequence[Starts], peaks: Sequence[Peak]) -> None:
-        """Raise ValueError if some are not of these learners and subjects."""
-        free = [len(plan.space.ranges) for plan in self.plans.values()]
-        actions = [len(part.done()[0]) for part in self._alone.values()]
-        for number, found in enumerate(starts):
-            wanted = len(self._numbers), free[number // len(self._parts)]
-            for at in found.values():
-                if np.shape(at) != wanted or not np.isfinite(at).all():
-                    raise ValueError("a search that begins nowhere")
-        for number, one in enumerate(peaks):
-            learner, subject = divmod(number, len(actions))
-            one.check(free[learner % len(free)])
-            if one.actions + one.held_out_actions != actions[subject]:
-                raise ValueError("a peak of another subject")
-
-    def _begins(self, place: int) -> list[list[FloatArray]]:
-        """By learner and subject, where the search of a fold begins."""
-        by_learner, many = [], len(self._parts)
-        for number in range(len(self.plans)):
-            found = self._starts[number * many : (number + 1) * many]
-            own = {who: at for part in found for who, at in part.items()}
-            by_learner.append([np.array(own[who][place]) for who in self._alone])
-        return by_learner
 
     def _fold(
         self,
         fold: int,
-        at: list[list[FloatArray]],
-        known: Iterator[Peak],
-        do: Do,
+        at: Sequence[Sequence[FloatArray]],
+        steps: Progress,
         say: Callable[[int], None],
     ) -> list[Fitted]:
         """The fits without a fold."""
@@ -288,10 +129,11 @@ class GroupFit:
         )
         for number in range(1, ROUNDS + 1):
             say(number)
-            peaks = [
-                self._round(plan, fold, group, own, known, do)
-                for plan, group, own in zip(plans, groups, at, strict=True)
-            ]
+            peaks = []
+            for plan, group, begin in zip(plans, groups, at, strict=True):
+                who = zip(self._alone.values(), begin, strict=True)
+                jobs = [PeakJob(part, plan, fold, group, start) for part, start in who]
+                peaks.append(steps.peaks(jobs))
             if fold == WHOLE:
                 for (label, plan), own in zip(self.plans.items(), peaks, strict=True):
                     _require_effect(label, plan, own)
@@ -321,31 +163,6 @@ class GroupFit:
         actions = np.array([one.actions for one in peaks[0]])
         parameters = np.array([2 * len(group.mean) for group in groups])
         return mixture_of(np.array(evidence).T, actions, parameters)
-
-    def _round(
-        self,
-        plan: ActionPlan,
-        fold: int,
-        group: Group,
-        at: Sequence[FloatArray],
-        known: Iterator[Peak],
-        do: Do,
-    ) -> list[Peak]:
-        """The peaks of all subjects under a prior: those that are known, and then the others."""
-        peaks = list(islice(known, len(at)))
-        jobs = [
-            PeakJob(part, plan, fold, group, start)
-            for part, start in zip(self._alone.values(), at, strict=True)
-        ]
-        for found in do(peak_job, jobs[len(peaks) :]):
-            peaks.append(found)
-            self._peaks.append(found)
-            self._keep()
-        return peaks
-
-    def _keep(self) -> None:
-        peaks = [asdict(one) for one in self._peaks]
-        keep_fit(self._folder / PROGRESS, self._about, starts=self._starts, peaks=peaks)
 
     def _fitted(
         self,

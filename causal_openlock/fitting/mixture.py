@@ -20,6 +20,8 @@ from scipy.special import logsumexp
 from causal_openlock.scoring.model_selection import frequencies_of
 from causal_openlock.world.fsm import FloatArray, IntArray
 
+MIXTURE = "mixture"
+"""Learner of the fit of all groups together."""
 ROUNDS, ENOUGH = 1000, 1e-6
 
 

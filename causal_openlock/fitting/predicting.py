@@ -41,8 +41,8 @@ from causal_openlock.fitting.actions import (
     held_out,
     subjects_of,
 )
-from causal_openlock.fitting.hierarchical import MIXTURE
 from causal_openlock.fitting.kept import kept_fit
+from causal_openlock.fitting.mixture import MIXTURE
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws

@@ -29,10 +29,11 @@ from causal_openlock.fitting.group import (
     group_of,
     peak,
 )
-from causal_openlock.fitting.hierarchical import PROGRESS, GroupFit
+from causal_openlock.fitting.hierarchical import GroupFit
 from causal_openlock.fitting.kept import fitting_in, keep_fit
 from causal_openlock.fitting.mixture import mixture_of
 from causal_openlock.fitting.predicting import read_fit
+from causal_openlock.fitting.progress import PROGRESS
 from causal_openlock.fitting.search import Range, search_beside, search_space
 from causal_openlock.scoring.model_selection import frequencies_of
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects

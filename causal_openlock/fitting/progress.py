@@ -1,0 +1,126 @@
+"""What is done of a hierarchical fit: it goes on where it was stopped, whatever stopped it.
+
+A fit takes the same steps in the same order each time. What each came to is kept as soon as it is
+known, and a fit that goes on asks for all of them again: those that are known are not repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from causal_openlock.errors import StoreError
+from causal_openlock.fitting.actions import (
+    DIFFERING,
+    FILE,
+    ActionPlan,
+    Fitted,
+    fits_of,
+    subjects_of,
+)
+from causal_openlock.fitting.group import Peak
+from causal_openlock.fitting.kept import fit_of, keep_fit
+from causal_openlock.fitting.mixture import MIXTURE
+from causal_openlock.fitting.subject_peak import PeakJob, StartJob, Starts, peak_job, start_job
+from causal_openlock.scoring.teacher_forcing import Recorded
+
+PROGRESS = "hierarchical.json"
+"""What is done of a fit that goes on."""
+
+Do = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+"""What carries out a function on several jobs, in their order."""
+
+
+class Progress:
+    """The steps of a hierarchical fit in a folder: those that are known, and then the others.
+
+    Args:
+        parts: The subjects.
+        plans: By label, the settings of the fit of each learner.
+        folder: Where it is kept.
+        do: What carries out the steps that are not known.
+
+    Raises:
+        StoreError: If the folder holds another fit, or no fit.
+    """
+
+    def __init__(
+        self, parts: Sequence[Recorded], plans: Mapping[str, ActionPlan], folder: Path, do: Do
+    ) -> None:
+        self._parts, self._plans, self._folder, self._do = parts, plans, folder, do
+        self._alone = {who: own for part in parts for who, own in part.alone().items()}
+        asked = {label: plan.as_dict() for label, plan in plans.items()}
+        about = {MIXTURE: asked} if len(plans) > 1 else next(iter(asked.values()))
+        self._about = {**about, "hierarchical": True, "subjects": subjects_of(parts)}
+        fit_of(folder / FILE, self._about, self._fits, "fit to actions", DIFFERING)
+        kept = fit_of(folder / PROGRESS, self._about, self._steps, "fit to actions", DIFFERING)
+        self._starts, self._peaks = kept or ([], [])
+        self._known = iter(list(self._peaks))
+
+    def starts(self) -> list[Starts]:
+        """By learner, where the search for the peak of each subject begins."""
+        jobs = [StartJob(part, plan) for plan in self._plans.values() for part in self._parts]
+        for found in self._do(start_job, jobs[len(self._starts) :]):
+            self._starts.append(found)
+            self._keep()
+        many = len(self._parts)
+        by_learner = (self._starts[place : place + many] for place in range(0, len(jobs), many))
+        return [{who: at for part in own for who, at in part.items()} for own in by_learner]
+
+    def peaks(self, jobs: Sequence[PeakJob]) -> list[Peak]:
+        """What some jobs find."""
+        peaks = list(islice(self._known, len(jobs)))
+        for found in self._do(peak_job, jobs[len(peaks) :]):
+            peaks.append(found)
+            self._peaks.append(found)
+            self._keep()
+        return peaks
+
+    def finish(self, fits: Sequence[Fitted]) -> None:
+        """Keep what it all came to.
+
+        Raises:
+            StoreError: If more is kept than was asked for.
+        """
+        if next(self._known, None):
+            raise StoreError(
+                f"{self._folder / PROGRESS}: this is no fit; choose another folder with --out"
+            )
+        keep_fit(self._folder / FILE, self._about, done=[asdict(one) for one in fits])
+
+    def _keep(self) -> None:
+        peaks = [asdict(one) for one in self._peaks]
+        keep_fit(self._folder / PROGRESS, self._about, starts=self._starts, peaks=peaks)
+
+    def _fits(self, kept: Mapping[str, Any]) -> list[Fitted]:
+        several = len(self._plans) > 1
+        ranges = {label if several else "": one.space.ranges for label, one in self._plans.items()}
+        return fits_of(kept, {**ranges, MIXTURE: {}} if several else ranges)
+
+    def _steps(self, kept: Mapping[str, Any]) -> tuple[list[Starts], list[Peak]]:
+        """What a file holds; raises ValueError if it is not of these learners and subjects."""
+        starts = TypeAdapter(list[Starts]).validate_python(kept["starts"])
+        peaks = TypeAdapter(list[Peak]).validate_python(kept["peaks"])
+        whose = [[*part.alone()] for _ in self._plans for part in self._parts]
+        if [[*one] for one in starts] != whose[: len(starts)]:
+            raise ValueError("the subjects are in another order")
+        plans = list(self._plans.values())
+        free, folds = [len(one.space.ranges) for one in plans], len(plans[0].numbers)
+        for number, found in enumerate(starts):
+            wanted = folds, free[number // len(self._parts)]
+            for at in found.values():
+                if np.shape(at) != wanted or not np.isfinite(at).all():
+                    raise ValueError("a search that begins nowhere")
+        actions = [len(part.done()[0]) for part in self._alone.values()]
+        for number, one in enumerate(peaks):
+            learner, subject = divmod(number, len(actions))
+            one.check(free[learner % len(free)])
+            if one.actions + one.held_out_actions != actions[subject]:
+                raise ValueError("a peak of another subject")
+        return starts, peaks
