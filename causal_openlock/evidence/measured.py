@@ -31,8 +31,9 @@ from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import (
     Estimate,
     Verdict,
+    correlation,
     estimate,
-    of_side,
+    mean_of,
     together,
     verdict,
 )
@@ -181,8 +182,8 @@ class Evidence:
         if ending in ("verdict", "without_sign"):
             raise EvidenceError(f"{title!r} asks for the {ending} of what is no claim")
         chosen = Selection.parse(rest)
-        of = None if kind == CORRELATION else selected(self.units, chosen, kind)
-        return _written(of_side(self.units, chosen, kind), kind, ending, of)
+        found, of = _estimated(self.units, chosen, kind)
+        return _written(found, kind, ending, of)
 
     def _derived_number(self, words: Sequence[str]) -> str:
         *learner, column = words
@@ -253,10 +254,7 @@ class Evidence:
             for column in table.columns:
                 try:
                     chosen = Selection.parse([*row.split(), *column.split()])
-                    of = None
-                    if table.measure != CORRELATION:
-                        of = selected(units, chosen, table.measure)
-                    one = of_side(units, chosen, table.measure)
+                    one, of = _estimated(units, chosen, table.measure)
                     cells.append(_written(one, table.measure, ""))
                 except EvidenceError:
                     cells.append("–")
@@ -358,6 +356,16 @@ def _side(selection: Selection | float) -> str:
         if (at := getattr(selection, name))
     ]
     return " ".join(words)
+
+
+def _estimated(
+    units: pd.DataFrame, chosen: Selection, measure: str
+) -> tuple[Estimate, Selected | None]:
+    """What is estimated of what is selected, and that; of a correlation there is no mean."""
+    if measure == CORRELATION:
+        return correlation(units, chosen), None
+    of = selected(units, chosen, measure)
+    return mean_of(of), of
 
 
 def _written(found: Estimate, measure: str, ending: str, of: Selected | None = None) -> str:
