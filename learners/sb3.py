@@ -6,9 +6,8 @@ passes its actions to the session and waits for their outcome. One thread runs a
 everything happens in the same order each time, and the library works as it always does: the same
 seed and the same room give the same actions as without this learner.
 
-The library draws from NumPy's, torch's and Python's global generators, and seeds them. They are
-swapped whenever a model runs: each model continues with global generators of its own, and everyone
-else finds them as they were.
+The library draws from NumPy's, torch's and Python's global generators, and seeds them. Each model
+has global generators of its own (:mod:`~causal_openlock.contract.own_randomness`).
 
 It gives no probabilities. Each algorithm has its own way of acting and of exploring, and a model
 learns from the actions that it took itself, so it could not be put in another subject's place.
@@ -33,8 +32,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.contract.own_randomness import OwnRandomness
 from causal_openlock.contract.parameters import Count
-from causal_openlock.contract.probes import GlobalRandomness
 from causal_openlock.errors import LearnerError
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import BoolArray, IntArray
@@ -120,36 +119,28 @@ class _Environment(gymnasium.Env[NDArray[np.int8], np.int64]):
 
 
 class _Model:
-    """A model, the thread that it learns in, and the state of its global generators."""
+    """A model, the thread that it learns in, and its global generators."""
 
     def __init__(self, kind: Any, policy: str, settings: Mapping[str, Any], brief: Brief) -> None:
         self._environment = _Environment(brief)
         self._thread: threading.Thread | None = None
-        outside = GlobalRandomness.now()
-        try:
+        self._randomness = OwnRandomness(settings["seed"])
+        with self._randomness.in_place():
             self.model = kind(policy, self._environment, **settings)
             if "tensorboard_log" not in settings:  # or it makes a folder for each model
                 from stable_baselines3.common.logger import Logger
 
                 self.model.set_logger(Logger(folder=None, output_formats=[]))
-            self._randomness = GlobalRandomness.now()
-        finally:
-            outside.restore()
 
     def act(self, feedback: Feedback, total: int) -> int:
         """The model's next action, after all that it does before it chooses."""
-        outside = GlobalRandomness.now()
-        self._randomness.restore()
-        try:
+        with self._randomness.in_place():
             self._environment.feedback.put(feedback)
             if self._thread is None:
                 arguments = (self.model, self._environment, total)
                 self._thread = threading.Thread(target=_run, args=arguments, daemon=True)
                 self._thread.start()
             action = self._environment.actions.get()
-        finally:
-            self._randomness = GlobalRandomness.now()
-            outside.restore()
         if isinstance(action, Exception):
             raise LearnerError(
                 f"{type(self.model).__name__} of Stable-Baselines3 failed while it learned "
