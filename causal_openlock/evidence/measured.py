@@ -27,13 +27,12 @@ from causal_openlock.evidence.study import (
     Study,
     Table,
 )
-from causal_openlock.evidence.units import Selected, selected
+from causal_openlock.evidence.units import Selected
 from causal_openlock.evidence.verdicts import (
     Estimate,
     Verdict,
-    correlation,
     estimate,
-    mean_of,
+    of_side,
     together,
     verdict,
 )
@@ -182,7 +181,7 @@ class Evidence:
         if ending in ("verdict", "without_sign"):
             raise EvidenceError(f"{title!r} asks for the {ending} of what is no claim")
         chosen = Selection.parse(rest)
-        found, of = _estimated(self.units, chosen, kind)
+        found, of = of_side(self.units, chosen, kind)
         return _written(found, kind, ending, of)
 
     def _derived_number(self, words: Sequence[str]) -> str:
@@ -254,7 +253,7 @@ class Evidence:
             for column in table.columns:
                 try:
                     chosen = Selection.parse([*row.split(), *column.split()])
-                    one, of = _estimated(units, chosen, table.measure)
+                    one, of = of_side(units, chosen, table.measure)
                     cells.append(_written(one, table.measure, ""))
                 except EvidenceError:
                     cells.append("–")
@@ -356,16 +355,6 @@ def _side(selection: Selection | float) -> str:
         if (at := getattr(selection, name))
     ]
     return " ".join(words)
-
-
-def _estimated(
-    units: pd.DataFrame, chosen: Selection, measure: str
-) -> tuple[Estimate, Selected | None]:
-    """What is estimated of what is selected, and that; of a correlation there is no mean."""
-    if measure == CORRELATION:
-        return correlation(units, chosen), None
-    of = selected(units, chosen, measure)
-    return mean_of(of), of
 
 
 def _written(found: Estimate, measure: str, ending: str, of: Selected | None = None) -> str:

@@ -117,15 +117,18 @@ def correlation(units: pd.DataFrame, selection: Selection) -> Estimate:
     return Estimate(float(found.statistic), intervals, (len(rows),))
 
 
-def of_side(units: pd.DataFrame, selection: Selection, measure: str) -> Estimate:
-    """The mean of what is selected; of ``r`` the correlation.
+def of_side(
+    units: pd.DataFrame, selection: Selection, measure: str
+) -> tuple[Estimate, Selected | None]:
+    """The mean of what is selected, and that; of ``r`` the correlation, which is of no mean.
 
     Raises:
         EvidenceError: If it has not been run.
     """
     if measure == CORRELATION:
-        return correlation(units, selection)
-    return mean_of(selected(units, selection, measure))
+        return correlation(units, selection), None
+    found = selected(units, selection, measure)
+    return mean_of(found), found
 
 
 def _ends(found: Selected, level: float) -> Ends:
@@ -187,7 +190,7 @@ def estimate(
     """
     known = contrast.minus
     if not isinstance(known, Selection):
-        return from_known(of_side(units, contrast.of, contrast.measure), known)
+        return from_known(of_side(units, contrast.of, contrast.measure)[0], known)
     of = selected(units, contrast.of, contrast.measure)
     if known.learner in PUBLISHED:
         there = selected(published_units(), known, contrast.measure)

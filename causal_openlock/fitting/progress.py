@@ -54,7 +54,6 @@ class Progress:
         self, parts: Sequence[Recorded], plans: Mapping[str, ActionPlan], folder: Path, do: Do
     ) -> None:
         self._parts, self._plans, self._folder, self._do = parts, plans, folder, do
-        self._alone = {who: own for part in parts for who, own in part.alone().items()}
         asked = {label: plan.as_dict() for label, plan in plans.items()}
         about = {MIXTURE: asked} if len(plans) > 1 else next(iter(asked.values()))
         self._about = {**about, "hierarchical": True, "subjects": subjects_of(parts)}
@@ -107,7 +106,8 @@ class Progress:
         """What a file holds; raises ValueError if it is not of these learners and subjects."""
         starts = TypeAdapter(list[Starts]).validate_python(kept["starts"])
         peaks = TypeAdapter(list[Peak]).validate_python(kept["peaks"])
-        whose = [[*part.alone()] for _ in self._plans for part in self._parts]
+        alone = [part.alone() for part in self._parts]
+        whose = [[*own] for _ in self._plans for own in alone]
         if [[*one] for one in starts] != whose[: len(starts)]:
             raise ValueError("the subjects are in another order")
         plans = list(self._plans.values())
@@ -117,7 +117,7 @@ class Progress:
             for at in found.values():
                 if np.shape(at) != wanted or not np.isfinite(at).all():
                     raise ValueError("a search that begins nowhere")
-        actions = [len(part.done()[0]) for part in self._alone.values()]
+        actions = [len(one.done()[0]) for own in alone for one in own.values()]
         for number, one in enumerate(peaks):
             learner, subject = divmod(number, len(actions))
             one.check(free[learner % len(free)])
