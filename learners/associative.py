@@ -56,7 +56,7 @@ class Associative(Checkpointed, Learner):
 
     def begin(self, brief: Brief) -> None:
         """Begin without any association."""
-        self._positions, self._everyone = brief.positions, np.arange(brief.subjects)
+        self._positions = brief.positions
         self._draws = Streams(brief.generators)
         self.lever = np.zeros((brief.subjects, brief.actions))
         self.position = np.zeros((brief.subjects, brief.actions))

@@ -42,6 +42,7 @@ from learners.language.answers import (
     HOW_IN_TEXT,
     Message,
     act_tool,
+    acting,
     read_answer,
     read_structure,
     structure_format,
@@ -115,6 +116,7 @@ class _Subject:
     lines: list[dict[str, Any]] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     unanswered: int = 0
+    chosen: int | None = None  # the action that it took, until it is told what that did
     spent: bool = False  # whether the last action was unanswered
     in_attempt: bool = False
 
@@ -170,6 +172,8 @@ class LanguageModel(Learner):
                 self._open(row, view)
         actions = np.zeros(self.brief.subjects, dtype=np.int64)
         actions[playing] = self._loop.run([self._answer(row, view) for row in playing])
+        for row in playing:
+            self._subjects[row].chosen = int(actions[row])
         return actions
 
     def _open(self, row: int, view: View) -> None:
@@ -216,6 +220,8 @@ class LanguageModel(Learner):
     def learn(self, step: Step) -> None:
         """Tell each subject what its action led to; ask about rooms that are over."""
         playing = np.flatnonzero(step.view.playing).tolist()
+        for row in playing:
+            self._put_in_place(row, step)
         left = [row for row in playing if step.trial_over[row] and self.parameters.ask_structure]
         self._loop.run([self._ask_structure(row, step) for row in left])
         for row in playing:
@@ -226,8 +232,25 @@ class LanguageModel(Learner):
                     f"You gave no action again, so this one is spent and changes nothing.\n{text}"
                 )
             subject.tell(text)
-            subject.spent = False
+            subject.chosen, subject.spent = None, False
             subject.in_attempt = not step.attempt_over[row]
+
+    def _put_in_place(self, row: int, step: Step) -> None:
+        """Have the conversation say what was done, where that is not the model's own answer.
+
+        Whoever scores the model gives it what another subject did, and does not always ask it.
+        """
+        subject, action = self._subjects[row], int(step.action[row])
+        if subject.chosen == action:
+            return
+        if not subject.talk:
+            self._open(row, step.view)
+        done = acting(subject.words, action, self.parameters.tools)
+        if subject.chosen is None:
+            subject.talk.append(done)
+        else:
+            subject.talk[-1] = done
+        subject.spent = False
 
     # -- asking ---------------------------------------------------------------------------------
 
@@ -352,6 +375,6 @@ def _counts(faults: list[str]) -> str:
 
 
 def _as_sent(request: dict[str, Any]) -> dict[str, Any]:
-    """A request as the library takes it: what others invented goes into the body as it is."""
+    """A request as the library takes it; what it does not know goes into the body."""
     named = {name: request[name] for name in OURS if name in request}
     return {**named, "extra_body": {k: v for k, v in request.items() if k not in OURS}}

@@ -33,9 +33,6 @@ from learners.networks.perception import Perception
 if TYPE_CHECKING:
     from learners.networks.ppo import PPO, Floats, Rollout
 
-RENAMED = {"log_chance": "log_prob", "over": "done", "counts": "mask"}
-"""Names of the parts of a step in checkpoints of version 0.2, and now."""
-
 
 @dataclass(frozen=True)
 class RL2Parameters:
@@ -240,11 +237,3 @@ class RL2(Checkpointed, Learner):
         probs /= probs.sum(axis=1, keepdims=True)
         entropy = -(probs * np.log(probs + 1e-12)).sum(axis=1)
         return {"entropy": float(entropy.mean()), "value": float(self._values.mean())}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        steps = [
-            {RENAMED.get(name, name): part for name, part in step.items()}
-            for step in state["steps"]
-        ]
-        super().load_state_dict({**state, "steps": steps})

@@ -232,7 +232,7 @@ class StableBaselines(Learner):
         policy = chosen.policy or plain
         self._models: list[_Model] = []
         # The models hold no reference to the learner, so that it can be collected and ends them.
-        weakref.finalize(self, _Model.end_all, self._models)
+        self._end = weakref.finalize(self, _Model.end_all, self._models)
         for seed in self._seeds:
             settings = {"device": "cpu", "verbose": 0, **chosen.settings, "seed": seed}
             try:
@@ -300,7 +300,7 @@ class StableBaselines(Learner):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Bring new models to the same point, which takes as long as it did then."""
-        _Model.end_all(self._models)
+        self._end()  # which would hold the models, too
         self._seeds, self._first = list(state["seeds"]), None
         self._history = bytearray(state["history"].tobytes())
         self._make_models(find_algorithm(self.parameters.algorithm))

@@ -23,10 +23,13 @@ Its probabilities are exact where beliefs are means: sums over ties. Where belie
 are integrals without a closed form, and are estimated (:mod:`learners.theory.draws`).
 
 Equations 2 to 9 are the paper's; what it leaves open is a parameter or is said here, and
-docs/rivals.md lists it. ``form: cogsci_2019`` is the model before: it settles on a whole chain for
-each attempt, knows no verbs (levers are pushed), prunes nothing, samples its beliefs for each
-attempt, and believes in abstract schemas directly, without atomic ones, so that what was learned of
-rooms with two solutions says nothing about rooms with three.
+docs/rivals.md lists it. One thing differs: beliefs in attributes are drawn once for an attempt, so
+that a change counts from the next attempt on, where the paper updates beliefs after each action.
+
+``form: cogsci_2019`` is the model before: it settles on a whole chain for each attempt, knows no
+verbs (levers are pushed), prunes nothing, samples its beliefs for each attempt, and believes in
+abstract schemas directly, without atomic ones, so that what was learned of rooms with two solutions
+says nothing about rooms with three.
 
 Written from the papers alone. The gains and the weight were fitted, once, to the means that the
 paper of 2020 publishes of its own model (docs/rivals.md).
@@ -146,7 +149,7 @@ class TheoryBased(Checkpointed, Learner):
         every = np.ones(len(chains_of(positions, length).actions), dtype=bool)
         if self._earlier:
             every &= (chains_of(positions, length).actions < positions).all(axis=1)
-        room = self._rooms[subject] = RoomHypotheses(length, solutions, grey, every)
+        room = self._rooms[subject] = RoomHypotheses(length, solutions, grey, every, every)
         (self._local[subject],) = self._begun(subject, self.brief.generators[subject], 1)
         self._changes[subject] = 0.0
         self._draw_theta(subject)

@@ -96,13 +96,12 @@ class WinStay(Checkpointed, Learner):
 
     def _odds(self, subject: int, grey: BoolArray) -> BoolArray:
         """``[C]`` the sequences to draw from."""
+        if self._tried[subject].all():
+            self._tried[subject] = self._won[subject]
         open_to_try = ~self._tried[subject]
         if self.parameters.grey_only:
             of_grey = grey[self._sequences].all(axis=1)
             open_to_try &= of_grey if (of_grey & open_to_try).any() else True
-        if not open_to_try.any():
-            self._tried[subject] = self._won[subject]
-            open_to_try = ~self._tried[subject]
         nearness = self._won_before[subject].astype(int)
         if self._won[subject].any():
             worked = self._sequences[self._won[subject]]

@@ -80,7 +80,7 @@ EVERYONE = "everyone"
 MEASURED: Mapping[str, Sequence[str]] = {
     "trials": TRIALS,
     "course": COURSE,
-    "curve": TRIALS,
+    "curve": (*TRIALS, "unlocks"),
     "recovery": (*RECOVERED, CORRELATION),
 }
 

@@ -95,8 +95,8 @@ _RULES = """\
 - You have {actions} in each attempt. Every action counts as one, also when nothing moves, and \
 `{finish}` counts too. After that the {place} goes back to where it began, and the next attempt \
 starts.
-- A {place} can have several combinations after which {goal} can be made {open}. You are done with \
-a {place} when you have found all of them, or after {attempts}.
+- A {place} can have several combinations after which {goal} can be made {open}. Find all \
+of them; you have at most {attempts} with each {place}.
 - You are always told how many combinations, attempts and actions are left.
 - The actions are: {choices}."""
 
@@ -227,8 +227,8 @@ class Wording:
         """What an action did, from the observations before it and right after it."""
         old, new, terms = _bits(before), _bits(after), self._terms
         if new[-1] and not old[-1]:
-            found = "a new combination!" if new_solution else "one that you had found before."
-            return f"{_capital(terms.goal)} is {terms.open}, by {found}"
+            how = ", by a new combination!" if new_solution else ", but by no new combination."
+            return f"{_capital(terms.goal)} is {terms.open}{how}"
         moved = [
             f"{self.names[place]} is {terms.pushed if new[place] else terms.pulled} now"
             for place in self.order
@@ -251,7 +251,8 @@ class Wording:
         if solutions_left:
             left = counted(solutions_left, "combination")
             return f"No attempts are left; {left} stayed hidden."
-        return f"You found every combination! It took you {counted(attempt, 'attempt')}."
+        attempts = counted(attempt, "attempt")
+        return f"You found every combination! The {self._terms.place} is over after {attempts}."
 
     def question(self) -> str:
         """The question after a room: what enables what."""

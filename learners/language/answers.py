@@ -73,12 +73,7 @@ def read_answer(reply: Message, finish: str | None, words: Wording) -> Answer:
     calls, text = _calls(reply), _text(reply)
     if len(calls) == 1 and (action := _argument(calls[0])) is not None:
         chosen = words.read(action)
-        call = {
-            "id": str(calls[0].get("id") or "call"),
-            "type": "function",
-            "function": {"name": "act", "arguments": json.dumps({"action": action})},
-        }
-        message = {"role": "assistant", "content": text, "tool_calls": [call]}
+        message = _acting(action, text, str(calls[0].get("id") or "call"))
         return Answer(message, chosen, None if chosen is not None else "out of range")
     # What is no proper call goes on as text: servers refuse calls that they cannot read.
     said = "\n".join([text, *(json.dumps(call) for call in calls)]).strip()
@@ -88,6 +83,19 @@ def read_answer(reply: Message, finish: str | None, words: Wording) -> Answer:
         return Answer(message, None, "refused")
     chosen = words.read(text) if not calls else None
     return Answer(message, chosen, None if chosen is not None else "malformed")
+
+
+def acting(words: Wording, action: int, tools: bool) -> Message:
+    """An answer that takes an action, for one that the model did not give itself."""
+    text = words.actions[action]
+    return _acting(text, "", "call") if tools else {"role": "assistant", "content": text}
+
+
+def _acting(action: str, text: str, identifier: str) -> Message:
+    """A message that calls ``act``."""
+    function = {"name": "act", "arguments": json.dumps({"action": action})}
+    call = {"id": identifier, "type": "function", "function": function}
+    return {"role": "assistant", "content": text, "tool_calls": [call]}
 
 
 def _calls(reply: Message) -> list[dict[str, Any]]:

@@ -11,7 +11,8 @@ a line that is damaged, or that a kill has cut off, is ignored. A transcript in 
 the same lines, so ``OPENLOCK_LLM_REPLAY=results/transcripts`` repeats a comparison from its
 results.
 
-``OPENLOCK_LLM_BUDGET`` is the most tokens that the folder may come to hold.
+With ``OPENLOCK_LLM_BUDGET`` no attempt is begun once the folder holds so many tokens. A server that
+does not count them is an error then.
 """
 
 from __future__ import annotations
@@ -102,15 +103,25 @@ class Replay:
         self._own = folder / f"{secrets.token_hex(8)}.jsonl"
 
     def refresh(self) -> None:
-        """Read what has been added since the last time."""
+        """Read what has been added since the last time.
+
+        Raises:
+            LearnerError: If a file cannot be read.
+        """
         for path in sorted(self.folder.glob("*.jsonl")):
-            with path.open("rb") as file:
-                file.seek(self._read.get(path, 0))
-                for line in file:
-                    if not line.endswith(b"\n"):
-                        break  # it is being written, or was cut off
-                    self._read[path] = self._read.get(path, 0) + len(line)
-                    self._take(line)
+            try:
+                self._read_on(path)
+            except OSError as error:
+                raise _not_possible(path, "read", error) from None
+
+    def _read_on(self, path: Path) -> None:
+        with path.open("rb") as file:
+            file.seek(self._read.get(path, 0))
+            for line in file:
+                if not line.endswith(b"\n"):
+                    break  # it is being written, or was cut off
+                self._read[path] = self._read.get(path, 0) + len(line)
+                self._take(line)
 
     def _take(self, line: bytes) -> None:
         try:
@@ -130,18 +141,31 @@ class Replay:
         """Keep a reply.
 
         Raises:
-            LearnerError: If it cannot be written.
+            LearnerError: If it cannot be written, or its tokens were not counted and a budget is
+                set.
         """
         self._replies[key] = reply
         line = json.dumps({"key": key, "reply": reply}) + "\n"
+        if self._is_of_results:
+            raise LearnerError(
+                f"{self.folder} is part of results, to which no replies are added, and one is "
+                f"missing there; name a copy of it in {FOLDER}"
+            )
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             with self._own.open("ab") as file:
                 file.write(line.encode())
         except OSError as error:
+            raise _not_possible(self._own, "written", error) from None
+        if _budget() is not None and not any(reply["tokens"]):
             raise LearnerError(
-                f"{self._own} cannot be written ({error.strerror}); name another folder in {FOLDER}"
-            ) from None
+                f"{reply['server'] or 'the server'} does not say how many tokens it took, so no "
+                f"budget can be kept; unset {BUDGET}"
+            )
+
+    @property
+    def _is_of_results(self) -> bool:
+        return (self.folder.parent / "experiment.json").exists()
 
     @property
     def spent(self) -> int:
@@ -154,14 +178,27 @@ class Replay:
         Raises:
             LearnerError: If they are, or the budget is no number.
         """
-        budget = os.environ.get(BUDGET)
-        if not budget:
+        if (budget := _budget()) is None:
             return
-        if not budget.isdecimal():
-            raise LearnerError(f"{BUDGET} is a number of tokens, and this is {budget!r}")
         self.refresh()
-        if (spent := self.spent) >= int(budget):
+        if (spent := self.spent) >= budget:
             raise LearnerError(
-                f"the budget is spent: {spent:,} of {int(budget):,} tokens ({BUDGET}); nothing is "
+                f"the budget is spent: {spent:,} of {budget:,} tokens ({BUDGET}); nothing is "
                 "lost, set a larger one and give the same command again"
             )
+
+
+def _budget() -> int | None:
+    """The budget that is set, in tokens."""
+    budget = os.environ.get(BUDGET)
+    if not budget:
+        return None
+    if not budget.isdecimal():
+        raise LearnerError(f"{BUDGET} is a number of tokens, and this is {budget!r}")
+    return int(budget)
+
+
+def _not_possible(path: Path, what: str, error: OSError) -> LearnerError:
+    return LearnerError(
+        f"{path} cannot be {what} ({error.strerror}); name another folder in {FOLDER}"
+    )

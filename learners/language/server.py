@@ -8,7 +8,7 @@ a time than the limit.
 The key is ``OPENAI_API_KEY`` of the environment. It, and the organization, project and headers that
 the environment names for the package, are sent only to the server that ``OPENAI_BASE_URL`` names,
 by default OpenAI's: an experiment file can name any server, and may be from anybody. The key is
-blotted out of everything that a server says, once it is decoded and before it is shortened.
+removed from everything that a server says, once it is decoded and before it is shortened.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class Server:
         return in_short(Exception(plain(str(error), self._key)))
 
     def _failure(self, what: str) -> LearnerError:
-        again = "what was said is kept, so give the same command again once that is mended"
+        again = "what was said is kept, so give the same command again once that is fixed"
         return LearnerError(plain(f"the server at {self.base_url} {what}; {again}", self._key))
 
 

@@ -9,7 +9,6 @@ crosses the border of a segment: the network must not carry over in replay what 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,8 +138,3 @@ class SequenceBuffer(Checkpointed):
             not_done=self._not_done[subject, learned],
             mask=(inside & (step < newest[:, None]))[:, self.burn_in : -1].astype(np.float32),
         )
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        renamed = {"_goes_on": "_not_done"}  # since version 0.2
-        super().load_state_dict({renamed.get(name, name): part for name, part in state.items()})

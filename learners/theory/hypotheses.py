@@ -24,7 +24,8 @@ class RoomHypotheses:
     length: int  # levers in a chain
     solutions: int
     grey: IntArray  # [P] 1 where the lever is grey
-    allowed: BoolArray  # [C] chains that were not removed
+    considered: BoolArray  # [C] chains that there can be
+    allowed: BoolArray  # [C] those that were not removed
     found: list[int] = field(default_factory=list)  # solutions, as chains
     done: list[int] = field(default_factory=list)  # actions of the attempt that stand in the chain
     chain: list[int] = field(default_factory=list)  # settled on for the attempt (CogSci 2019)
@@ -52,7 +53,7 @@ class RoomHypotheses:
         """Remove the chains that begin with these actions."""
         gone = self.chains.beginning_with(actions) & self.allowed
         if gone.any():
-            self.allowed &= ~gone
+            self.allowed = self.allowed & ~gone
             self.likely = None
 
     def end_attempt(self, opened: bool, new: bool) -> None:
@@ -73,7 +74,7 @@ class RoomHypotheses:
         left = self._left()
         if not left.any():  # the room does not always obey, or is of another kind than believed
             self.schemas = None
-            self.allowed[:] = True
+            self.allowed = self.considered
             left = self._left()
         versions, schemas = self._versions(left), self.every_schema
         worth, self.structured = versions[:, None], False

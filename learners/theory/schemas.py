@@ -25,6 +25,8 @@ from causal_openlock.world.fsm import FloatArray, IntArray
 from learners.theory.chains import chains_of
 
 ATOMIC = ("common cause", "chain", "common effect")
+ATOMIC_NODES, ATOMIC_EDGES = 3, 2
+"""Of each of them."""
 SCHEMA_LIMIT = 30_000
 """The most instantiated schemas that are listed."""
 
@@ -47,8 +49,8 @@ class Schemas:
 def edit_distances(paths: IntArray) -> FloatArray:
     """``[3]`` how far the structure of some solutions is from each atomic schema.
 
-    With three nodes and two edges in the atomic schema, and n and m in the structure, of which k
-    edges can be laid upon each other, the distance is ``|n - 3| + (2 - k) + (m - k)``.
+    With N nodes and M edges in the atomic schema, and n and m in the structure, of which k
+    edges can be laid upon each other, the distance is ``|n - N| + (M - k) + (m - k)``.
 
     >>> edit_distances(np.array([[0, 1], [0, 2], [0, 3]]))  # three levers that one lever frees
     array([2., 4., 4.])
@@ -67,7 +69,7 @@ def edit_distances(paths: IntArray) -> FloatArray:
             [b == d for (_, b), (_, d) in pairs],
         )
     ])  # fmt: skip
-    return abs(len(nodes) - len(ATOMIC)) + 2.0 + len(edges) - 2.0 * common
+    return abs(len(nodes) - ATOMIC_NODES) + ATOMIC_EDGES + len(edges) - 2.0 * common
 
 
 @lru_cache(maxsize=8)

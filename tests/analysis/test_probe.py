@@ -56,6 +56,19 @@ def test_the_memory_of_rl2_is_read_beside_its_controls() -> None:
     assert table.equals(again)
 
 
+def test_a_memory_without_training_reads_as_well_where_the_documentation_says_so() -> None:
+    def mistakes(*schemas: list[str]) -> dict[str, float]:
+        table = ol.probe_structure("rl2", *schemas, subjects=10)
+        return dict(table.groupby("probe")["shd"].mean())
+
+    same = mistakes(["CC4", "CE4"])
+    assert same["memory"] == same["untrained"] == 0
+    fewer = mistakes(["CC4", "CE4"], ["CC3", "CE3"])
+    assert abs(fewer["memory"] - fewer["untrained"]) < 0.25
+    other = mistakes(["CC3"], ["CE3"])
+    assert other["memory"] > other["rates"] - 0.25
+
+
 def test_rooms_that_are_read_are_not_fitted_in() -> None:
     table = ol.probe_structure("rl2", ["CC3"], subjects=4)
     assert 0 < len(table) < 4 * 4 * 5

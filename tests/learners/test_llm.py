@@ -7,9 +7,11 @@ import doctest
 import json
 import sys
 import zipfile
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from causal_openlock.contract.registry import create
@@ -228,10 +230,16 @@ def test_trouble_passes_and_changes_nothing(trouble: Any) -> None:
     def script(body: Body, number: int) -> Any:
         return trouble if number in (0, 2) else some_action(body, number)
 
-    _, troubled, (said,), _ = play(script, seconds=0.3)
+    stalls = isinstance(trouble, Drip)
+    _, troubled, (said,), _ = play(script, seconds=0.3 if stalls else 60)
     _, plain, _, _ = play()
     assert troubled == plain
-    assert [line["reply"]["retries"] for line in said[1:-1]] == [1, 1, 0, 0, 0, 0]
+    first, second, *others = [line["reply"]["retries"] for line in said[1:-1]]
+    if stalls:  # a busy machine may miss the limit again
+        assert first
+        assert second
+    else:
+        assert [first, second, *others] == [1, 1, 0, 0, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -386,6 +394,47 @@ def test_a_repetition_asks_nobody_and_is_the_same_byte_for_byte(
         play(temperature=0.5)
 
 
+def conversation(
+    done: list[int], asked: Container[int], tools: bool
+) -> tuple[Wording, list[dict[str, Any]], list[int]]:
+    """What a subject was told that did this, and was asked before some of it; and its answers."""
+
+    def script(body: Body, number: int) -> Body:
+        return call(choices(body)[len(body["messages"]) % 15]) if tools else says("push the door")
+
+    with scripted(script) as (_, url):
+        given = {"model": "scripted", "base_url": url, "story": "levers", "tools": tools}
+        learner = create("learners.llm:LanguageModel", given)
+        session = Session(ONE_ROOM, protocol(2), 1, learner="llm")
+        learner.begin(session.brief)
+        answers = []
+        for moment, action in enumerate(done):
+            if moment in asked:
+                answers.append(int(learner.act(session.view)[0]))
+            learner.learn(session.step(np.array([action])))
+    (subject,) = learner._subjects  # type: ignore[attr-defined]
+    for message in subject.talk:
+        message.pop("tool_call_id", None)
+        for made in message.get("tool_calls", []):
+            del made["id"]
+    return subject.words, subject.talk, answers
+
+
+@pytest.mark.parametrize("tools", [True, False])
+def test_in_another_s_place_it_is_told_what_that_one_did(tools: bool) -> None:
+    _, _, answers = conversation([14] * 6, range(6), tools)
+    _, own, again = conversation(answers, range(6), tools)
+    assert again == answers
+    _, watched, _ = conversation(answers, (), tools)
+    assert watched == own
+    # It answers something else, and is not always asked.
+    words, told, _ = conversation([1, 2, 3], (1,), tools)
+    said = [json.dumps(message) for message in told if message["role"] == "assistant"]
+    assert len(said) == 3
+    assert all(words.actions[action] in one for action, one in zip((1, 2, 3), said, strict=True))
+    assert told[0] == own[0]
+
+
 def test_a_transcript_of_results_is_a_replay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -397,6 +446,11 @@ def test_a_transcript_of_results_is_a_replay(
     monkeypatch.setenv(FOLDER, str(folder))
     server, again, *_ = play(subjects=2)
     assert (again, server.asked) == (record, [])
+    # What is missing there is not added to results.
+    (tmp_path / "experiment.json").touch()
+    with pytest.raises(LearnerError, match="part of results, to which no replies are added"):
+        play(subjects=2, temperature=0.4)
+    assert [*folder.iterdir()] == [folder / "cell.jsonl"]
 
 
 @pytest.mark.parametrize(
@@ -470,6 +524,16 @@ def test_a_budget_stops_between_attempts_and_a_larger_one_goes_on(
     monkeypatch.setenv(BUDGET, "much")
     with pytest.raises(LearnerError, match="is a number of tokens, and this is 'much'"):
         play(temperature=0.4)
+
+
+def test_without_counted_tokens_no_budget_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    body = {"choices": [{"message": call("push the door"), "finish_reason": "stop"}]}
+    answer = Status(200, json.dumps(body))
+    server, *_ = play(lambda *_: answer)
+    assert len(server.asked) == 18  # which is no action in every story, and is asked again
+    monkeypatch.setenv(BUDGET, "100000")
+    with pytest.raises(LearnerError, match="does not say how many tokens it took"):
+        play(lambda *_: answer, temperature=0.5)
 
 
 def test_no_more_requests_than_the_limit_are_under_way() -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import builtins
+import gc
 import os
 import subprocess
 import sys
+import weakref
 from typing import Any
 
 import numpy as np
@@ -120,6 +122,18 @@ def test_its_threads_end_with_it() -> None:
     assert all(thread.is_alive() for thread in threads)
     del learner
     assert not any(thread.is_alive() for thread in threads)
+
+
+def test_what_a_checkpoint_replaces_is_let_go() -> None:
+    session = session_of(subjects=2)
+    learner = create("sb3", {"settings": QUICK["PPO"]})
+    learner.begin(session.brief)
+    learner.learn(session.step(learner.act(session.view)))
+    assert isinstance(learner, StableBaselines)
+    before = [weakref.ref(model) for model in learner._models]
+    learner.load_state_dict(learner.state_dict())
+    gc.collect()
+    assert [model() for model in before] == [None, None]
 
 
 ENDS_EARLY = """

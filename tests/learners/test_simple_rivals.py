@@ -62,6 +62,15 @@ def test_after_a_success_it_keeps_one_of_the_two_levers_in_its_place() -> None:
     assert tried == {(a, b) for a, b in permutations(range(7), 2) if (a == first) != (b == one)}
 
 
+def test_it_pushes_grey_levers_when_it_starts_over() -> None:
+    learner = create("win_stay", {"grey_only": True})
+    session = shown(learner, [])
+    grey = session.view.observation[0, 7:14] == 1
+    learner._tried[:] = True
+    again = learner._sequences[learner._odds(0, grey)]
+    assert {tuple(pair) for pair in again} == {*permutations(np.flatnonzero(grey), 2)}
+
+
 def test_what_worked_in_a_room_is_tried_first_in_the_next() -> None:
     room = one_room("CC3", LAYOUT, trials=2)
     for across, wanted in ((True, 1.0), (False, 0.2)):

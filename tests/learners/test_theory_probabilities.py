@@ -160,3 +160,26 @@ def test_asking_changes_nothing(form):
         return done
 
     assert played(asked=True) == played(asked=False)
+
+
+@pytest.mark.parametrize("form", ["aaai_2020", "cogsci_2019"])
+def test_asking_changes_nothing_where_nothing_is_left(form):
+    """As in a room that does not always obey: every chain but that of a solution was removed."""
+
+    def played(asked: bool) -> list[int]:
+        learner, session = shown([0], form=form, beliefs="mean")
+        learner.act(session.view)
+        (room,) = learner._rooms
+        room.allowed = np.zeros_like(room.allowed)
+        room.schemas, room.likely = np.zeros(0, dtype=np.int64), None
+        done = []
+        for _ in range(12):
+            if asked:
+                learner.probabilities(session.view)
+            done.append(int(learner.act(session.view)[0]))
+            learner.learn(session.step(np.array(done[-1:])))
+        if form == "cogsci_2019":
+            assert max(action for action in done if action != 14) < 7  # it pushes on
+        return done
+
+    assert played(asked=True) == played(asked=False)

@@ -100,13 +100,25 @@ def test_a_course_in_words() -> None:
     for action in (first, second):
         does(action)
     assert does(14) == [
-        "The door is open, by one that you had found before.",
+        "The door is open, but by no new combination.",
         "No attempts are left; 1 combination stayed hidden.",
     ]
 
 
 def test_how_a_solved_trial_ends() -> None:
     words = drawn("symbols")
-    assert words.ending(7, True, 0) == "You found every combination! It took you 7 attempts."
+    assert (
+        words.ending(7, True, 0)
+        == "You found every combination! The page is over after 7 attempts."
+    )
     locked = words.outcome([1, *[0] * 15], [0] * 14 + [1, 0])
     assert locked == f"{words.names[0].capitalize()} is low now and the seal is fixed now."
+
+
+def test_what_is_said_is_true_where_a_trial_goes_on_after_it_is_solved() -> None:
+    words = drawn("levers")
+    rules, ending = words.instructions(3, 300), words.ending(300, trial_over=True, solutions_left=0)
+    assert "Find all of them; you have at most 300 attempts with each room." in rules
+    assert ending == "You found every combination! The room is over after 300 attempts."
+    before = [0] * 14 + [0, 0]
+    assert words.outcome(before, [0] * 15 + [1]) == "The door is open, but by no new combination."

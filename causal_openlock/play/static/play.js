@@ -269,7 +269,7 @@ async function act(action) {
   const unlocked = before.observation.at(-2) && !said.outcome.at(-2);
   const locked = !before.observation.at(-2) && said.outcome.at(-2);
   const opened = said.outcome.at(-1) === 1;
-  if (opened) say(said.new_solution ? "The door is open: a new combination!" : "The door is open, by a combination that you had found before.", said.new_solution);
+  if (opened) say(said.new_solution ? "The door is open: a new combination!" : "The door is open, but by no new combination.", said.new_solution);
   else if (unlocked) say("The door is unlocked.");
   else if (locked) say("The door is locked again.");
   else if (!said.moved) say("Nothing moved.");
