@@ -84,6 +84,13 @@ class LearnerError(OpenLockError):
     """An unknown learner, a wrong hyper-parameter, or an action outside the action space."""
 
 
+class NotAvailableError(LearnerError):
+    """What a learner needs from elsewhere is not there now: a server, a key, tokens of a budget.
+
+    Its cell ends, and is tried again by the next command, however often that happens.
+    """
+
+
 class CellsFailed(LearnerError):  # noqa: N818 - the others did not
     """Cells could not be played; all others are done.
 

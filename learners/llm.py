@@ -31,7 +31,7 @@ from pydantic import Field
 
 from causal_openlock.contract.learner import Account, Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Positive
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, NotAvailableError
 from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
 from causal_openlock.wording import counted, joined
 from causal_openlock.world.fsm import IntArray
@@ -154,6 +154,7 @@ class LanguageModel(Learner):
         self.brief = brief
         self._server: Server | None = None
         self._replay, self._loop = replay(), SideBySide()
+        self._repeated = 0  # answers that had been given before
         self._subjects = [
             _Subject(
                 Wording.draw(brief.positions, generator, self.parameters.story),
@@ -272,6 +273,7 @@ class LanguageModel(Learner):
     async def _ask(self, subject: _Subject, request: dict[str, Any]) -> tuple[str, Reply]:
         key = key_of(request, subject.seed)
         reply = self._replay.get(key)
+        self._repeated += reply is not None
         if reply is None:
             if not subject.in_attempt:
                 self._replay.require_budget()
@@ -285,7 +287,7 @@ class LanguageModel(Learner):
             try:
                 from learners.language.server import Server
             except ImportError:
-                raise LearnerError(
+                raise NotAvailableError(
                     "the learner llm needs the package openai, which is not installed; install it "
                     "with pip install 'causal-openlock[llm]'"
                 ) from None
@@ -336,8 +338,10 @@ class LanguageModel(Learner):
                 **asdict(subject.words),
                 "tokens": [sum(reply["tokens"][i] for reply in replies) for i in (0, 1)],
                 "latency": round(sum(reply["latency"] for reply in replies), 3),
+                "answers": len(replies),
                 "faults": dict(Counter(subject.faults)),
                 "unanswered": subject.unanswered,
+                "unreadable": _unreadable(subject),
             }
             rest = {"told": subject.talk[subject.said :]}  # what came of the last answer
             transcripts.append([head, *subject.lines, rest])
@@ -349,6 +353,15 @@ class LanguageModel(Learner):
                 f"{counted(len(faults), 'answer was', 'answers were')} no action "
                 f"({_counts(faults)}); {counted(spent, 'action')} stayed unanswered, and each was "
                 "spent on what changes nothing"
+            )
+        if unreadable := sum(map(_unreadable, self._subjects)):
+            remarks.append(
+                f"{counted(unreadable, 'answer')} to which lever enables which could not be read"
+            )
+        if self._repeated:
+            remarks.append(
+                f"{counted(self._repeated, 'answer')} had been given before and came from "
+                f"{self._replay.folder}; no server was asked for them"
             )
         return Account(tuple(transcripts), tuple(remarks))
 
@@ -364,6 +377,12 @@ class LanguageModel(Learner):
 def _restored(kept: dict[str, Any]) -> _Subject:
     words = kept.pop("words")
     return _Subject(Wording(words["story"], tuple(words["names"]), tuple(words["order"])), **kept)
+
+
+def _unreadable(subject: _Subject) -> int:
+    """How many answers to which lever enables which could not be read."""
+    asked = [line for line in subject.lines if line.get("asked") == "structure"]
+    return sum(line["fault"] is not None for line in asked)
 
 
 def _where(view: View, row: int) -> dict[str, Any]:

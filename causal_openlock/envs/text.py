@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.error import ResetNeeded
+from gymnasium.error import InvalidAction, ResetNeeded
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
 from causal_openlock.envs.settings import ATTEMPT_LIMIT
@@ -112,10 +112,13 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
 
         Raises:
             ResetNeeded: Before the first reset, and after the end of an episode.
+            InvalidAction: If the action is no text.
         """
         if not self._text or self._over:
             raise ResetNeeded("call reset() before step(), and after the end of every episode")
         words = self._words
+        if not isinstance(action, str):
+            raise InvalidAction(f"an action is a text, such as {words.choices[0]!r}")
         chosen = words.read(action)
         if chosen is None:
             self._text = words.no_action

@@ -17,7 +17,7 @@ from pathlib import Path
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
 from causal_openlock.contract.session_code import unpack
-from causal_openlock.errors import LearnerError, OpenLockError, in_short
+from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
 from causal_openlock.experiment.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.learner_check import check_new_learner
@@ -119,7 +119,8 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
         trace = "".join(traceback.format_exception(error))
     except Exception:  # a foreign exception's own attributes may raise
         trace = f"{type(error).__name__}\n"
-    return store.failures.record(cell, f"failed: {what}", trace)
+    before = store.failures.of(cell.file_name)[0] if isinstance(error, NotAvailableError) else None
+    return store.failures.record(cell, f"failed: {what}", trace, before)
 
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:

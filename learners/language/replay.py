@@ -26,7 +26,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import NotAvailableError
 
 FOLDER, BUDGET = "OPENLOCK_LLM_REPLAY", "OPENLOCK_LLM_BUDGET"
 """Environment variables: they decide nothing about results, so they are no parameters."""
@@ -106,7 +106,7 @@ class Replay:
         """Read what has been added since the last time.
 
         Raises:
-            LearnerError: If a file cannot be read.
+            NotAvailableError: If a file cannot be read.
         """
         for path in sorted(self.folder.glob("*.jsonl")):
             try:
@@ -141,13 +141,13 @@ class Replay:
         """Keep a reply.
 
         Raises:
-            LearnerError: If it cannot be written, or its tokens were not counted and a budget is
-                set.
+            NotAvailableError: If it cannot be written, or a budget is set and its tokens were not
+                counted.
         """
         self._replies[key] = reply
         line = json.dumps({"key": key, "reply": reply}) + "\n"
         if self._is_of_results:
-            raise LearnerError(
+            raise NotAvailableError(
                 f"{self.folder} is part of results, to which no replies are added, and one is "
                 f"missing there; name a copy of it in {FOLDER}"
             )
@@ -158,7 +158,7 @@ class Replay:
         except OSError as error:
             raise _not_possible(self._own, "written", error) from None
         if _budget() is not None and not any(reply["tokens"]):
-            raise LearnerError(
+            raise NotAvailableError(
                 f"{reply['server'] or 'the server'} does not say how many tokens it took, so no "
                 f"budget can be kept; unset {BUDGET}"
             )
@@ -176,13 +176,13 @@ class Replay:
         """Make sure that not all tokens are spent.
 
         Raises:
-            LearnerError: If they are, or the budget is no number.
+            NotAvailableError: If they are, or the budget is no number.
         """
         if (budget := _budget()) is None:
             return
         self.refresh()
         if (spent := self.spent) >= budget:
-            raise LearnerError(
+            raise NotAvailableError(
                 f"the budget is spent: {spent:,} of {budget:,} tokens ({BUDGET}); nothing is "
                 "lost, set a larger one and give the same command again"
             )
@@ -194,11 +194,11 @@ def _budget() -> int | None:
     if not budget:
         return None
     if not budget.isdecimal():
-        raise LearnerError(f"{BUDGET} is a number of tokens, and this is {budget!r}")
+        raise NotAvailableError(f"{BUDGET} is a number of tokens, and this is {budget!r}")
     return int(budget)
 
 
-def _not_possible(path: Path, what: str, error: OSError) -> LearnerError:
-    return LearnerError(
+def _not_possible(path: Path, what: str, error: OSError) -> NotAvailableError:
+    return NotAvailableError(
         f"{path} cannot be {what} ({error.strerror}); name another folder in {FOLDER}"
     )

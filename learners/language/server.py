@@ -23,11 +23,18 @@ from urllib.parse import urlsplit
 import httpx2
 import openai
 
-from causal_openlock.errors import LearnerError, in_short
+from causal_openlock.errors import NotAvailableError, in_short
 from learners.language.replay import Reply, plain
 
 OPENAI = "https://api.openai.com/v1"
 KEY, TRUSTED = "OPENAI_API_KEY", "OPENAI_BASE_URL"
+_HINTS = {
+    "tool": "tools: false",
+    "seed": "send_seed: false",
+    "temperature": "temperature: null",
+    "response_format": "ask_structure: false",
+}
+"""What may help, by a word in the reason why a server refuses."""
 _COUNTED = ("prompt", "completion")
 
 
@@ -54,7 +61,7 @@ class Server:
         requests: How many are made at the same time.
 
     Raises:
-        LearnerError: If there is no key for OpenAI's server.
+        NotAvailableError: If there is no key for OpenAI's server.
     """
 
     def __init__(self, base_url: str, seconds: float, retries: int, requests: int) -> None:
@@ -63,9 +70,11 @@ class Server:
         self._key = os.environ.get(KEY, "").strip() if trusted else ""
         if not (self._key.isascii() and self._key.isprintable()):
             # The error of sending it would show it, with escapes.
-            raise LearnerError(f"{KEY} in the environment is no key: it has unusual characters")
+            raise NotAvailableError(
+                f"{KEY} in the environment is no key: it has unusual characters"
+            )
         if _place(base_url) == _place(OPENAI) and not self._key:
-            raise LearnerError(
+            raise NotAvailableError(
                 f"{base_url} asks for a key; set {KEY} in the environment, or name another server "
                 "in base_url"
             )
@@ -87,7 +96,7 @@ class Server:
         """Make a request, as soon as fewer than the limit are under way.
 
         Raises:
-            LearnerError: If the server refuses it, or fails however often it is asked.
+            NotAvailableError: If the server refuses it, or fails however often it is asked.
         """
         async with self._free:
             began = time.perf_counter()
@@ -107,7 +116,10 @@ class Server:
                     "retries": raw.retries_taken,
                 }
             except openai.APIStatusError as error:
-                raise self._failure(f"refuses ({self._in_short(error)})") from None
+                why = self._in_short(error)
+                hints = [hint for word, hint in _HINTS.items() if word in why.lower()]
+                hint = f"; perhaps it takes {hints[0]} among the parameters" if hints else ""
+                raise self._failure(f"refuses ({why}){hint}") from None
             except openai.APITimeoutError:
                 raise self._failure("did not answer in time") from None
             except openai.OpenAIError as error:
@@ -131,9 +143,9 @@ class Server:
     def _in_short(self, error: BaseException) -> str:
         return in_short(Exception(plain(str(error), self._key)))
 
-    def _failure(self, what: str) -> LearnerError:
-        again = "what was said is kept, so give the same command again once that is fixed"
-        return LearnerError(plain(f"the server at {self.base_url} {what}; {again}", self._key))
+    def _failure(self, what: str) -> NotAvailableError:
+        again = "what was answered is kept, so give the same command again once that is fixed"
+        return NotAvailableError(plain(f"the server at {self.base_url} {what}; {again}", self._key))
 
 
 def _place(url: str) -> tuple[str, str | None, int | None]:
@@ -142,4 +154,6 @@ def _place(url: str) -> tuple[str, str | None, int | None]:
         parts = urlsplit(url)
         return parts.scheme, parts.hostname, parts.port
     except ValueError:  # base_url was looked at before
-        raise LearnerError(f"{TRUSTED} in the environment is no address: {url[:200]}") from None
+        raise NotAvailableError(
+            f"{TRUSTED} in the environment is no address: {url[:200]}"
+        ) from None

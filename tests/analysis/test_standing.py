@@ -129,7 +129,9 @@ def test_the_answer_in_sentences(played: Material) -> None:
     assert first.endswith(
         "a difference that is found after correction for all tests of the report."
     )
-    assert second == "Solved nothing: never."  # 24 pairs that all differ tell the others apart
+    assert (
+        second == "Solved no trial that counts: never."
+    )  # 24 pairs that all differ tell the others apart
 
 
 def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) -> None:
@@ -140,14 +142,15 @@ def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) 
     first, second = answers(standings(played), decisions)["human"]
     assert "which is not found after" in first
     assert second == (
-        "Not told apart from able after that correction: never and told. Solved nothing: never."
+        "Not told apart from able after that correction: never and told. "
+        "Solved no trial that counts: never."
     )
 
 
 def test_the_answer_where_nothing_is_solved(played: Material) -> None:
     held = material([*play("a", same(30), 2), *play("b", same(30), 2)], ("a", "b"))
     assert answers(standings(held), decisions_of(held)) == {
-        "human": ("No learner solved a trial.",)
+        "human": ("No learner solved a trial that counts.",)
     }
 
 

@@ -7,7 +7,7 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.error import ResetNeeded
+from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import causal_openlock
@@ -53,6 +53,8 @@ def test_a_text_that_is_no_action_does_nothing() -> None:
     with pytest.raises(ResetNeeded):
         env.step("push oak")
     env.reset(seed=0)
+    with pytest.raises(InvalidAction, match="an action is a text, such as 'push "):
+        env.step(3)  # type: ignore[arg-type]
     text, reward, solved, spent, info = env.step("What would you do?")
     assert text.startswith("That is no action, and nothing was done. The actions are: ")
     assert env.render() == text

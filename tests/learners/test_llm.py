@@ -8,14 +8,17 @@ import json
 import sys
 import zipfile
 from collections.abc import Container
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from causal_openlock.analysis.report.sections import language_models
+from causal_openlock.comparison.results import Results
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import CellsFailed, LearnerError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.runner import run
@@ -494,7 +497,7 @@ def test_a_kept_reply_with_half_a_sign_is_mended(tmp_path: Path) -> None:
 def test_what_is_nested_too_deeply_is_no_reply_and_is_not_kept(levels: int, tmp_path: Path) -> None:
     """A reply of some hundred levels can be read, but not written with the conversation."""
     nested = f'{{"content": "no", "more": {"[" * levels}{"]" * levels}}}'
-    with pytest.raises(LearnerError, match=r"gives no chat completion; what was said is kept"):
+    with pytest.raises(LearnerError, match=r"gives no chat completion; what was answered is kept"):
         play(lambda *_: completion(nested))
     assert not [*tmp_path.rglob("*.jsonl")]
     # Nor is one used that is in a folder all the same.
@@ -620,6 +623,50 @@ def test_what_was_said_is_in_the_results_and_in_their_bundle(
     write_bundle(store, tmp_path / "out.zip")
     names = zipfile.ZipFile(tmp_path / "out.zip").namelist()
     assert sum(name.startswith("words/results/transcripts/llm_CC3_") for name in names) == 2
+    # The report has the sums, whatever else is among the transcripts.
+    for path in (out / "transcripts").iterdir():
+        path.write_bytes(path.read_bytes() + b'{"answers": -1}\n\xff\n[]\n')
+    shown = language_models.section(Results.read(out))
+    assert shown is not None
+    assert len(shown.text) == 1
+    assert shown.tables[0].rows[0][:6] == ["llm", "CC3", "3", "10", "1,000", "50"]
+    assert shown.tables[0].rows[0][7:] == ["1", "0", "0"]
+
+
+def test_a_server_that_is_away_can_be_tried_again_and_again(tmp_path: Path) -> None:
+    with scripted(lambda *_: says("hello")) as (_, url):
+        (tmp_path / "words.yaml").write_text(
+            "{name: words, seed: 1, subjects: 1, conditions: [CC3], "
+            "protocols: {short: {based_on: human, attempt_limit: 1, baseline_trials: 1}}, "
+            "learners: [{learner: llm, protocol: short, "
+            f"parameters: {{model: scripted, base_url: '{url}', retries: 0}}}}]}}"
+        )
+        experiment = read_experiment(tmp_path / "words.yaml")
+        elsewhere = url.rpartition(":")[0]
+        away = replace(
+            experiment,
+            learners=tuple(
+                replace(one, parameters={**one.parameters, "base_url": f"{elsewhere}:9/v1"})
+                for one in experiment.learners
+            ),
+        )
+        for _ in range(4):
+            with pytest.raises(CellsFailed, match="cannot be asked") as error:
+                run(away, tmp_path / "out", workers=0)
+            assert "retry-failed" not in str(error.value)
+        warned: list[str] = []
+        run(experiment, tmp_path / "out", workers=0, warn=warned.append)
+    (silent,) = language_models.section(Results.read(tmp_path / "out")).text[1:]  # type: ignore[union-attr]
+    assert "3 actions of llm. How these learners fare" in silent
+    # A repetition says that nobody was asked.
+    run(away, tmp_path / "again", workers=0, warn=warned.append)
+    assert "9 answers had been given before" in warned[-1]
+
+
+def test_a_refusal_names_what_may_help() -> None:
+    refused = Status(400, '{"error": {"message": "this model supports no tools"}}')
+    with pytest.raises(LearnerError, match="perhaps it takes tools: false among the parameters"):
+        play(lambda *_: refused)
 
 
 def test_the_examples_come_out_as_shown() -> None:

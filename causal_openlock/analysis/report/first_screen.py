@@ -161,7 +161,7 @@ def answers(standings: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[st
     """What was found, in a few sentences, by protocol.
 
     Which learner needs the fewest attempts and how that compares with people, which ones cannot be
-    distinguished from it, and which solved nothing.
+    distinguished from it, and which solved no trial that counts.
 
     Args:
         standings: From :func:`~causal_openlock.analysis.results.standing.standings`.

@@ -31,6 +31,7 @@ ORDER = (
     "survival",
     "waste",
     "understanding",
+    "language_models",
     "human_likeness",
     "paper_findings",
     "transfer",

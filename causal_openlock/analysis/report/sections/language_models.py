@@ -1,0 +1,90 @@
+"""What language models cost, and how many of their answers were no actions.
+
+All that was said is in the transcripts of a results folder; a line for each subject has the counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+from pydantic import BaseModel, Field, NonNegativeInt, ValidationError
+
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.experiment.store import Store
+
+_PROSE = Prose("language_models")
+_CELL = ["learner", "condition"]
+_SHOWN = {
+    "answers": "answers",
+    "asked": "tokens of questions",
+    "answered": "tokens of answers",
+    "seconds": "seconds",
+    "no_action": "no action",
+    "unanswered": "unanswered actions",
+    "unreadable": "unreadable structures",
+}
+
+
+class _Counts(BaseModel):
+    """What the first line of a subject's transcript counts; anybody may have written it."""
+
+    answers: NonNegativeInt
+    tokens: tuple[NonNegativeInt, NonNegativeInt]
+    latency: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    faults: dict[str, NonNegativeInt]
+    unanswered: NonNegativeInt
+    unreadable: NonNegativeInt
+
+    def row(self) -> dict[str, float]:
+        """The counts by column."""
+        asked, answered = self.tokens
+        return {
+            **{"answers": self.answers, "asked": asked, "answered": answered},
+            **{"seconds": self.latency, "no_action": sum(self.faults.values())},
+            **{"unanswered": self.unanswered, "unreadable": self.unreadable},
+        }
+
+
+def section(material: Material) -> Section | None:
+    """Answers, tokens and seconds; None where nothing was said."""
+    table = _counted(material)
+    if table.empty:
+        return None
+    groups = table.groupby(_CELL, sort=False)
+    shown = groups.sum().rename(columns=_SHOWN)
+    shown.insert(0, "subjects", groups.size())
+    by_learner = table.groupby("learner", sort=False)["unanswered"].sum()
+    return _PROSE.section(
+        "language_models",
+        [_PROSE.table("language_models", shown.reset_index(), dict.fromkeys(shown, ",.0f"))],
+        silent=by_learner[by_learner > 0].to_dict(),
+    )
+
+
+def _counted(material: Material) -> pd.DataFrame:
+    """A row for each subject that spoke."""
+    cells = {cell.name: cell for cell in material.experiment.cells()}
+    rows = []
+    for store in map(Store, material.folders):
+        for file in material.experiment.files:
+            cell = cells.get(file.rpartition("_")[0])
+            path = store.transcript(Path(file))
+            for counts in _counts(path) if cell and path.is_file() else ():
+                assert cell
+                names = cell.spec.name, cell.condition.name
+                rows.append({**dict(zip(_CELL, names, strict=True)), **counts.row()})
+    return pd.DataFrame(rows)
+
+
+def _counts(path: Path) -> Iterator[_Counts]:
+    with path.open("rb") as file:
+        for line in file:
+            try:
+                yield _Counts.model_validate_json(line)
+            except ValidationError:
+                continue  # what was said
