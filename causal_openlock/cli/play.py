@@ -26,7 +26,7 @@ def play(
             help="CC4, CC3-CC4, my.yaml, ...; of several, each person plays one.",
         ),
     ] = None,
-    protocol: Annotated[str, typer.Option(help="human or rl: the budgets.")] = "human",
+    protocol: Annotated[str, typer.Option(help="human, rl or rl_2020: the budgets.")] = "human",
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for what people do.")] = Path(
         "results/people"
     ),

@@ -17,7 +17,7 @@ def text(
     story: Annotated[
         str, typer.Option(help="levers, switches, symbols, or any: one is drawn.")
     ] = "any",
-    protocol: Annotated[str, typer.Option(help="human or rl: the budgets.")] = "human",
+    protocol: Annotated[str, typer.Option(help="human, rl or rl_2020: the budgets.")] = "human",
     subject: SubjectNumber = 0,
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of rooms and words.")] = 0,
 ) -> None:

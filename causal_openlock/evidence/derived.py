@@ -14,13 +14,15 @@ from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import confusion
 from causal_openlock.evidence.stored import COSTS, read_units
 from causal_openlock.evidence.study import Study
+from causal_openlock.fitting.objective import score
 
 
 def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """How far learners are from people's means, beside what such distances are worth.
 
     Columns: as :func:`~causal_openlock.analysis.results.people.yardsticks.beside_yardsticks`
-    returns, and ``effects``, of how many of people's six effects a learner has the sign.
+    returns; ``effects``, of how many of people's six effects a learner has the sign; and ``model``,
+    its distance from the fourteen means of the published model.
 
     Raises:
         EvidenceError: If no learner has played all six conditions.
@@ -29,7 +31,9 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     played = trials[trials["learner"].isin(like.points)]
     table = beside_yardsticks(like, played, chosen_settings(study.asked.learners))
     effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
-    return table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
+    table = table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
+    far = {name: score(own, "none", target="model").all for name, own in like.points.items()}
+    return table.assign(model=table["learner"].map(far))
 
 
 def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Likeness]:

@@ -29,6 +29,8 @@ from causal_openlock.evidence.study import (
 )
 from causal_openlock.evidence.units import Selected
 from causal_openlock.evidence.verdicts import (
+    EQUIVALENCE,
+    Ends,
     Estimate,
     Verdict,
     estimate,
@@ -323,7 +325,21 @@ class Evidence:
 def _difference_in_words(contrast: Contrast, found: Estimate) -> str:
     written = _written(found, contrast.measure, "sign")
     interval = _written(found, contrast.measure, "interval")
+    if not isinstance(contrast.minus, Selection):
+        written += f" from {_number(contrast.minus, contrast.measure)}"
+    if contrast.expected == "same" and EQUIVALENCE in found.intervals:
+        interval += f"; {EQUIVALENCE:.0%}: {_ends(found.intervals[EQUIVALENCE], contrast.measure)}"
     return f"{written} ({interval}), n = {found.n}"
+
+
+def _ends(ends: Ends, measure: str, least: float = -1.0) -> str:
+    """An interval; of shares, as far as there can be any."""
+    low, high = ends
+    if np.isnan(low):
+        return "no interval: fewer than three units"
+    if measure not in ATTEMPTS:
+        low, high = max(low, least), min(high, 1.0)
+    return f"{_number(low, measure)} to {_number(high, measure)}"
 
 
 def _contrast_in_words(
@@ -362,12 +378,7 @@ def _written(found: Estimate, measure: str, ending: str, of: Selected | None = N
     if ending == "units":
         return found.n
     if ending == "interval":
-        low, high = found.interval
-        if np.isnan(low):
-            return "no interval: fewer than three units"
-        if measure not in ATTEMPTS:  # shares
-            low, high = max(low, 0.0 if of else -1.0), min(high, 1.0)
-        return f"{_number(low, measure)} to {_number(high, measure)}"
+        return _ends(found.interval, measure, 0.0 if of else -1.0)
     if ending == "sd" and of is not None:
         return _number(float(np.std(of.values, ddof=1)) if len(of.values) > 1 else np.nan, measure)
     if ending == "without_sign":

@@ -114,7 +114,8 @@ def test_verdicts_have_a_row_for_each_claim_or_for_those_named(root: Path) -> No
     found = Evidence(read_study(root / "small"))
     rows = found.block("verdicts").splitlines()[2:]
     faster, like_people = rows
-    assert "| **holds** | CC3-CC4: −.80 (−.80 to −.09), n = 3 |" in faster
+    assert "| **holds** | CC3-CC4: −.80 from .80 (−.80 to −.09), n = 3 |" in faster
+    assert "; 90%: " in like_people  # which decides a claim that two are the same
     assert found.block("verdicts like_people").splitlines()[2:] == [like_people]
     with pytest.raises(EvidenceError, match="has no claim 'fastest'; did you mean faster"):
         found.block("verdicts fastest")
