@@ -80,7 +80,7 @@ EVERYONE = "everyone"
 MEASURED: Mapping[str, Sequence[str]] = {
     "trials": TRIALS,
     "course": COURSE,
-    "curve": (*TRIALS, "unlocks"),
+    "curve": TRIALS,
     "recovery": (*RECOVERED, CORRELATION),
 }
 

@@ -15,7 +15,7 @@ whether a condition is judged by this row; ``unit``, the number of the subject o
 - ``solved``, of a course ``finds_all``: the share of trials in which every solution was found.
 - ``found``: solutions found of those to be found.
 - ``opens``, ``unlocks``, ``else``, of a course: the shares of attempts that open the door, that
-  unlock it and do not open it, and that do neither; ``unlocks`` of a curve, too.
+  unlock it and do not open it, and that do neither.
 
 Those of a recovery are in :mod:`~causal_openlock.evidence.confusions`.
 """
@@ -36,8 +36,8 @@ from causal_openlock.evidence.study import (
     BLOCK,
     COURSE,
     EVERYONE,
-    MEASURED,
     RECOVERED,
+    TRIALS,
     Selection,
 )
 from causal_openlock.experiment.protocol import PROTOCOLS
@@ -57,11 +57,10 @@ def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
     if measured == "course":
         when, measures, table = "part", [*COURSE], shares(trials)
     else:
-        when, measures = "part" if measured == "curve" else "trial", [*MEASURED[measured]]
+        when, measures = "part" if measured == "curve" else "trial", [*TRIALS]
         each = trials.assign(
             solved=trials["solved"].astype(float),
             found=trials["solutions_found"] / trials["solutions"],
-            unlocks=trials["unlock"] / trials["last_attempt"],
         )
         if when == "part":
             each["part"] = each.groupby([*KEYS, *SUBJECT], observed=True).cumcount() // BLOCK + 1
