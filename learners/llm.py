@@ -22,7 +22,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import urlsplit
 
@@ -92,6 +92,10 @@ class LanguageModelParameters:
         for name in OURS:
             if name in self.settings:
                 raise ValueError(f"settings cannot hold {name!r}, which the learner itself sends")
+        try:
+            json.dumps(self.settings, allow_nan=False)
+        except (TypeError, ValueError):
+            raise ValueError("settings can hold what JSON can, and no infinity") from None
         try:
             parts = urlsplit(self.base_url)
             known = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
@@ -190,7 +194,9 @@ class LanguageModel(Learner):
             if again:
                 subject.tell(subject.words.no_action)
             key, reply = await self._ask(subject, self._request(subject))
-            answer = read_answer(reply["message"], reply["finish"], subject.words)
+            answer = read_answer(
+                reply["message"], reply["finish"], subject.words, self.parameters.tools
+            )
             subject.talk.append(answer.message)
             action = None if answer.action is None else self.brief.action_names[answer.action]
             read = {"action": action, "fault": answer.fault}
@@ -271,13 +277,17 @@ class LanguageModel(Learner):
         return request
 
     async def _ask(self, subject: _Subject, request: dict[str, Any]) -> tuple[str, Reply]:
-        key = key_of(request, subject.seed)
+        key = key_of(request, subject.seed, len(subject.lines))
         reply = self._replay.get(key)
         self._repeated += reply is not None
         if reply is None:
-            if not subject.in_attempt:
-                self._replay.require_budget()
-            reply = await self._connected().ask(_as_sent(request))
+
+            def before() -> None:
+                self._replay.require_place()
+                if not subject.in_attempt:
+                    self._replay.require_budget()
+
+            reply = await self._connected().ask(_as_sent(request), before)
             self._replay.put(key, reply)
         return key, reply
 
@@ -301,7 +311,7 @@ class LanguageModel(Learner):
         subject = self._subjects[row]
         words = subject.words
         new, outcome = bool(step.new_solution[row]), step.outcome[row]
-        aside = _Subject(words, subject.seed, [*subject.talk], in_attempt=True)
+        aside = replace(subject, talk=[*subject.talk], in_attempt=True)
         aside.tell(f"{words.outcome(step.view.observation[row], outcome, new)}\n{words.question()}")
         request = self._request(aside)
         if "tools" in request:

@@ -61,7 +61,7 @@ DRAWN_CHAINS = 2**20
 """Chains that are looked at together, for the probabilities."""
 MOST = 10.0
 """The greatest local belief at the start of a room; the least is 1 (both papers)."""
-NotNegative = Annotated[float, Field(ge=0)]
+NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,9 @@ ResultsFolder = Annotated[
         help="Folder that compare or play wrote to; or a store, s3://...", parser=_results_folder
     ),
 ]
-SubjectNumber = Annotated[int, typer.Option("--subject", min=0, help="Number of the subject.")]
+SubjectNumber = Annotated[
+    int, typer.Option("--subject", min=0, max=2**31 - 1, help="Number of the subject.")
+]
 Seed = Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Seed of all randomness.")]
 ProtocolName = Annotated[
     str | None, typer.Option(help="human, rl, rl_2020, or one that the experiment declares.")

@@ -48,6 +48,8 @@ def text(
         except EOFError:
             say()
             return
+        except UnicodeDecodeError:
+            answer = ""
         if answer.strip().lower() in STOP:
             return
         action = words.read(answer)

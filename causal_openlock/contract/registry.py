@@ -235,7 +235,8 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
             )
         try:
             text = to_json(value, inf_nan_mode="constants")
-            values[key] = TypeAdapter(hints[key]).validate_json(text, strict=True)
+            kind = TypeAdapter(hints[key], config={"allow_inf_nan": False})
+            values[key] = kind.validate_json(text, strict=True)
         except PydanticSerializationError:
             raise LearnerError(
                 f"the parameter {key} of {name} must be plain data, and this is {value!r}"

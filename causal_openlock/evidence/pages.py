@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -152,8 +153,13 @@ def unbound_numbers(
     def blank(found: re.Match[str]) -> str:
         return re.sub(r"[^\n]", " ", found[0])
 
+    # Only what is written as LINK reads it is renewed.
+    renewed = Counter((one["path"], one["title"]) for one in LINK.finditer(text))
+
     def is_link(token: Any) -> bool:
-        return bool(token.attrs.get("title")) and of_study(token.attrs.get("href", ""))
+        href, title = token.attrs.get("href", ""), token.attrs.get("title", "")
+        renewed[href, title] -= 1
+        return bool(title) and of_study(href) and renewed[href, title] >= 0
 
     text = BLOCK.sub(blank, text)
     # Directives (```{note}) hold prose; other fences are code.
@@ -173,6 +179,8 @@ def unbound_numbers(
                 prose.append(one.content)
             elif one.type == "code_inline":
                 prose.append(" ")
+        if token.type == "html_block":
+            prose.append(re.sub(r"<!--.*?-->|<[^>]*>", blank, token.content, flags=re.S))
         said = _NAMES.sub(blank, "".join(prose))
         faults += [
             (line + said.count("\n", 0, found.start()), found[0])

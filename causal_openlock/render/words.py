@@ -145,7 +145,9 @@ class Wording:
             OpenLockError: If there is no such story.
         """
         if story != ANY and story not in STORIES:
-            raise OpenLockError(f"there is no story {story!r}; {nearest(story, [ANY, *STORIES])}")
+            raise OpenLockError(
+                f"there is no story {story!r}; {nearest(str(story), [ANY, *STORIES])}"
+            )
         drawn = [*STORIES][int(generator.integers(len(STORIES)))]  # drawn in any case
         chosen = drawn if story == ANY else story
         pool = STORIES[chosen].names.split()
@@ -307,4 +309,4 @@ def _capital(text: str) -> str:
 
 def _plain(line: str) -> str:
     """A line without signs and capitals, its words one blank apart."""
-    return " ".join(re.sub(r"[^\w\s]", " ", line.lower()).split())
+    return " ".join(re.sub(r"[^\w\s]|_", " ", line.lower()).split())

@@ -55,13 +55,14 @@ def act_tool(words: Wording) -> dict[str, Any]:
     }
 
 
-def read_answer(reply: Message, finish: str | None, words: Wording) -> Answer:
+def read_answer(reply: Message, finish: str | None, words: Wording, tools: bool = True) -> Answer:
     r"""What a model's message means.
 
     Args:
         reply: The message as the server gave it.
         finish: Why it ended, as the server gave it.
         words: What actions are called.
+        tools: Whether the tool was offered; otherwise text alone counts.
 
     Example:
         >>> words = Wording("levers", ("oak", "elm", "fir"), (0, 1, 2))
@@ -71,7 +72,7 @@ def read_answer(reply: Message, finish: str | None, words: Wording) -> Answer:
         'refused'
     """
     calls, text = _calls(reply), _text(reply)
-    if len(calls) == 1 and (action := _argument(calls[0])) is not None:
+    if tools and len(calls) == 1 and (action := _argument(calls[0])) is not None:
         chosen = words.read(action)
         message = _acting(action, text, str(calls[0].get("id") or "call"))
         return Answer(message, chosen, None if chosen is not None else "out of range")

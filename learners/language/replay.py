@@ -2,8 +2,8 @@
 
 A comparison that is repeated finds every reply here: it needs no server and gives the same, byte
 for byte. One that was interrupted asks only for what is missing. The key of a reply is a hash of
-the request (model, settings and transcript) and of the subject's seed, whether or not that was
-sent; where the server is does not count.
+the request (model, settings and transcript), of the subject's seed, whether or not that was sent,
+and of how many answers the subject gave before; where the server is does not count.
 
 The folder is the environment variable ``OPENLOCK_LLM_REPLAY``, by default
 ``~/.cache/causal_openlock/llm``. It holds files of lines of JSON, one for each process that asked;
@@ -17,11 +17,13 @@ does not count them is an error then.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import math
 import os
 import secrets
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -39,31 +41,53 @@ DEEPEST = 100
 """Levels of nesting. Far fewer are in any proper reply, and what copies and writes one recurses."""
 
 
-def key_of(request: dict[str, Any], seed: int) -> str:
-    """The key of a request, in which there is no address and no secret."""
-    text = json.dumps({"request": request, "seed": seed}, sort_keys=True)
+def key_of(request: dict[str, Any], seed: int, number: int) -> str:
+    """The key of a request, in which there is no address and no secret.
+
+    Args:
+        request: The request.
+        seed: The subject's.
+        number: How many answers the subject gave before. A short memory can make a request come
+            again, and it is another question then.
+    """
+    text = json.dumps({"request": request, "seed": seed, "number": number}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def plain(value: Any, secret: str = "", levels: int = DEEPEST) -> Any:
-    """What a server said, as it can be kept and sent on: without a secret, and as valid Unicode.
+def plain(value: Any, secrets: Sequence[str] = (), levels: int = DEEPEST) -> Any:
+    """What a server said, as it can be kept and sent on: without secrets, in valid Unicode.
 
     Raises:
         ValueError: If it is nested more deeply than that.
     """
     if isinstance(value, str):
         text = value.encode("utf-8", "replace").decode()
-        return text.replace(secret, "[key]") if secret else text
+        for secret in secrets:
+            text = text.replace(secret, "[key]")
+        return text
     if not isinstance(value, (dict, list)):
         return value
     if not levels:
         raise ValueError("nested too deeply")
     if isinstance(value, list):
-        return [plain(one, secret, levels - 1) for one in value]
-    return {plain(name, secret): plain(one, secret, levels - 1) for name, one in value.items()}
+        return [plain(one, secrets, levels - 1) for one in value]
+    return {plain(name, secrets): plain(one, secrets, levels - 1) for name, one in value.items()}
 
 
-def _is_whole(reply: Reply) -> bool:
+def read_json(text: str | bytes) -> Any:
+    """The content of a JSON text; what is no number there, such as NaN, is a fault.
+
+    Raises:
+        ValueError, RecursionError: If it is none.
+    """
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def is_whole(reply: Reply) -> bool:
     """Whether all that is read of a reply is there, and of its type: anybody may have written it.
 
     Raises:
@@ -125,9 +149,9 @@ class Replay:
 
     def _take(self, line: bytes) -> None:
         try:
-            kept = json.loads(line)
+            kept = read_json(line)
             key, reply = kept["key"], plain(kept["reply"])
-            whole = isinstance(key, str) and _is_whole(reply)
+            whole = isinstance(key, str) and is_whole(reply)
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
             return  # a line of another kind, or a damaged one
         if whole:
@@ -146,13 +170,7 @@ class Replay:
         """
         self._replies[key] = reply
         line = json.dumps({"key": key, "reply": reply}) + "\n"
-        if self._is_of_results:
-            raise NotAvailableError(
-                f"{self.folder} is part of results, to which no replies are added, and one is "
-                f"missing there; name a copy of it in {FOLDER}"
-            )
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
             with self._own.open("ab") as file:
                 file.write(line.encode())
         except OSError as error:
@@ -163,9 +181,23 @@ class Replay:
                 f"budget can be kept; unset {BUDGET}"
             )
 
-    @property
-    def _is_of_results(self) -> bool:
-        return (self.folder.parent / "experiment.json").exists()
+    def require_place(self) -> None:
+        """Make sure that replies can be kept, before any is asked for.
+
+        Raises:
+            NotAvailableError: If they cannot.
+        """
+        if (self.folder.parent / "experiment.json").exists():
+            raise NotAvailableError(
+                f"{self.folder} is part of results, to which no replies are added, and one is "
+                f"missing there; name a copy of it in {FOLDER}"
+            )
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if not os.access(self.folder, os.W_OK):
+                raise PermissionError(errno.EACCES, "Permission denied")
+        except OSError as error:
+            raise _not_possible(self._own, "written", error) from None
 
     @property
     def spent(self) -> int:
@@ -193,7 +225,7 @@ def _budget() -> int | None:
     budget = os.environ.get(BUDGET)
     if not budget:
         return None
-    if not budget.isdecimal():
+    if not (budget.isdecimal() and len(budget) < 19):
         raise NotAvailableError(f"{BUDGET} is a number of tokens, and this is {budget!r}")
     return int(budget)
 

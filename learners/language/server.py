@@ -14,9 +14,9 @@ removed from everything that a server says, once it is decoded and before it is 
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import time
+from collections.abc import Callable
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -24,10 +24,12 @@ import httpx2
 import openai
 
 from causal_openlock.errors import NotAvailableError, in_short
-from learners.language.replay import Reply, plain
+from learners.language.replay import Reply, is_whole, plain, read_json
 
 OPENAI = "https://api.openai.com/v1"
-KEY, TRUSTED = "OPENAI_API_KEY", "OPENAI_BASE_URL"
+KEY, TRUSTED, HEADERS = "OPENAI_API_KEY", "OPENAI_BASE_URL", "OPENAI_CUSTOM_HEADERS"
+SHORTEST_SECRET = 8
+"""Characters from which on what is sent is removed from what is said."""
 _HINTS = {
     "tool": "tools: false",
     "seed": "send_seed: false",
@@ -38,17 +40,46 @@ _HINTS = {
 _COUNTED = ("prompt", "completion")
 
 
+LARGEST = 16 * 2**20
+"""Bytes of a reply; no proper one has nearly so many."""
+
+
 class _Client(openai.DefaultAsyncHttpxClient):
-    """A client whose requests end in time, whatever has come by then."""
+    """A client whose requests end in time, whatever has come by then, and whose replies are small.
+
+    It goes where it is sent and nowhere else: a redirection is a refusal.
+    """
 
     limit = 0.0
 
-    async def send(self, *args: Any, **kwargs: Any) -> Any:
+    async def send(self, request: Any, **kwargs: Any) -> Any:
+        kwargs |= {"stream": True, "follow_redirects": False}
         try:
             async with asyncio.timeout(self.limit):
-                return await super().send(*args, **kwargs)
+                reply = await super().send(request, **kwargs)
+                try:
+                    return await _whole(reply)
+                finally:
+                    await reply.aclose()
         except TimeoutError:
             raise httpx2.ReadTimeout("the time limit") from None  # which is asked again
+
+
+async def _whole(reply: httpx2.Response) -> httpx2.Response:
+    content = bytearray()
+    async for part in reply.aiter_bytes():
+        content += part
+        if len(content) > LARGEST:
+            raise httpx2.DecodingError("its reply is too large")
+    # What it says of how it was packed is true no more.
+    unpacked = ("content-encoding", "content-length", "content-type", "transfer-encoding")
+    headers = [(name, value) for name, value in reply.headers.items() if name not in unpacked]
+    return httpx2.Response(
+        reply.status_code,
+        headers=[*headers, ("content-type", "application/json")],
+        content=bytes(content),
+        request=reply.request,
+    )
 
 
 class Server:
@@ -90,31 +121,45 @@ class Server:
         if not trusted:
             self._client.organization = self._client.project = None
             self._client._custom_headers = {}  # OPENAI_CUSTOM_HEADERS; no argument leaves them out
+        given = os.environ.get(HEADERS, "") if trusted else ""
+        values = [line.partition(":")[2].strip() for line in given.splitlines()]
+        self._secrets = [one for one in (self._key, *values) if len(one) >= SHORTEST_SECRET]
         self._free = asyncio.Semaphore(requests)
 
-    async def ask(self, request: dict[str, Any]) -> Reply:
+    async def ask(
+        self, request: dict[str, Any], before: Callable[[], None] = lambda: None
+    ) -> Reply:
         """Make a request, as soon as fewer than the limit are under way.
+
+        Args:
+            request: What is asked.
+            before: Called right before, when its turn has come.
 
         Raises:
             NotAvailableError: If the server refuses it, or fails however often it is asked.
         """
         async with self._free:
-            began = time.perf_counter()
+            before()
+            began, text = time.perf_counter(), ""
             try:
                 raw = await self._client.chat.completions.with_raw_response.create(**request)
                 latency = time.perf_counter() - began
-                said = plain(json.loads(raw.http_response.text), self._key)
+                text = raw.http_response.content.decode("utf-8", "replace")
+                said = plain(read_json(text), self._secrets)
                 choice, usage = said["choices"][0], said.get("usage") or {}
-                return {
+                reply = {
                     "message": dict(choice["message"]),
                     "finish": choice.get("finish_reason"),
                     "model": said.get("model"),
-                    "server": plain(raw.headers.get("server"), self._key),
+                    "server": plain(raw.headers.get("server"), self._secrets),
                     "fingerprint": said.get("system_fingerprint"),
                     "tokens": [int(usage.get(f"{of}_tokens") or 0) for of in _COUNTED],
                     "latency": round(latency, 3),
                     "retries": raw.retries_taken,
                 }
+                if not is_whole(reply):
+                    raise ValueError("not of the right types")
+                return reply
             except openai.APIStatusError as error:
                 why = self._in_short(error)
                 hints = [hint for word, hint in _HINTS.items() if word in why.lower()]
@@ -134,18 +179,21 @@ class Server:
                 OverflowError,
                 RecursionError,
             ):
-                raise self._failure("gives no chat completion") from None
+                what = in_short(Exception(plain(text, self._secrets)[:100])) if text else "nothing"
+                raise self._failure(f"gives no chat completion ({what})") from None
 
     async def close(self) -> None:
         """Close the connections."""
         await self._client.close()
 
     def _in_short(self, error: BaseException) -> str:
-        return in_short(Exception(plain(str(error), self._key)))
+        return in_short(Exception(plain(str(error), self._secrets)))
 
     def _failure(self, what: str) -> NotAvailableError:
         again = "what was answered is kept, so give the same command again once that is fixed"
-        return NotAvailableError(plain(f"the server at {self.base_url} {what}; {again}", self._key))
+        return NotAvailableError(
+            plain(f"the server at {self.base_url} {what}; {again}", self._secrets)
+        )
 
 
 def _place(url: str) -> tuple[str, str | None, int | None]:

@@ -538,6 +538,10 @@ def test_trials_of_one_subject_are_no_several_draws(root: Path) -> None:
         "Figure 6 and 30 others",
         "__57__ of them",
         "½ of them",
+        "[3.75](../evidence/bayes/README.md 'attempts bayes CC4')",
+        '[3.75](../evidence/bayes/README.md  "attempts bayes CC4")',
+        '[3.75][r]\n\n[r]: ../evidence/bayes/README.md "attempts bayes CC4"',
+        "<p>It opens in .99</p>",
     ],
 )
 def test_numbers_cannot_hide(text: str) -> None:

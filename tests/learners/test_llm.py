@@ -362,6 +362,8 @@ def test_there_is_no_server_without_a_key_or_a_model(monkeypatch: pytest.MonkeyP
         ({"base_url": "http://h:99999/v1"}, "is the address of a server"),
         ({"base_url": "http://h:port/v1"}, "is the address of a server"),
         ({"settings": {"messages": []}}, "cannot hold 'messages'"),
+        ({"settings": {"top_p": float("inf")}}, "and no infinity"),
+        ({"temperature": float("inf")}, "should be a finite number"),
     ],
 )
 def test_parameters_that_cannot_be(parameters: dict[str, Any], why: str) -> None:
@@ -497,7 +499,9 @@ def test_a_kept_reply_with_half_a_sign_is_mended(tmp_path: Path) -> None:
 def test_what_is_nested_too_deeply_is_no_reply_and_is_not_kept(levels: int, tmp_path: Path) -> None:
     """A reply of some hundred levels can be read, but not written with the conversation."""
     nested = f'{{"content": "no", "more": {"[" * levels}{"]" * levels}}}'
-    with pytest.raises(LearnerError, match=r"gives no chat completion; what was answered is kept"):
+    with pytest.raises(
+        LearnerError, match=r"gives no chat completion \(\{.*\); what was answered is kept"
+    ):
         play(lambda *_: completion(nested))
     assert not [*tmp_path.rglob("*.jsonl")]
     # Nor is one used that is in a folder all the same.
@@ -661,6 +665,75 @@ def test_a_server_that_is_away_can_be_tried_again_and_again(tmp_path: Path) -> N
     # A repetition says that nobody was asked.
     run(away, tmp_path / "again", workers=0, warn=warned.append)
     assert "9 answers had been given before" in warned[-1]
+
+
+def test_a_budget_is_looked_at_when_a_request_has_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(BUDGET, "200")
+    with scripted() as (server, url):
+        given = {"model": "scripted", "base_url": url, "requests": 1}
+        learner = create("learners.llm:LanguageModel", given)
+        session = Session(ONE_ROOM, protocol(), 20, learner="llm")
+        with pytest.raises(LearnerError, match="210 of 200 tokens"):
+            session.play(learner)
+    assert len(server.asked) == 2
+
+
+def test_nothing_is_asked_where_nothing_can_be_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "experiment.json").touch()
+    monkeypatch.setenv(FOLDER, str(tmp_path / "transcripts"))
+    with scripted() as (server, url):
+        learner = create("learners.llm:LanguageModel", {"model": "scripted", "base_url": url})
+        with pytest.raises(LearnerError, match="part of results"):
+            Session(ONE_ROOM, protocol(), 3, learner="llm").play(learner)
+    assert not server.asked
+
+
+def test_a_short_memory_makes_no_two_questions_one() -> None:
+    server, _, (said,), _ = play(lambda *_: says("Hm."), attempts=1, recent=1)
+    assert len(server.asked) == 9
+    assert said[0]["answers"] == 9
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '{"choices": [{"message": {}}], "usage": {"prompt_tokens": -100}}',
+        '{"choices": [{"message": {}, "finish_reason": 7}]}',
+        '{"choices": [{"message": {"x": NaN}}]}',
+        '{"error": {"code": 429}}',
+    ],
+)
+def test_a_reply_that_could_not_be_kept_is_none(body: str, tmp_path: Path) -> None:
+    with pytest.raises(LearnerError, match=r"gives no chat completion \(\{"):
+        play(lambda *_: Status(200, body))
+    assert not [*tmp_path.rglob("*.jsonl")]
+
+
+def test_it_goes_nowhere_else_and_takes_no_endless_reply(monkeypatch: pytest.MonkeyPatch) -> None:
+    with scripted() as (other, url):
+        with pytest.raises(LearnerError, match="refuses"):
+            play(lambda *_: Status(307, "", Location=f"{url}/chat/completions"))
+        assert not other.asked
+    monkeypatch.setattr("learners.language.server.LARGEST", 1000)
+    with pytest.raises(LearnerError, match="too large"):
+        play(lambda *_: says("a" * 2000), retries=0)
+
+
+def test_what_else_is_secret_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENAI_CUSTOM_HEADERS", f"X-Api-Key: {SECRET}")
+    with scripted(lambda *_: says(f"You sent {SECRET}")) as (_, url):
+        monkeypatch.setenv(TRUSTED, url)
+        learner = create("learners.llm:LanguageModel", {"model": "scripted", "base_url": url})
+        session = Session(ONE_ROOM, protocol(1), 1, learner="llm")
+        session.play(learner)
+    assert SECRET not in json.dumps(learner.account().transcripts)
+
+
+def test_without_tools_a_call_is_no_action() -> None:
+    _, _, (said,), _ = play(lambda *_: call("push the door"), attempts=1, tools=False)
+    assert said[0]["faults"] == {"malformed": 9}
 
 
 def test_a_refusal_names_what_may_help() -> None:

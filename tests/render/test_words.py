@@ -62,6 +62,7 @@ def test_names_order_and_story_are_drawn() -> None:
         ("  PUSH   Oak. ", 0),
         ("Action: `pull elm`", 4),
         ("I know it.\n\n**push the door**\n", 8 - 2),
+        ("__push oak__", 0),
         ("I will not push oak", None),
         ("push oak\nor perhaps not", None),
         ("push oak, push elm", None),
