@@ -7,8 +7,9 @@ a time than the limit.
 
 The key is ``OPENAI_API_KEY`` of the environment. It, and the organization, project and headers that
 the environment names for the package, are sent only to the server that ``OPENAI_BASE_URL`` names,
-by default OpenAI's: an experiment file can name any server, and may be from anybody. The key is
-removed from everything that a server says, once it is decoded and before it is shortened.
+by default OpenAI's: an experiment file can name any server, and may be from anybody. The key, and
+what these headers say, is removed from everything that a server says, once it is decoded and before
+it is shortened.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from learners.language.replay import Reply, is_whole, plain, read_json
 OPENAI = "https://api.openai.com/v1"
 KEY, TRUSTED, HEADERS = "OPENAI_API_KEY", "OPENAI_BASE_URL", "OPENAI_CUSTOM_HEADERS"
 SHORTEST_SECRET = 8
-"""Characters from which on what is sent is removed from what is said."""
+"""Characters from which on the value of a header is removed from what is said."""
 _HINTS = {
     "tool": "tools: false",
     "seed": "send_seed: false",
@@ -123,7 +124,8 @@ class Server:
             self._client._custom_headers = {}  # OPENAI_CUSTOM_HEADERS; no argument leaves them out
         given = os.environ.get(HEADERS, "") if trusted else ""
         values = [line.partition(":")[2].strip() for line in given.splitlines()]
-        self._secrets = [one for one in (self._key, *values) if len(one) >= SHORTEST_SECRET]
+        self._secrets = [one for one in values if len(one) >= SHORTEST_SECRET]
+        self._secrets += [self._key] if self._key else []
         self._free = asyncio.Semaphore(requests)
 
     async def ask(
