@@ -171,6 +171,7 @@ class Replay:
         self._replies[key] = reply
         line = json.dumps({"key": key, "reply": reply}) + "\n"
         try:
+            self.folder.mkdir(parents=True, exist_ok=True)
             with self._own.open("ab") as file:
                 file.write(line.encode())
         except OSError as error:
