@@ -47,7 +47,8 @@ from learners.language.answers import (
     read_structure,
     structure_format,
 )
-from learners.language.replay import Reply, key_of, replay
+from learners.language.replay import key_of, replay
+from learners.language.reply import Reply
 from learners.language.side_by_side import SideBySide
 
 if TYPE_CHECKING:
@@ -120,6 +121,7 @@ class _Subject:
     lines: list[dict[str, Any]] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     unanswered: int = 0
+    unreadable: int = 0  # answers to which lever enables which
     chosen: int | None = None  # the action that it took, until it is told what that did
     spent: bool = False  # whether the last action was unanswered
     in_attempt: bool = False
@@ -281,12 +283,7 @@ class LanguageModel(Learner):
         reply = self._replay.get(key)
         self._repeated += reply is not None
         if reply is None:
-
-            def before() -> None:
-                self._replay.require_place()
-                if not subject.in_attempt:
-                    self._replay.require_budget()
-
+            before = None if subject.in_attempt else self._replay.require_budget
             reply = await self._connected().ask(_as_sent(request), before)
             self._replay.put(key, reply)
         return key, reply
@@ -294,6 +291,7 @@ class LanguageModel(Learner):
     def _connected(self) -> Server:
         """The server; the first request looks for it, so that a repetition needs none."""
         if self._server is None:
+            self._replay.require_place()  # or what is answered, and paid for, would be lost
             try:
                 from learners.language.server import Server
             except ImportError:
@@ -321,6 +319,7 @@ class LanguageModel(Learner):
         nodes = (*position_names(self.brief.positions), DOOR)
         pairs = read_structure(reply["message"], words, nodes)
         fault = None if pairs is not None else "malformed"
+        subject.unreadable += pairs is None
         what = {"asked": "structure", "told": aside.talk[-1:], "enables": pairs, "fault": fault}
         self._keep(subject, {**_where(step.view, row), **what}, key, reply)
 
@@ -351,7 +350,7 @@ class LanguageModel(Learner):
                 "answers": len(replies),
                 "faults": dict(Counter(subject.faults)),
                 "unanswered": subject.unanswered,
-                "unreadable": _unreadable(subject),
+                "unreadable": subject.unreadable,
             }
             rest = {"told": subject.talk[subject.said :]}  # what came of the last answer
             transcripts.append([head, *subject.lines, rest])
@@ -364,7 +363,7 @@ class LanguageModel(Learner):
                 f"({_counts(faults)}); {counted(spent, 'action')} stayed unanswered, and each was "
                 "spent on what changes nothing"
             )
-        if unreadable := sum(map(_unreadable, self._subjects)):
+        if unreadable := sum(subject.unreadable for subject in self._subjects):
             remarks.append(
                 f"{counted(unreadable, 'answer')} to which lever enables which could not be read"
             )
@@ -387,12 +386,6 @@ class LanguageModel(Learner):
 def _restored(kept: dict[str, Any]) -> _Subject:
     words = kept.pop("words")
     return _Subject(Wording(words["story"], tuple(words["names"]), tuple(words["order"])), **kept)
-
-
-def _unreadable(subject: _Subject) -> int:
-    """How many answers to which lever enables which could not be read."""
-    asked = [line for line in subject.lines if line.get("asked") == "structure"]
-    return sum(line["fault"] is not None for line in asked)
 
 
 def _where(view: View, row: int) -> dict[str, Any]:

@@ -32,6 +32,7 @@ SubjectNumber = Annotated[
     int, typer.Option("--subject", min=0, max=2**31 - 1, help="Number of the subject.")
 ]
 Seed = Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Seed of all randomness.")]
+Budgets = Annotated[str, typer.Option("--protocol", help="human, rl or rl_2020: the budgets.")]
 ProtocolName = Annotated[
     str | None, typer.Option(help="human, rl, rl_2020, or one that the experiment declares.")
 ]

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from causal_openlock.cli.options import Budgets
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
 from causal_openlock.wording import counted
@@ -26,7 +27,7 @@ def play(
             help="CC4, CC3-CC4, my.yaml, ...; of several, each person plays one.",
         ),
     ] = None,
-    protocol: Annotated[str, typer.Option(help="human, rl or rl_2020: the budgets.")] = "human",
+    protocol: Budgets = "human",
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for what people do.")] = Path(
         "results/people"
     ),

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from causal_openlock.cli.options import ConditionName, SubjectNumber
+from causal_openlock.cli.options import Budgets, ConditionName, SubjectNumber
 from causal_openlock.cli.terminal import say
 
 STOP = ("quit", "exit")
@@ -17,7 +17,7 @@ def text(
     story: Annotated[
         str, typer.Option(help="levers, switches, symbols, or any: one is drawn.")
     ] = "any",
-    protocol: Annotated[str, typer.Option(help="human, rl or rl_2020: the budgets.")] = "human",
+    protocol: Budgets = "human",
     subject: SubjectNumber = 0,
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of rooms and words.")] = 0,
 ) -> None:

@@ -324,10 +324,10 @@ class Evidence:
 
 def _difference_in_words(contrast: Contrast, found: Estimate) -> str:
     written = _written(found, contrast.measure, "sign")
-    interval = _written(found, contrast.measure, "interval")
+    interval = _ends(found.interval, contrast.measure)
     if not isinstance(contrast.minus, Selection):
         written += f" from {_number(contrast.minus, contrast.measure)}"
-    if contrast.expected == "same" and EQUIVALENCE in found.intervals:
+    if contrast.expected == "same":
         interval += f"; {EQUIVALENCE:.0%}: {_ends(found.intervals[EQUIVALENCE], contrast.measure)}"
     return f"{written} ({interval}), n = {found.n}"
 

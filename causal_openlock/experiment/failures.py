@@ -30,7 +30,9 @@ class Failures:
         """The path of the reason why a cell failed, by the name of its record's file."""
         return self.folder / f"{Path(file_name).stem}.txt"
 
-    def record(self, cell: Cell, what: str, trace: str, failures: int | None = None) -> str:
+    def record(
+        self, cell: Cell, what: str, trace: str, failures: int | None = None, counts: bool = True
+    ) -> str:
         """Save why a cell failed: a clause that follows its name, and the traceback.
 
         Returns the sentence.
@@ -40,12 +42,13 @@ class Failures:
             what: The clause.
             trace: The traceback.
             failures: How often it has failed now; by default once more than before.
+            counts: Whether it is once more; another try may get further.
 
         Raises:
             OpenLockError: If it cannot be written.
         """
         why = f"the learner {cell.in_words}, {what}"
-        many = self.of(cell.file_name)[0] + 1 if failures is None else failures
+        many = self.of(cell.file_name)[0] + counts if failures is None else failures
         text = f"{why}\n\n{trace}\nfailures: {many}\n"
         write_bytes(self.path(cell.file_name), text.encode("utf-8", "backslashreplace"))
         return why

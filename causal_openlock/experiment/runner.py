@@ -290,8 +290,8 @@ class _Run:
             return
         if future in self.overdue:
             what = f"was ended after {self.time_limit:g} s"
-            before = self.store.failures.of(cell.file_name)[0]  # it may have made progress
-            why = self.store.failures.record(cell, what, "It has no traceback.\n", before)
+            trace = "It has no traceback.\n"  # and it may have made progress
+            why = self.store.failures.record(cell, what, trace, counts=False)
         elif how:
             what = f"ended its process ({how})"
             if self._has_lost(cell) < MOST_FAILURES:

@@ -119,8 +119,8 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
         trace = "".join(traceback.format_exception(error))
     except Exception:  # a foreign exception's own attributes may raise
         trace = f"{type(error).__name__}\n"
-    before = store.failures.of(cell.file_name)[0] if isinstance(error, NotAvailableError) else None
-    return store.failures.record(cell, f"failed: {what}", trace, before)
+    counts = not isinstance(error, NotAvailableError)
+    return store.failures.record(cell, f"failed: {what}", trace, counts=counts)
 
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:

@@ -20,25 +20,17 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
-import math
 import os
 import secrets
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from causal_openlock.errors import NotAvailableError
+from learners.language.reply import Reply, is_whole, plain, read_json
 
 FOLDER, BUDGET = "OPENLOCK_LLM_REPLAY", "OPENLOCK_LLM_BUDGET"
 """Environment variables: they decide nothing about results, so they are no parameters."""
-
-Reply = dict[str, Any]
-"""What was answered: ``message``, ``finish``, ``model``, ``server``, ``fingerprint``, ``tokens``,
-``latency`` and ``retries``."""
-
-DEEPEST = 100
-"""Levels of nesting. Far fewer are in any proper reply, and what copies and writes one recurses."""
 
 
 def key_of(request: dict[str, Any], seed: int, number: int) -> str:
@@ -52,56 +44,6 @@ def key_of(request: dict[str, Any], seed: int, number: int) -> str:
     """
     text = json.dumps({"request": request, "seed": seed, "number": number}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def plain(value: Any, secrets: Sequence[str] = (), levels: int = DEEPEST) -> Any:
-    """What a server said, as it can be kept and sent on: without secrets, in valid Unicode.
-
-    Raises:
-        ValueError: If it is nested more deeply than that.
-    """
-    if isinstance(value, str):
-        text = value.encode("utf-8", "replace").decode()
-        for secret in secrets:
-            text = text.replace(secret, "[key]")
-        return text
-    if not isinstance(value, (dict, list)):
-        return value
-    if not levels:
-        raise ValueError("nested too deeply")
-    if isinstance(value, list):
-        return [plain(one, secrets, levels - 1) for one in value]
-    return {plain(name, secrets): plain(one, secrets, levels - 1) for name, one in value.items()}
-
-
-def read_json(text: str | bytes) -> Any:
-    """The content of a JSON text; what is no number there, such as NaN, is a fault.
-
-    Raises:
-        ValueError, RecursionError: If it is none.
-    """
-
-    def refuse(constant: str) -> None:
-        raise ValueError(f"{constant} is no JSON")
-
-    return json.loads(text, parse_constant=refuse)
-
-
-def is_whole(reply: Reply) -> bool:
-    """Whether all that is read of a reply is there, and of its type: anybody may have written it.
-
-    Raises:
-        KeyError, TypeError, ValueError, OverflowError: If it is not.
-    """
-    prompt, completion = reply["tokens"]
-    latency, finish = reply["latency"], reply["finish"]
-    return (
-        isinstance(reply["message"], dict)
-        and all(type(many) is int and many >= 0 for many in (prompt, completion))
-        and (finish is None or isinstance(finish, str))
-        and type(latency) in (int, float)
-        and math.isfinite(latency)
-    )
 
 
 def replay() -> Replay:
@@ -170,8 +112,8 @@ class Replay:
         """
         self._replies[key] = reply
         line = json.dumps({"key": key, "reply": reply}) + "\n"
+        self.require_place()
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
             with self._own.open("ab") as file:
                 file.write(line.encode())
         except OSError as error:
@@ -183,7 +125,7 @@ class Replay:
             )
 
     def require_place(self) -> None:
-        """Make sure that replies can be kept, before any is asked for.
+        """Make sure that replies can be kept.
 
         Raises:
             NotAvailableError: If they cannot.

@@ -25,7 +25,7 @@ import httpx2
 import openai
 
 from causal_openlock.errors import NotAvailableError, in_short
-from learners.language.replay import Reply, is_whole, plain, read_json
+from learners.language.reply import Reply, is_whole, plain, read_json
 
 OPENAI = "https://api.openai.com/v1"
 KEY, TRUSTED, HEADERS = "OPENAI_API_KEY", "OPENAI_BASE_URL", "OPENAI_CUSTOM_HEADERS"
@@ -128,20 +128,19 @@ class Server:
         self._secrets += [self._key] if self._key else []
         self._free = asyncio.Semaphore(requests)
 
-    async def ask(
-        self, request: dict[str, Any], before: Callable[[], None] = lambda: None
-    ) -> Reply:
+    async def ask(self, request: dict[str, Any], before: Callable[[], None] | None) -> Reply:
         """Make a request, as soon as fewer than the limit are under way.
 
         Args:
             request: What is asked.
-            before: Called right before, when its turn has come.
+            before: Called right before, when its turn has come, if it is anything.
 
         Raises:
             NotAvailableError: If the server refuses it, or fails however often it is asked.
         """
         async with self._free:
-            before()
+            if before is not None:
+                before()
             began, text = time.perf_counter(), ""
             try:
                 raw = await self._client.chat.completions.with_raw_response.create(**request)

@@ -129,9 +129,8 @@ def test_the_answer_in_sentences(played: Material) -> None:
     assert first.endswith(
         "a difference that is found after correction for all tests of the report."
     )
-    assert (
-        second == "Solved no trial that counts: never."
-    )  # 24 pairs that all differ tell the others apart
+    # 24 pairs that all differ tell the others apart.
+    assert second == "Solved no trial that counts: never."
 
 
 def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) -> None:

@@ -8,7 +8,6 @@ import json
 import sys
 import zipfile
 from collections.abc import Container
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from causal_openlock.analysis.report.sections import language_models
 from causal_openlock.comparison.results import Results
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import CellsFailed, LearnerError
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.runner import run
@@ -66,6 +66,22 @@ def protocol(attempts: int = 2, trials: int = 1) -> Protocol:
     return Protocol("t", attempts, stop_when_solved=True, baseline_trials=trials)
 
 
+def made(url: str, **parameters: Any) -> Any:
+    given = {"model": "scripted", "base_url": url, **parameters}
+    return create("learners.llm:LanguageModel", given)
+
+
+def declared(folder: Path, url: str, subjects: int, **parameters: Any) -> Experiment:
+    """An experiment with a single attempt, two subjects in a cell, as its file declares it."""
+    (folder / "words.yaml").write_text(
+        f"{{name: words, seed: 1, subjects: {subjects}, cell_size: 2, conditions: [CC3], "
+        "protocols: {short: {based_on: human, attempt_limit: 1, baseline_trials: 1}}, "
+        "learners: [{learner: llm, protocol: short, parameters: "
+        f"{json.dumps({'model': 'scripted', 'base_url': url, **parameters})}}}]}}"
+    )
+    return read_experiment(folder / "words.yaml")
+
+
 def play(
     script: Script = some_action,
     *,
@@ -77,8 +93,7 @@ def play(
     """The server, the record as rows, the transcripts and the remarks."""
     trials = 2 if condition is TWO_ROOMS else 1
     with scripted(script) as (server, url):
-        given = {"model": "scripted", "base_url": url, **parameters}
-        learner = create("learners.llm:LanguageModel", given)
+        learner = made(url, **parameters)
         session = Session(condition, protocol(attempts, trials), subjects, learner="llm")
         record = session.play(learner).drop_columns(["wall_time"]).to_pylist()
     account = learner.account()
@@ -408,8 +423,7 @@ def conversation(
         return call(choices(body)[len(body["messages"]) % 15]) if tools else says("push the door")
 
     with scripted(script) as (_, url):
-        given = {"model": "scripted", "base_url": url, "story": "levers", "tools": tools}
-        learner = create("learners.llm:LanguageModel", given)
+        learner = made(url, story="levers", tools=tools)
         session = Session(ONE_ROOM, protocol(2), 1, learner="llm")
         learner.begin(session.brief)
         answers = []
@@ -417,11 +431,11 @@ def conversation(
             if moment in asked:
                 answers.append(int(learner.act(session.view)[0]))
             learner.learn(session.step(np.array([action])))
-    (subject,) = learner._subjects  # type: ignore[attr-defined]
+    (subject,) = learner._subjects
     for message in subject.talk:
         message.pop("tool_call_id", None)
-        for made in message.get("tool_calls", []):
-            del made["id"]
+        for one in message.get("tool_calls", []):
+            del one["id"]
     return subject.words, subject.talk, answers
 
 
@@ -518,8 +532,7 @@ def test_a_budget_stops_between_attempts_and_a_larger_one_goes_on(
     _, whole, _, _ = play(attempts=4, temperature=0.2)
     monkeypatch.setenv(BUDGET, str(12 * 105 + 400))  # the first play's, and four answers more
     with scripted() as (server, url):
-        given = {"model": "scripted", "base_url": url, "temperature": 0.3}
-        learner = create("learners.llm:LanguageModel", given)
+        learner = made(url, temperature=0.3)
         session = Session(ONE_ROOM, protocol(4), 1, learner="llm")
         with pytest.raises(LearnerError, match=r"1,890 of 1,660 tokens \(OPENLOCK_LLM_BUDGET\)"):
             session.play(learner)
@@ -603,14 +616,8 @@ def test_what_was_said_is_in_the_results_and_in_their_bundle(
     monkeypatch.setenv(KEY, SECRET)
     with scripted(lambda body, n: says("Hm.") if n == 0 else some_action(body, n)) as (_, url):
         monkeypatch.setenv(TRUSTED, url)
-        (tmp_path / "words.yaml").write_text(
-            "{name: words, seed: 1, subjects: 3, cell_size: 2, conditions: [CC3], "
-            "protocols: {short: {based_on: human, attempt_limit: 1, baseline_trials: 1}}, "
-            "learners: [{learner: llm, protocol: short, "
-            f"parameters: {{model: scripted, base_url: '{url}'}}}}]}}"
-        )
+        experiment = declared(tmp_path, url, subjects=3)
         warned: list[str] = []
-        experiment = read_experiment(tmp_path / "words.yaml")
         store = run(experiment, tmp_path / "out", workers=0, warn=warned.append)
     assert len(warned) == 1
     assert "llm: 1 answer was no action (1 malformed); 0 actions stayed" in warned[0]
@@ -639,21 +646,9 @@ def test_what_was_said_is_in_the_results_and_in_their_bundle(
 
 def test_a_server_that_is_away_can_be_tried_again_and_again(tmp_path: Path) -> None:
     with scripted(lambda *_: says("hello")) as (_, url):
-        (tmp_path / "words.yaml").write_text(
-            "{name: words, seed: 1, subjects: 1, conditions: [CC3], "
-            "protocols: {short: {based_on: human, attempt_limit: 1, baseline_trials: 1}}, "
-            "learners: [{learner: llm, protocol: short, "
-            f"parameters: {{model: scripted, base_url: '{url}', retries: 0}}}}]}}"
-        )
-        experiment = read_experiment(tmp_path / "words.yaml")
-        elsewhere = url.rpartition(":")[0]
-        away = replace(
-            experiment,
-            learners=tuple(
-                replace(one, parameters={**one.parameters, "base_url": f"{elsewhere}:9/v1"})
-                for one in experiment.learners
-            ),
-        )
+        experiment = declared(tmp_path, url, subjects=1, retries=0)
+        nobody = f"{url.rpartition(':')[0]}:9/v1"
+        away = declared(tmp_path, nobody, subjects=1, retries=0)
         for _ in range(4):
             with pytest.raises(CellsFailed, match="cannot be asked") as error:
                 run(away, tmp_path / "out", workers=0)
@@ -670,8 +665,7 @@ def test_a_server_that_is_away_can_be_tried_again_and_again(tmp_path: Path) -> N
 def test_a_budget_is_looked_at_when_a_request_has_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(BUDGET, "200")
     with scripted() as (server, url):
-        given = {"model": "scripted", "base_url": url, "requests": 1}
-        learner = create("learners.llm:LanguageModel", given)
+        learner = made(url, requests=1)
         session = Session(ONE_ROOM, protocol(), 20, learner="llm")
         with pytest.raises(LearnerError, match="210 of 200 tokens"):
             session.play(learner)
@@ -684,7 +678,7 @@ def test_nothing_is_asked_where_nothing_can_be_kept(
     (tmp_path / "experiment.json").touch()
     monkeypatch.setenv(FOLDER, str(tmp_path / "transcripts"))
     with scripted() as (server, url):
-        learner = create("learners.llm:LanguageModel", {"model": "scripted", "base_url": url})
+        learner = made(url)
         with pytest.raises(LearnerError, match="part of results"):
             Session(ONE_ROOM, protocol(), 3, learner="llm").play(learner)
     assert not server.asked
@@ -725,7 +719,7 @@ def test_what_else_is_secret_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setenv("OPENAI_CUSTOM_HEADERS", f"X-Api-Key: {SECRET}")
     with scripted(lambda *_: says(f"You sent {SECRET}")) as (_, url):
         monkeypatch.setenv(TRUSTED, url)
-        learner = create("learners.llm:LanguageModel", {"model": "scripted", "base_url": url})
+        learner = made(url)
         session = Session(ONE_ROOM, protocol(1), 1, learner="llm")
         session.play(learner)
     assert SECRET not in json.dumps(learner.account().transcripts)

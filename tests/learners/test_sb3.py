@@ -112,12 +112,18 @@ def test_subjects_do_not_share_the_global_generators() -> None:
     assert not np.array_equal(done[3][:, 0], done[3][:, 1])
 
 
-def test_its_threads_end_with_it() -> None:
-    session = session_of(subjects=3)
+def begun(subjects: int) -> StableBaselines:
+    """A learner that has learned from its first action."""
+    session = session_of(subjects=subjects)
     learner = create("sb3", {"settings": QUICK["PPO"]})
     learner.begin(session.brief)
     learner.learn(session.step(learner.act(session.view)))
     assert isinstance(learner, StableBaselines)
+    return learner
+
+
+def test_its_threads_end_with_it() -> None:
+    learner = begun(subjects=3)
     threads: list[Any] = [model._thread for model in learner._models]
     assert all(thread.is_alive() for thread in threads)
     del learner
@@ -125,11 +131,7 @@ def test_its_threads_end_with_it() -> None:
 
 
 def test_what_a_checkpoint_replaces_is_let_go() -> None:
-    session = session_of(subjects=2)
-    learner = create("sb3", {"settings": QUICK["PPO"]})
-    learner.begin(session.brief)
-    learner.learn(session.step(learner.act(session.view)))
-    assert isinstance(learner, StableBaselines)
+    learner = begun(subjects=2)
     before = [weakref.ref(model) for model in learner._models]
     learner.load_state_dict(learner.state_dict())
     gc.collect()

@@ -164,7 +164,7 @@ def test_asking_changes_nothing(form):
 
 @pytest.mark.parametrize("form", ["aaai_2020", "cogsci_2019"])
 def test_asking_changes_nothing_where_nothing_is_left(form):
-    """As in a room that does not always obey: every chain but that of a solution was removed."""
+    """As in a room that does not always obey: every chain was removed."""
 
     def played(asked: bool) -> list[int]:
         learner, session = shown([0], form=form, beliefs="mean")

@@ -37,11 +37,16 @@ class Missing:
 
 def missing_cells(experiment: StoredExperiment) -> list[Missing]:
     """The cells that are missing."""
-    known = {
+    known = beginnings(experiment)
+    return [_missing(cell, known, experiment.failures) for cell in experiment.missing]
+
+
+def beginnings(experiment: StoredExperiment) -> dict[str, tuple[str, str, str]]:
+    """A cell's learner, condition and protocol, by how its name begins, as in ``bayes_CC4``."""
+    return {
         f"{spec.name}_{condition.name}": (spec.name, condition.name, spec.protocol.name)
         for spec, condition in product(experiment.learners, experiment.conditions)
     }
-    return [_missing(cell, known, experiment.failures) for cell in experiment.missing]
 
 
 def _missing(

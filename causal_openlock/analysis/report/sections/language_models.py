@@ -12,6 +12,7 @@ from typing import Annotated
 import pandas as pd
 from pydantic import BaseModel, Field, NonNegativeInt, ValidationError
 
+from causal_openlock.analysis.report.missing import beginnings
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.results.material import Material
@@ -19,15 +20,7 @@ from causal_openlock.experiment.store import Store
 
 _PROSE = Prose("language_models")
 _CELL = ["learner", "condition"]
-_SHOWN = {
-    "answers": "answers",
-    "asked": "tokens of questions",
-    "answered": "tokens of answers",
-    "seconds": "seconds",
-    "no_action": "no action",
-    "unanswered": "unanswered actions",
-    "unreadable": "unreadable structures",
-}
+_SILENT = "unanswered actions"
 
 
 class _Counts(BaseModel):
@@ -41,12 +34,16 @@ class _Counts(BaseModel):
     unreadable: NonNegativeInt
 
     def row(self) -> dict[str, float]:
-        """The counts by column."""
+        """The counts by column of the table."""
         asked, answered = self.tokens
         return {
-            **{"answers": self.answers, "asked": asked, "answered": answered},
-            **{"seconds": self.latency, "no_action": sum(self.faults.values())},
-            **{"unanswered": self.unanswered, "unreadable": self.unreadable},
+            "answers": self.answers,
+            "tokens of questions": asked,
+            "tokens of answers": answered,
+            "seconds": self.latency,
+            "no action": sum(self.faults.values()),
+            _SILENT: self.unanswered,
+            "unreadable structures": self.unreadable,
         }
 
 
@@ -56,9 +53,9 @@ def section(material: Material) -> Section | None:
     if table.empty:
         return None
     groups = table.groupby(_CELL, sort=False)
-    shown = groups.sum().rename(columns=_SHOWN)
+    shown = groups.sum()
     shown.insert(0, "subjects", groups.size())
-    by_learner = table.groupby("learner", sort=False)["unanswered"].sum()
+    by_learner = table.groupby("learner", sort=False)[_SILENT].sum()
     return _PROSE.section(
         "language_models",
         [_PROSE.table("language_models", shown.reset_index(), dict.fromkeys(shown, ",.0f"))],
@@ -68,16 +65,15 @@ def section(material: Material) -> Section | None:
 
 def _counted(material: Material) -> pd.DataFrame:
     """A row for each subject that spoke."""
-    cells = {cell.name: cell for cell in material.experiment.cells()}
+    known = beginnings(material.experiment)
     rows = []
     for store in map(Store, material.folders):
         for file in material.experiment.files:
-            cell = cells.get(file.rpartition("_")[0])
             path = store.transcript(Path(file))
-            for counts in _counts(path) if cell and path.is_file() else ():
-                assert cell
-                names = cell.spec.name, cell.condition.name
-                rows.append({**dict(zip(_CELL, names, strict=True)), **counts.row()})
+            if path.is_file() and (names := known.get(file.rsplit("_", 2)[0])):
+                learner, condition, _ = names
+                cell = {"learner": learner, "condition": condition}
+                rows += [{**cell, **counts.row()} for counts in _counts(path)]
     return pd.DataFrame(rows)
 
 
