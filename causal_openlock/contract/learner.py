@@ -198,8 +198,8 @@ class Learner(ABC):
     def artifact_hash(cls, parameters: Any) -> str:
         """Hash of the files that it uses besides code and parameters; empty if there are none.
 
-        A learner that reads a file of weights returns a hash of the file's content, so that
-        results of different weights can be distinguished.
+        A learner that reads a file, such as weights or a table, returns a hash of the file's
+        content, so that results of different files can be distinguished.
         """
         return ""
 

@@ -80,6 +80,11 @@ class OneSubjectLearner(ABC):
     def __init__(self, parameters: Any = None) -> None:
         self.parameters = self.Parameters() if parameters is None else parameters
 
+    @classmethod
+    def artifact_hash(cls, parameters: Any) -> str:
+        """As :meth:`Learner.artifact_hash <causal_openlock.contract.learner.Learner>` is."""
+        return ""
+
     def begin(self) -> None:
         """Get ready to play."""
 

@@ -30,6 +30,7 @@ from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.session_code import is_of_session, session_source
 from causal_openlock.errors import LearnerError
+from causal_openlock.files.code_digest import code_digest, imported_digest
 from causal_openlock.files.digest import digest
 from causal_openlock.files.misspelt import misspelt
 from causal_openlock.files.module_source import (
@@ -82,16 +83,30 @@ def _package(name: str) -> Distribution | None:
     return entry.dist if entry else None
 
 
-def origin(name: str) -> str:
-    """Name and version of a learner's package; for ``module:Class``, a hash of its source file."""
+def origin(name: str, *, imported: bool = False) -> str:
+    """Name and version of a learner's package; for ``module:Class``, its file and a hash.
+
+    The hash is that of the file and of all modules of the user that it imports.
+
+    Args:
+        name: As for :func:`learner_class`.
+        imported: Whether the hash is that of the files as this process imported them.
+
+    Raises:
+        OpenLockError: If there is no such learner, or a file that it imports is not valid Python.
+    """
     if package := _package(name):
         return f"{package.name} {package.version}"
     if is_of_session(name):
         return f"{name.partition(':')[2]}.py {digest(session_source(name))}"
-    source = inspect.getsourcefile(learner_class(name))
+    kind = learner_class(name)
+    source = inspect.getsourcefile(kind)
     if source is None:
         return "unknown"
-    return f"{Path(source).name} {digest(Path(source).read_bytes())}"
+    # The class may be in another module than the one that it is named by.
+    modules = {name.partition(":")[0], kind.__module__}
+    hash_of = imported_digest if imported else code_digest
+    return f"{Path(source).name} {hash_of(Path(source), modules)}"
 
 
 def is_ours(name: str) -> bool:

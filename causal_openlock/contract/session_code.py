@@ -29,6 +29,9 @@ from uuid import uuid4
 import numpy as np
 
 from causal_openlock.errors import LearnerError, in_short
+from causal_openlock.files.code_digest import digest_of
+from causal_openlock.files.local_modules import modules_of_text
+from causal_openlock.wording import joined
 
 SESSION = "__main__"
 _OWN = uuid4().hex
@@ -145,7 +148,12 @@ def session_source(name: str) -> str:
     values = _fingerprint([found[known] for known in sorted(found)], set())
     covered = f"# The hash of all values that it uses: {values}"
     parts = ["\n".join(sorted(imports)), "\n".join(sorted(constants)), *defined, covered]
-    return "\n\n\n".join(filter(None, parts)) + "\n"
+    text = "\n\n\n".join(filter(None, parts)) + "\n"
+    # Its objects are of classes, and its partial functions of functions, that nothing else names.
+    kinds = [one.func if isinstance(one, partial) else type(one) for one in found.values()]
+    if files := modules_of_text(text, [one.__module__ for one in kinds if one.__module__]):
+        text += f"# The hash of {joined(sorted(files))}: {digest_of(files)}\n"
+    return text
 
 
 def _top(name: str) -> str:

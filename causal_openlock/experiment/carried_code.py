@@ -21,9 +21,9 @@ from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.digest import digest
 from causal_openlock.files.local_modules import local_modules
-from causal_openlock.files.module_source import is_installed, module_source
+from causal_openlock.files.module_source import is_users_own, module_source
 from causal_openlock.world import reward_code
-from causal_openlock.world.reward_code import OwnReward
+from causal_openlock.world.reward_code import OwnReward, source_of
 
 
 @dataclass(frozen=True)
@@ -43,30 +43,28 @@ def carry(experiment: Experiment, folder: Path) -> CarriedCode:
     """Copy the code of an experiment's learners and rewards into its results folder.
 
     Raises:
-        LearnerError: If a learner's file has changed since the experiment was declared.
-        OpenLockError: If a file is no Python or cannot be written.
+        LearnerError: If a file has changed since the experiment was declared.
+        OpenLockError: If a file is not valid Python or cannot be written.
     """
-    named: dict[str, str] = {}
+    named: dict[str, bool] = {}  # and whether it is as it was declared
     for spec in experiment.learners:
         if ":" in spec.learner and not is_of_session(spec.learner):
-            named[spec.learner] = spec.origin.package
+            named[spec.learner] = spec.origin.package == registry.origin(spec.learner)
         if isinstance(spec.reward, OwnReward):
-            named[spec.reward.name] = spec.reward.source
+            named[spec.reward.name] = spec.reward.source == source_of(spec.reward.name)
     found: dict[str, bytes] = {}
-    for name, declared in named.items():
+    for name, same in named.items():
         module = name.partition(":")[0]
         source = module_source(module)
-        if source is None or is_installed(source) or module.startswith("causal_openlock."):
+        if source is None or not is_users_own(source):
             continue
-        files = {inside: path.read_bytes() for inside, path in local_modules(module).files.items()}
-        held = {f"{Path(one).name} {digest(text)}" for one, text in files.items()}
-        file = declared.rpartition(" ")[0]
-        if declared not in held and any(one.startswith(f"{file} ") for one in held):
+        if not same:
             raise LearnerError(
                 f"the file of {name} has changed since the experiment was declared; declare it "
                 "again"
             )
-        found.update(files)
+        files = local_modules(module).files
+        found |= {inside: path.read_bytes() for inside, path in files.items()}
     hashes = {inside: _sha256(content) for inside, content in sorted(found.items())}
     place = folder.resolve() / "code" / digest(repr(hashes))
     for inside, content in found.items():

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
+from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted
@@ -31,7 +33,8 @@ class Origin:
 
     Attributes:
         class_name: Its class, ``module:Class``.
-        package: Its package and version, or its file and a hash of the file.
+        package: Its package and version; or its file, and a hash of it and of what it imports of
+            the user's.
         artifact_hash: Hash of files that its parameters name, such as trained weights; or empty.
         prior_attempts: Attempts that it was trained with before the experiment.
         informed: Whether it is given what subjects cannot perceive.
@@ -42,6 +45,33 @@ class Origin:
     artifact_hash: str = ""
     prior_attempts: int = 0
     informed: bool = False
+
+
+def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
+    """The code of a learner with some parameters.
+
+    Raises:
+        LearnerError: If the learner cannot be found, or fails to say what files it uses.
+    """
+    kind = learner_class(learner)
+    given = parse_parameters(learner, parameters)
+    name, package = f"{kind.__module__}:{kind.__qualname__}", origin(learner)
+    try:
+        made_of = kind.artifact_hash(given)
+    except OpenLockError:
+        raise
+    except Exception as error:  # a user's code can fail in any way
+        raise LearnerError(
+            f"artifact_hash of {learner} fails ({type(error).__name__}: {in_short(error)})"
+        ) from error
+    if not isinstance(made_of, str):
+        raise LearnerError(
+            f"artifact_hash of {learner} has to return a text, and returned {made_of!r}"
+        )
+    if not issubclass(kind, Learner):
+        return Origin(name, package, made_of)
+    before = kind.prior_attempts(given)
+    return Origin(name, package, made_of, before, issubclass(kind, InformedLearner))
 
 
 @dataclass(frozen=True)
@@ -74,13 +104,7 @@ class LearnerSpec:
         """Its recorded origin, or that of the installed code."""
         if self.recorded is not None:
             return self.recorded
-        kind = learner_class(self.learner)
-        place = f"{kind.__module__}:{kind.__qualname__}", origin(self.learner)
-        if not issubclass(kind, Learner):
-            return Origin(*place)
-        given = parse_parameters(self.learner, self.parameters)
-        made_of, before = kind.artifact_hash(given), kind.prior_attempts(given)
-        return Origin(*place, made_of, before, issubclass(kind, InformedLearner))
+        return origin_of(self.learner, self.parameters)
 
     @property
     def is_random(self) -> bool:

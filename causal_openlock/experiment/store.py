@@ -424,12 +424,14 @@ class Store:
 def _is_variant(held: Experiment, experiment: Experiment) -> bool:
     """Whether an experiment is a changed form of a folder's experiment.
 
-    Code is left out, so that a corrected learner replaces the old one.
+    Code is left out, so that a corrected learner or reward replaces the old one.
     """
 
     def settings(parts: Iterable[LearnerSpec | Condition]) -> set[str]:
         code = ("class", "package", "material", "subjects", "prior_attempts", "informed")
-        data = ({k: v for k, v in part.as_dict().items() if k not in code} for part in parts)
+        data = [{k: v for k, v in part.as_dict().items() if k not in code} for part in parts]
+        for one in data:
+            one.get("reward", {}).pop("source", None)
         return {json.dumps(one, sort_keys=True) for one in data}
 
     return (

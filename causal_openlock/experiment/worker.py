@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from causal_openlock.contract.learner import Learner
-from causal_openlock.contract.registry import create
-from causal_openlock.contract.session_code import unpack
+from causal_openlock.contract.registry import create, origin
+from causal_openlock.contract.session_code import is_of_session, unpack
 from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
 from causal_openlock.experiment.checkpoint import Checkpoint, CheckpointError
-from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.experiment import Cell, LearnerSpec
 from causal_openlock.experiment.learner_check import check_new_learner
 from causal_openlock.experiment.running_files import remove_files_of, report_progress
 from causal_openlock.experiment.session import Session
@@ -125,6 +125,7 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
     """A session and its learner that have begun, from the checkpoint if there is one."""
+    _require_declared(cell.spec)
     session, learner = _made(cell)
     try:
         if checkpoint.resume(session, learner):
@@ -147,6 +148,19 @@ def _made(cell: Cell) -> tuple[Session, Learner]:
         experiment=cell.experiment,
     )
     return session, create(cell.spec.learner, cell.spec.parameters)
+
+
+def _require_declared(spec: LearnerSpec) -> None:
+    """Raise NotAvailableError if this process has imported other code than was declared."""
+    if ":" not in spec.learner or is_of_session(spec.learner):
+        return
+    imported = origin(spec.learner, imported=True)
+    if imported != spec.origin.package:
+        raise NotAvailableError(
+            f"the code of {spec.learner} is {imported} in the process that plays, and was declared "
+            f"as {spec.origin.package}: it was changed meanwhile; give the same command again, in "
+            "a notebook after a restart of the kernel"
+        )
 
 
 def _require(awaited: str) -> None:

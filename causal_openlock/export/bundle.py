@@ -49,6 +49,7 @@ from causal_openlock.experiment.stored import StoredExperiment, Versions
 from causal_openlock.export.croissant import as_json, croissant, data_card
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.atomic import replacing, write_bytes
+from causal_openlock.files.code_digest import code_digest
 from causal_openlock.files.digest import digest
 from causal_openlock.files.local_modules import local_modules
 from causal_openlock.files.module_source import module_source
@@ -206,17 +207,20 @@ def _module(
         return {}, []
     # The class may be in another module than the one that it is named by.
     source = module_source(spec.origin.class_name.partition(":")[0], places)
-    now = f"{source.name} {_hash(source.read_bytes())[:16]}" if source else "not found"
-    if now != package:
+    module = name.partition(":")[0]
+    modules = {module, spec.origin.class_name.partition(":")[0]}
+    now = f"{source.name} {code_digest(source, modules, places)}" if source else "not found"
+    # Results of earlier versions tell of the file alone.
+    alone = source is not None and f"{source.name} {digest(source.read_bytes())}" == package
+    if now != package and not alone:
         raise OpenLockError(
             f"{name} is not what the results were made with (that was {package}, and this is "
             f"{now}); restore it, or compare again"
         )
-    module = name.partition(":")[0]
     found = local_modules(module, places)
     cautions = []
     helpers = sorted(set(found.files) - {f"{module.replace('.', '/')}.py"})
-    if helpers:
+    if helpers and now != package:
         cautions.append(
             f"{module} imports {', '.join(helpers)}, bundled as now; whether that has changed "
             "since the results were made is not on record."

@@ -7,6 +7,7 @@
 :mod:`~causal_openlock.files.yaml_file` and :mod:`~causal_openlock.files.validation` (YAML written
 by hand, with the line of each fault),
 :mod:`~causal_openlock.files.escaping` (untrusted text in terminals and CSV),
-:mod:`~causal_openlock.files.module_source` (source files of modules, without importing them) and
-:mod:`~causal_openlock.files.local_modules` (the files that a module imports from beside it).
+:mod:`~causal_openlock.files.module_source` (source files of modules, without importing them),
+:mod:`~causal_openlock.files.local_modules` (the files of the user that a module imports) and
+:mod:`~causal_openlock.files.code_digest` (the hash of these).
 """

@@ -16,6 +16,8 @@ from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 
+TOOLKIT = Path(__file__).resolve().parents[2]
+"""The folder that the toolkit's own packages are in, installed or as a checkout."""
 MODULE_AND_NAME = re.compile(r"\w+(\.\w+)*:\w+(\.\w+)*")
 
 
@@ -43,7 +45,7 @@ def module_source(name: str, beside: Iterable[Path] = ()) -> Path | None:
         found = next(filter(_is_module, (place / part for place in places)), None)
         if found is None:
             return None
-        source, places = _file(found), [found]
+        source, places = file_of(found), [found]
     return source.resolve() if source and source.suffix == ".py" and source.is_file() else None
 
 
@@ -62,10 +64,19 @@ def is_installed(source: Path) -> bool:
     return any(source.is_relative_to(Path(folder).resolve()) for folder in folders)
 
 
+def is_users_own(source: Path) -> bool:
+    """Whether a source file is neither installed nor one of the toolkit's."""
+    toolkit = (TOOLKIT / name for name in ("causal_openlock", "learners"))
+    # Shared machines have packages in such folders outside the environment.
+    installed = {"site-packages", "dist-packages"} & {*source.parts} or is_installed(source)
+    return not (installed or any(map(source.is_relative_to, toolkit)))
+
+
 def _is_module(path: Path) -> bool:
-    return _file(path) is not None or path.is_dir()
+    return file_of(path) is not None or path.is_dir()
 
 
-def _file(path: Path) -> Path | None:
+def file_of(path: Path) -> Path | None:
+    """The source file of a module or package, from its path without a suffix."""
     files = path / "__init__.py", path.with_name(f"{path.name}.py")
     return next(filter(Path.is_file, files), None)

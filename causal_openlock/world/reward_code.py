@@ -12,8 +12,8 @@ Each number must depend on the events of its own action alone: the function is c
 actions at once, in any order, in several processes, and also for actions that are never taken. It
 is tried out before anything is played.
 
-A hash of the function's file is recorded, so that results of different code can be distinguished;
-results can be read without the code.
+A hash of the function's file and of the user's modules that it imports is recorded, so that results
+of different code can be distinguished; results can be read without the code.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.errors import RewardError
-from causal_openlock.files.digest import digest
+from causal_openlock.files.code_digest import code_digest, imported_digest
 from causal_openlock.files.misspelt import misspelt
 from causal_openlock.files.module_source import MODULE_AND_NAME, look_beside
 from causal_openlock.world.fsm import FloatArray
@@ -43,7 +43,7 @@ class OwnReward(RewardFunction):
 
     Attributes:
         name: The function, ``module:function``.
-        source: Name of its file, and a hash of the file's content.
+        source: Name of its file, and a hash of the file and of the user's modules that it imports.
     """
 
     name: str
@@ -95,7 +95,13 @@ def own_reward(name: str) -> OwnReward:
     Raises:
         RewardError: If there is no such function, or it does not work as a reward.
     """
+    forget()  # its module may have been reloaded
     reward = OwnReward(name, _loaded(name)[1])
+    if (now := source_of(name)) != reward.source:
+        raise RewardError(
+            f"the code of the reward {name} has changed since it was imported (it was "
+            f"{reward.source} and is {now}); reload it with importlib.reload, or begin anew"
+        )
     _try_out(reward)
     return reward
 
@@ -115,11 +121,16 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
         ) from error
     if not callable(function) or isinstance(function, type):
         raise RewardError(f"{name!r} is no function; a reward is a function of events")
-    # The file of the named module, even if the function was defined elsewhere.
-    source = inspect.getsourcefile(sys.modules[name.partition(":")[0]])
+    return function, source_of(name, imported_digest)
+
+
+def source_of(name: str, hash_of: Callable[[Path, list[str]], str] = code_digest) -> str:
+    """The file of the named module, even if the function was defined elsewhere, and a hash."""
+    module = name.partition(":")[0]
+    source = inspect.getsourcefile(sys.modules[module])
     if source is None:
         raise RewardError(f"{name!r} has no source that can be recorded; write it in a file")
-    return function, f"{Path(source).name} {digest(Path(source).read_bytes())}"
+    return f"{Path(source).name} {hash_of(Path(source), [module])}"
 
 
 def forget() -> None:

@@ -251,7 +251,7 @@ def test_what_a_learner_imports_is_bundled_only_if_it_is_python_of_its_folder(
     write_bundle(Store(folder), "out.zip")
     assert not [path for path in members(Path("out.zip")) if "linked" in path]
     Path("keys.py").write_text((away / "key.txt").read_text())
-    with pytest.raises(OpenLockError, match=r"keys\.py cannot be bundled, for it is no Python"):
+    with pytest.raises(OpenLockError, match=r"keys\.py is imported and cannot be read as Python"):
         write_bundle(Store(folder), "second.zip")
 
 

@@ -1,0 +1,130 @@
+"""What counts as the code of a learner or a reward, and when it has changed."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.code_digest import code_digest, imported_digest
+from causal_openlock.files.digest import digest
+from causal_openlock.files.module_source import module_source
+from support.command import modules_of
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty folder that modules are imported from, and around it one for others."""
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    monkeypatch.setattr(sys, "path", [*sys.path, str(here)])
+    with modules_of(tmp_path):
+        yield here
+
+
+def write(folder: Path, files: dict[str, str]) -> None:
+    for inside, text in files.items():
+        (folder / inside).parent.mkdir(parents=True, exist_ok=True)
+        (folder / inside).write_text(text)
+
+
+def of(module: str) -> str:
+    source = module_source(module)
+    assert source is not None
+    return code_digest(source, [module])
+
+
+@pytest.mark.parametrize(
+    ("module", "files"),
+    [
+        ("a_mine", {"a_mine.py": "import a_other", "a_other.py": ""}),
+        ("a_mine", {"a_mine.py": "from a_other import x", "a_other.py": ""}),
+        ("a_mine", {"a_mine.py": "import a_next", "a_next.py": "import a_other", "a_other.py": ""}),
+        ("a_mine", {"a_mine.py": "def f():\n    import a_other", "a_other.py": ""}),
+        (
+            "a_pkg.mine",
+            {"a_pkg/__init__.py": "x = 1", "a_pkg/mine.py": "from .other import x",
+             "a_pkg/other.py": ""},
+        ),
+        (
+            "a_pkg.deep.mine",
+            {"a_pkg/deep/mine.py": "from .. import other", "a_pkg/other.py": ""},
+        ),
+        ("a_pkg.mine", {"a_pkg/mine.py": "import a_pkg.other", "a_pkg/other.py": ""}),
+        ("a_pkg.mine", {"a_pkg/mine.py": "x = 1", "a_pkg/__init__.py": "other = 1"}),
+        ("a_mine", {"a_mine.py": "import a_pkg.other", "a_pkg/other.py": ""}),
+        ("a_mine", {"a_mine.py": "import a_pkg", "a_pkg/__init__.py": "from . import other",
+                    "a_pkg/other.py": ""}),
+        ("a_mine", {"a_mine.py": "import a_far_other", "../away/a_far_other.py": ""}),
+        ("a_mine", {"a_mine.py": "import learners_of_mine", "learners_of_mine.py": "other = 1"}),
+    ],
+    ids=lambda value: ", ".join(value) if isinstance(value, dict) else value,
+)  # fmt: skip
+def test_a_module_of_the_user_that_is_imported_counts(
+    folder: Path, module: str, files: dict[str, str]
+) -> None:
+    write(folder, {name: text or "other = 0" for name, text in files.items()})
+    sys.path.append(str(folder.parent / "away"))
+    before = of(module)
+    assert of(module) == before
+    other = next(name for name, text in files.items() if not text or text == "other = 1")
+    write(folder, {other: "other = 2"})
+    assert of(module) != before
+
+
+def test_what_is_not_imported_or_not_the_users_does_not_count(folder: Path) -> None:
+    text = "import json, numpy, ruamel.yaml, learners.random\nfrom causal_openlock import Learner\n"
+    write(folder, {"a_mine.py": text, "a_stranger.py": "", "ruamel/notes.py": "x = 1"})
+    assert of("a_mine") == digest(text)  # as it was before modules that are imported counted
+    for place in ("libs/a_lib/__init__.py", "site-packages/a_lib/__init__.py"):
+        write(folder, {"a_mine.py": "import a_lib", place: "x = 1"})
+        (folder / "libs" / "a_lib-1.0.dist-info").mkdir(parents=True, exist_ok=True)
+        sys.path.append(str((folder / place).parents[1]))
+        assert of("a_mine") == digest("import a_lib")
+        sys.path.pop()
+
+
+def test_a_file_that_a_link_leads_to_counts(folder: Path) -> None:
+    write(folder, {"a_mine.py": "import a_linked", "../away/code.py": "x = 1"})
+    (folder / "a_linked.py").symlink_to("../away/code.py")
+    before = of("a_mine")
+    write(folder, {"../away/code.py": "x = 2"})
+    assert of("a_mine") != before
+
+
+def test_the_hash_does_not_depend_on_where_files_are(folder: Path) -> None:
+    files = {"a_mine.py": "import a_other", "a_other.py": "x = 1"}
+    write(folder, files)
+    before = of("a_mine")
+    write(folder.parent / "moved", files)
+    for name in files:
+        (folder / name).unlink()
+    sys.path.append(str(folder.parent / "moved"))
+    importlib.invalidate_caches()
+    assert of("a_mine") == before
+
+
+def test_a_module_that_is_not_python_is_named(folder: Path) -> None:
+    write(folder, {"a_mine.py": "import a_other", "a_other.py": "def"})
+    with pytest.raises(
+        OpenLockError, match=r"a_other\.py is imported and cannot be read as Python"
+    ):
+        of("a_mine")
+
+
+def test_what_a_process_imported_is_known_until_it_is_imported_anew(folder: Path) -> None:
+    write(folder, {"a_mine.py": "import a_other", "a_other.py": "x = 1"})
+    module = importlib.import_module("a_mine")
+    source = folder / "a_mine.py"
+    first = imported_digest(source, ["a_mine"])
+    assert first == code_digest(source, ["a_mine"])
+    write(folder, {"a_other.py": "x = 1 + 1"})
+    assert code_digest(source, ["a_mine"]) != first
+    assert imported_digest(source, ["a_mine"]) == first
+    importlib.reload(module.a_other)
+    assert imported_digest(source, ["a_mine"]) == code_digest(source, ["a_mine"]) != first
