@@ -45,7 +45,7 @@ FILE = "fit_to_actions.json"
 HOLD_OUT = ("trials", "subjects", "none")
 WHOLE = -1
 """The number of the fold in which nothing is held out."""
-DIFFERING = "its subjects, what they did, search space, seed, folds"
+DIFFERING = "its subjects, what they did, search space, the learner's code, seed, folds"
 TOLERANCE = 1e-3
 """Of parameters, as a share of their range, and of the log-likelihood, in nats."""
 

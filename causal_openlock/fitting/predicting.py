@@ -102,7 +102,8 @@ def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
         named: Learners that may be used whatever they are.
 
     Raises:
-        StoreError: If there is none, it is not whole, or its learner has to be named.
+        StoreError: If there is none, it is not whole, its learner has to be named, or is of other
+            code than it was fitted with.
     """
     path = folder / FILE
     if not path.exists():
@@ -121,8 +122,14 @@ def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
         )
         ranges = TypeAdapter(dict[str, Range]).validate_python(space["search"])
         _check_named(str(space["learner"]), dict(space["fixed"]), named, path)
+        searched = search_space(space["learner"], ranges, space["fixed"])
+        if space.get("code", {}) != searched.code:
+            raise StoreError(
+                f"{path}: the code of its learner {searched.learner}, or a file that it uses, is "
+                "not what it was fitted with; fit it again"
+            )
         built = ActionPlan(
-            search_space(space["learner"], ranges, space["fixed"]),
+            searched,
             lapse=float(plan["lapse"]),
             hold_out=plan["hold_out"],
             folds=int(plan["folds"]),

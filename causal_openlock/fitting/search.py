@@ -25,13 +25,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
 
-from causal_openlock.contract.registry import learner_class, parameter_table, parse_parameters
+from causal_openlock.contract.registry import (
+    is_ours,
+    learner_class,
+    parameter_table,
+    parse_parameters,
+)
 from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.experiment.experiment import origin_of
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import parse_document, read_document
 from causal_openlock.wording import nearest
@@ -96,11 +103,30 @@ class SearchSpace:
         """The ranges, and that of the share of the second kind under the name ``share``."""
         return {**self.ranges, **({SHARE: self.second.share} if self.second else {})}
 
+    @cached_property
+    def code(self) -> dict[str, str]:
+        """By learner, its code and files; nothing of the toolkit's, which have their version.
+
+        Once known it stays: what is fitted while files are edited was begun with the old ones.
+        """
+        lowest = self.parameters({name: one.low for name, one in self.ranges.items()})
+        kinds = [(self.learner, lowest)]
+        if self.second:
+            kinds.append((self.second.learner, dict(self.second.fixed)))
+        return {learner: code for learner, own in kinds if (code := _code_of(learner, own))}
+
     def as_dict(self) -> dict[str, Any]:
-        """The space as plain data."""
-        ranges = {name: asdict(one) for name, one in self.ranges.items()}
-        second = {"second": asdict(self.second)} if self.second else {}
-        return {"learner": self.learner, "fixed": dict(self.fixed), "search": ranges, **second}
+        """The space as plain data, with the code of its learners."""
+        data = {
+            "learner": self.learner,
+            "fixed": dict(self.fixed),
+            "search": {name: asdict(one) for name, one in self.ranges.items()},
+        }
+        if self.second:
+            data["second"] = asdict(self.second)
+        if self.code:
+            data["code"] = self.code
+        return data
 
     def kinds(self, chosen: Mapping[str, float], subjects: int) -> list[Kind]:
         """The kinds of subjects of a candidate; the last of its subjects are of the second kind."""
@@ -118,6 +144,15 @@ class SearchSpace:
             for name, one in self.ranges.items()
         }
         return {**self.fixed, **searched}
+
+
+def _code_of(learner: str, parameters: Mapping[str, Any]) -> str:
+    """The code of a learner and of the files that parameters name."""
+    found = origin_of(learner, parameters)
+    if not is_ours(learner):
+        return f"{found.package} {found.artifact_hash}".strip()
+    named = any(isinstance(value, str) for value in parameters.values())
+    return found.artifact_hash if named else ""
 
 
 class RangeFile(StrictModel):

@@ -278,7 +278,9 @@ def _opened(plan: Plan, path: Path) -> Fit:
             check_chosen(one.chosen, plan.space.searched)
         return state
 
-    parts = "its search space, seed, subjects, held-out points, objective, target"
+    parts = (
+        "its search space, the learner's code, seed, subjects, held-out points, objective, target"
+    )
     return fit_of(path, plan.as_dict(), read, "fit", parts) or Fit(plan)
 
 
