@@ -229,8 +229,10 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from causal_openlock.analysis.plots.likeness import CLEAR, signs
     from causal_openlock.analysis.results.people.yardsticks import null_curves
+    from causal_openlock.cli.marks import legend, marked
     from causal_openlock.comparison.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
+    from causal_openlock.fitting.actions import at_bound
     from causal_openlock.fitting.objective import TARGETS
     from causal_openlock.fitting.outcome import entries
 
@@ -240,13 +242,18 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
         f"\n[bold]The nearest candidates[/bold], RMSE of {over}, in attempts, on what is fitted",
         markup=True,
     )
-    names = list(plan.space.searched)
+    names, idle = list(plan.space.searched), fitted.idle.get(fitted.best.number, ())
+    bounds: set[str] = set()
     nearest = plain_table("number", *names, "RMSE", "again")
     for row in fitted.table().head(plan.finalists).to_dict("records"):
         again = f"{row['again']:.2f}" if row["again"] == row["again"] else ""
-        values = [f"{row[name]:.4g}" for name in names]
+        own = at_bound(plan.space.searched, {name: row[name] for name in names})
+        bounds |= {*own}
+        values = [marked(row[name], name, own, idle) for name in names]
         nearest.add_row(str(row["number"]), *values, f"{row['rmse']:.2f}", again)
     console.print(nearest)
+    for sentence in legend(bool(bounds), bool(idle)):
+        console.print_line(sentence)
 
     console.print(
         f"\n[bold]Distance from {TARGETS[plan.target]}[/bold], RMSE of {over}, in attempts, "

@@ -6,6 +6,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from causal_openlock.cli.marks import legend, marked
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.wording import joined
 
@@ -34,7 +35,7 @@ def fit_to(
     from causal_openlock.files.atomic import write_text
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.files.yaml_file import dump_yaml
-    from causal_openlock.fitting.actions import WHOLE, fit_all, fit_table, jobs_of
+    from causal_openlock.fitting.actions import NONE, WHOLE, fit_all, fit_table, jobs_of
     from causal_openlock.fitting.hierarchical import GROUP, ROUNDS, GroupFit
     from causal_openlock.scoring.teacher_forcing import known_learners, recorded_subjects
 
@@ -60,10 +61,15 @@ def fit_to(
         _print_mixture(table, plans, console)
     else:
         _print_fits(table, list(plan.space.ranges), console)
+    for sentence in legend(
+        *(table[name].ne(NONE).any() for name in ("at_bound", "without_effect"))
+    ):
+        console.print_line(sentence)
     if how == "group":
+        subjects = sum(len(part.numbers) for part in parts)
         for one in fits:
             if one.who == GROUP and one.fold == WHOLE and one.between:
-                console.print_line(_spread(one))
+                console.print_line(_spread(one, one.followed * subjects))
         if max(group.rounds.values()) == ROUNDS:
             console.print_line(
                 f"After {ROUNDS} rounds the group was not settled: its spread is uncertain; more "
@@ -84,7 +90,7 @@ def _print_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal) ->
 
     shown = plain_table("", *names, "bits/action", "held out", "actions")
     for row in table.head(20).to_dict("records"):
-        numbers = [*(f"{row[name]:.4g}" for name in names), *_bits(row)]
+        numbers = [*(_marked(row, name) for name in names), *_bits(row)]
         shown.add_row(row["who"], *numbers, str(row["actions"]))
     console.print_whole(shown)
     if len(table) > 20:
@@ -103,9 +109,13 @@ def _print_mixture(table: pd.DataFrame, plans: Mapping[str, ActionPlan], console
         if label == MIXTURE:
             shown.add_row("all together", "", "", *_bits(row))
             continue
-        middle = [f"{name} {row[name]:.4g}" for name in plans[label].space.ranges]
+        middle = [f"{name} {_marked(row, name)}" for name in plans[label].space.ranges]
         shown.add_row(label, f"{row['followed']:.0%}", ", ".join(middle), *_bits(row))
     console.print_whole(shown)
+
+
+def _marked(row: Mapping[Hashable, Any], name: str) -> str:
+    return marked(row[name], name, row["at_bound"].split(), row["without_effect"].split())
 
 
 def _bits(row: Mapping[Hashable, Any]) -> tuple[str, str]:
@@ -113,8 +123,13 @@ def _bits(row: Mapping[Hashable, Any]) -> tuple[str, str]:
     return f"{row['bits']:.3f}", "" if held_out != held_out else f"{held_out:.3f}"
 
 
-def _spread(group: Fitted) -> str:
-    """Between what two thirds of a group are, in a sentence."""
+def _spread(group: Fitted, followers: float) -> str:
+    """Between what two thirds of a group are, in a sentence, if it has two subjects."""
+    if followers < 2:
+        return (
+            f"Fewer than two subjects follow {group.learner}, so that the spread of its parameters "
+            "is not known."
+        )
     ranges = [f"{name} from {low:.4g} to {high:.4g}" for name, (low, high) in group.between.items()]
     whose = f" of {group.learner}" if group.learner else ""
     return f"Two thirds of such a group{whose} have {joined(ranges)}."

@@ -9,6 +9,7 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
+from causal_openlock.errors import OpenLockError
 from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
@@ -31,7 +32,16 @@ def recover(
     ] = None,
     parameters: Annotated[
         list[str] | None,
-        typer.Option(help="Recover the parameters of this learner, too; it needs a search space."),
+        typer.Option(help="Recover the parameters of this learner, too."),
+    ] = None,
+    search: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--search",
+            "-s",
+            help="Parameters to recover: name=low:high, or ...:log; needed where the learner has "
+            "no search space of its own.",
+        ),
     ] = None,
     sets: Annotated[int, typer.Option(min=3, help="Sets of parameters to recover.")] = 20,
     each: Annotated[
@@ -63,6 +73,7 @@ def recover(
         is_another_twentieth,
         parameters_recovered,
         predicted,
+        searched,
     )
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
@@ -75,6 +86,9 @@ def recover(
     changes = Changes(conditions=condition or None, subjects=subjects, seed=seed)
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     wanted = known_learners(parameters or (), chosen.learners)
+    if search and len(wanted) != 1:
+        raise OpenLockError("--search is for one learner; name it with --parameters")
+    spaces = [searched(spec, search or ()) for spec in wanted]  # before hours of work
     folder = out or Path("results") / f"recover-{chosen.name}"
     size = ToRecover(draws=draws, lapse=lapse, sets=sets, each=each, candidates=candidates)
     with resumable(), console.status("") as status:
@@ -92,9 +106,9 @@ def recover(
         files = found.save(folder)
         style.save(draw_recovery(found), folder / "recovery")
         _print(found, console)
-        for spec in wanted:
+        for spec, space in zip(wanted, spaces, strict=True):
             own = folder / f"parameters_{spec.name}"
-            tables = parameters_recovered(spec, chosen, own, size, running(spec.name))
+            tables = parameters_recovered(spec, chosen, own, size, running(spec.name), space)
             files += _parameters(spec.name, folder, tables, console)
     names = ", ".join(file.name for file in files)
     console.print_line(f"{folder}: {names} and recovery.svg written")
@@ -142,9 +156,10 @@ def _parameters(
     from causal_openlock.files.atomic import write_text
     from causal_openlock.files.escaping import csv_of
 
-    shown = plain_table(f"parameter of {name}", "r", "sets")
+    shown = plain_table(f"parameter of {name}", "r", "sets", "at a bound")
+    at_bound = tables[0].groupby("parameter")["at_bound"].sum()
     for row in tables[1].itertuples():
-        shown.add_row(row.parameter, f"{row.r:.2f}", str(row.sets))
+        shown.add_row(row.parameter, f"{row.r:.2f}", str(row.sets), str(at_bound[row.parameter]))
     console.print_whole(shown)
     files = [folder / f"parameters_{name}.csv", folder / f"r_{name}.csv"]
     for file, table in zip(files, tables, strict=True):

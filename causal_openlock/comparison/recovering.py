@@ -5,7 +5,7 @@ Each step goes on where it was, from what is in its folder.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import pandas as pd
 
 from causal_openlock.comparison.comparing import play
 from causal_openlock.comparison.progress import Show
+from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
@@ -20,7 +21,7 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.workers import available_cores
 from causal_openlock.fitting.actions import ActionPlan, FitJob, fit_all
 from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, space_of
-from causal_openlock.fitting.search import SearchSpace
+from causal_openlock.fitting.search import SearchSpace, parse_range, search_space
 from causal_openlock.fitting.study import require_optuna
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
@@ -113,25 +114,49 @@ def predicted(
     )
 
 
-def searched(spec: LearnerSpec) -> SearchSpace:
+def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> SearchSpace:
     """What is searched of a learner as it is set.
 
+    Args:
+        spec: The learner.
+        ranges: As on the command line, ``name=low:high``; by default those of its search space.
+
     Raises:
-        LearnerError: If it has no search space of its own.
+        OpenLockError: If there are none, or they do not fit the learner.
     """
+    require_optuna()
+    if ranges:
+        wanted = dict(map(parse_range, ranges))
+        set_to = changed_parameters(spec.learner, spec.parameters)
+        fixed = {name: value for name, value in set_to.items() if name not in wanted}
+        return search_space(spec.learner, wanted, fixed)
     space = space_of(spec)
     if space is None:
         raise LearnerError(
             f"{spec.name} has no search space of its own as it is set, so its parameters cannot "
-            "be recovered; bayes with the policy thompson and theory_based have one"
+            "be recovered; give ranges, such as --search name=low:high, or take bayes with the "
+            "policy thompson, or theory_based"
         )
     return space
 
 
 def parameters_recovered(
-    spec: LearnerSpec, experiment: Experiment, folder: Path, size: ToRecover, running: Running
+    spec: LearnerSpec,
+    experiment: Experiment,
+    folder: Path,
+    size: ToRecover,
+    running: Running,
+    space: SearchSpace | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Simulate subjects with drawn parameters of a learner, and fit its parameters to them.
+
+    Args:
+        spec: The learner.
+        experiment: What subjects play.
+        folder: Where it is kept.
+        size: How many sets, and how they are fitted.
+        running: How it is run.
+        space: What is searched; by default what :func:`searched` says.
 
     Returns:
         As :func:`~causal_openlock.fitting.recovery.recovered`.
@@ -141,8 +166,7 @@ def parameters_recovered(
         LearnerError: If the learner has no search space of its own.
         OpenLockError: If Optuna is not installed.
     """
-    require_optuna()
-    space = searched(spec)
+    space = space or searched(spec)
     truth = drawn_sets(space, size.sets, experiment.seed)
     made = make_experiment(
         list(experiment.conditions),

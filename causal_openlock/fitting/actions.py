@@ -25,20 +25,21 @@ from pydantic import TypeAdapter
 from scipy.optimize import minimize
 
 from causal_openlock.contract.registry import parse_parameters
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.files.digest import digest
+from causal_openlock.fitting.effect import ON_ACTIONS, require_effect, without_effect
 from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
 from causal_openlock.fitting.search import Range, SearchSpace, check_chosen
 from causal_openlock.fitting.study import proposals, require_optuna
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.scores import LN2
-from causal_openlock.scoring.teacher_forcing import EXACT, Recorded, score_part
+from causal_openlock.scoring.teacher_forcing import EXACT, Recorded, score_part, subject_names
 from causal_openlock.version import RESULTS_VERSION
-from causal_openlock.wording import nearest
+from causal_openlock.wording import counted, nearest
 from causal_openlock.world.fsm import BoolArray, FloatArray
 
 FILE = "fit_to_actions.json"
@@ -46,6 +47,12 @@ HOLD_OUT = ("trials", "subjects", "none")
 WHOLE = -1
 """The number of the fold in which nothing is held out."""
 DIFFERING = "its subjects, what they did, search space, the learner's code, seed, folds"
+PENALTY = 1e6
+"""The surprise, in nats, at an action that is impossible, from which a search goes on."""
+NEAR = 0.01
+"""A value this near to a bound, as a share of the range, stands at it."""
+NONE = "none"
+"""In a table, in place of the names of parameters."""
 TOLERANCE = 1e-3
 """Of parameters, as a share of their range, and of the log-likelihood, in nats."""
 
@@ -110,6 +117,8 @@ class Fitted:
         learner: Of a mixture, the label of the learner.
         followed: Of a mixture, the probability that the subject follows it, or of a group the
             expected share of subjects who do.
+        at_bound: Parameters that stand at a bound of what is searched (:func:`at_bound`).
+        idle: Parameters that make no difference to how likely the actions are.
     """
 
     who: str
@@ -125,6 +134,8 @@ class Fitted:
     between: dict[str, tuple[float, float]] = field(default_factory=dict)
     learner: str = ""
     followed: float = 1.0
+    at_bound: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -161,8 +172,7 @@ class Predictions:
         """Negative log-likelihood of what is not held out, in nats."""
         table = self(chosen)
         own = ~held_out(table, self._plan, fold)
-        # Where something is impossible, search goes on from a number.
-        return float(np.minimum(-table["log_probability"][own], 1e6).sum())
+        return float(np.minimum(-table["log_probability"][own], PENALTY).sum())
 
 
 def fit_job(job: FitJob) -> Fitted:
@@ -187,7 +197,11 @@ def fit_job(job: FitJob) -> Fitted:
     error = float(np.sqrt((table["standard_error"][~out] ** 2).sum()))
     own, other, asked = int((~out).sum()), int(out.sum()), len(predicted.known)
     bic = 2 * nll + len(ranges) * float(np.log(own))
-    return Fitted(job.who, job.fold, best, nll, own, apart, other, error, asked, bic)
+    return Fitted(
+        job.who, job.fold, best, nll, own, apart, other, error, asked, bic,
+        at_bound=at_bound(ranges, best),
+        idle=without_effect(ranges, best, loss) if job.fold == WHOLE else (),
+    )  # fmt: skip
 
 
 def held_out(table: pd.DataFrame, plan: ActionPlan, fold: int) -> BoolArray:
@@ -197,6 +211,26 @@ def held_out(table: pd.DataFrame, plan: ActionPlan, fold: int) -> BoolArray:
     number = table["trial"] - 1 if plan.hold_out == "trials" else table["subject"]
     dealt: BoolArray = (number % plan.folds == fold).to_numpy(bool)
     return dealt
+
+
+def impossible(
+    parts: Sequence[Recorded], plan: ActionPlan, fold: int, chosen: Mapping[str, float]
+) -> str:
+    """The first of the actions that are fitted to and that a learner would never do, in words."""
+    table = Predictions(parts, plan)(chosen)
+    never = table[np.isneginf(table["log_probability"]) & ~held_out(table, plan, fold)]
+    if never.empty:
+        return ""
+    who, row = subject_names(never), never.iloc[0]
+    alone = {name: own for part in parts for name, own in part.alone().items()}
+    action = alone[who.iloc[0]].session().brief.action_names[row["action_index"]]
+    others = f" and {counted(more, 'other subject')}" if (more := who.nunique() - 1) else ""
+    return (
+        f"{plan.space.learner} cannot have done what {who.iloc[0]}{others} did, with the best of "
+        f"the parameters that were tried; the first such action is {action} (trial {row['trial']}, "
+        f"attempt {row['attempt']}, action {row['action']}); allow for lapses, as with --lapse "
+        "0.01, or search other ranges"
+    )
 
 
 def _downhill(
@@ -254,6 +288,16 @@ def of_share(one: Range, share: float) -> float:
     return min(max(found, one.low), one.high)
 
 
+def at_bound(ranges: Mapping[str, Range], chosen: Mapping[str, float]) -> tuple[str, ...]:
+    """The parameters that stand at a bound of what is searched; better values may lie beyond.
+
+    >>> at_bound({"a": Range(0.0, 1.0), "b": Range(0.0, 1.0)}, {"a": 0.5, "b": 0.999})
+    ('b',)
+    """
+    shares = {name: share_of(one, chosen[name]) for name, one in ranges.items()}
+    return tuple(name for name, share in shares.items() if not NEAR < share < 1 - NEAR)
+
+
 # -- all fits of a plan ---------------------------------------------------------------------------
 
 
@@ -265,12 +309,9 @@ def jobs_of(parts: Sequence[Recorded], plan: ActionPlan, each: bool) -> list[Fit
             subjects than folds, or nobody has a trial left when one is held out.
     """
     parse_parameters(plan.space.learner, plan.space.fixed)
-    if plan.hold_out == "subjects":
-        numbers = {number for part in parts for number in part.numbers}
-        if each:
-            raise OpenLockError("of a single subject, hold out trials: --hold-out trials")
-        if len({number % plan.folds for number in numbers}) < plan.folds:
-            raise OpenLockError(f"there are fewer subjects than {plan.folds} folds; take fewer")
+    if plan.hold_out == "subjects" and each:
+        raise OpenLockError("of a single subject, hold out trials: --hold-out trials")
+    check_folds(parts, plan)
     groups: dict[str, tuple[Recorded, ...]] = {"all": tuple(parts)}
     if each:
         groups = {who: (own,) for part in parts for who, own in part.alone().items()}
@@ -282,6 +323,27 @@ def jobs_of(parts: Sequence[Recorded], plan: ActionPlan, each: bool) -> list[Fit
                     "--hold-out none, or fit a group with --hierarchical"
                 )
     return [FitJob(who, own, fold, plan) for who, own in groups.items() for fold in plan.numbers]
+
+
+def check_folds(parts: Sequence[Recorded], plan: ActionPlan) -> None:
+    """Refuse to hold out subjects if a fold has none.
+
+    Raises:
+        OpenLockError: If it does, with how many folds there can be.
+    """
+    numbers = {number for part in parts for number in part.numbers}
+
+    def have_subjects(folds: int) -> bool:
+        return len({number % folds for number in numbers}) == folds
+
+    if plan.hold_out != "subjects" or have_subjects(plan.folds):
+        return
+    fewer = next(filter(have_subjects, range(plan.folds - 1, 1, -1)), None)
+    remedy = f"give --folds {fewer}" if fewer else "give --hold-out trials or --hold-out none"
+    raise OpenLockError(
+        f"{plan.folds} folds would not each have a subject: they are dealt by number, and there "
+        f"{'is' if len(numbers) == 1 else 'are'} {counted(len(numbers), 'number')}; {remedy}"
+    )
 
 
 def _most_trials(part: Recorded) -> int:
@@ -301,6 +363,8 @@ def fit_all(
     Raises:
         OpenLockError: If Optuna is not installed.
         StoreError: If the folder holds another fit, or another process fits there.
+        LearnerError: If the learner cannot have done what was done, or a parameter makes no
+            difference to any fit.
     """
     require_optuna()
     path, plan = folder / FILE, jobs[0].plan
@@ -315,11 +379,22 @@ def fit_all(
 
     with fitting_in(folder):
         done = fit_of(path, whole, read, "fit to actions", DIFFERING) or []
+        for job, one in zip(jobs, done, strict=False):
+            _require_possible(job, one)
         for found in _fits(jobs[len(done) :], workers):
             done.append(found)
             keep_fit(path, whole, done=[asdict(one) for one in done])
+            _require_possible(jobs[len(done) - 1], found)
             report(len(done), len(jobs))
+    idle = [one.idle for one in done if one.fold == WHOLE]
+    require_effect(idle, ON_ACTIONS.format(plan.space.learner))
     return done
+
+
+def _require_possible(job: FitJob, found: Fitted) -> None:
+    """Raise LearnerError if the learner would never do an action that it was fitted to."""
+    if found.nll >= PENALTY and (why := impossible(job.parts, job.plan, job.fold, found.chosen)):
+        raise LearnerError(why)
 
 
 def subjects_of(parts: Sequence[Recorded]) -> dict[str, str]:
@@ -357,7 +432,8 @@ def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
         Columns ``who``; of a mixture ``learner`` and ``followed``; the parameters; of a
         hierarchical fit, ``NAME_low`` and ``NAME_high`` of each (:attr:`Fitted.between`); ``nll``
         in nats with its ``standard_error``; ``actions``; ``bits`` per action of what was fitted and
-        ``held_out_bits``; ``bic``.
+        ``held_out_bits``; ``bic``; and the names of the parameters that stand ``at_bound`` and
+        that are ``without_effect``, or ``none``.
     """
     rows, folds = [], defaultdict(list)
     for one in fits:
@@ -382,6 +458,8 @@ def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
                 "bits": one.nll / one.actions / LN2,
                 "held_out_bits": apart / of / LN2 if of else np.nan,
                 "bic": one.bic,
+                "at_bound": " ".join(one.at_bound) or NONE,
+                "without_effect": " ".join(one.idle) or NONE,
             }
         )
     return pd.DataFrame(rows)

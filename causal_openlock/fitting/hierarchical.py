@@ -32,7 +32,17 @@ from scipy.special import logsumexp
 
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.workers import worker_pool
-from causal_openlock.fitting.actions import WHOLE, ActionPlan, Fitted, Predictions
+from causal_openlock.fitting.actions import (
+    PENALTY,
+    WHOLE,
+    ActionPlan,
+    Fitted,
+    Predictions,
+    at_bound,
+    check_folds,
+    impossible,
+)
+from causal_openlock.fitting.effect import NO_EFFECT, ON_ACTIONS, require_effect
 from causal_openlock.fitting.group import SETTLED, Group, Peak, evidence_of, group_of
 from causal_openlock.fitting.kept import fitting_in
 from causal_openlock.fitting.mixture import MIXTURE, Mixture, mixture_of
@@ -45,8 +55,6 @@ GROUP = "group"
 """Label of the fit of a group itself."""
 ROUNDS = 25
 """The most rounds in which subjects are asked."""
-NO_EFFECT = 1e-6
-"""Slopes and curvatures below are rounding errors, in nats per log-odds."""
 
 
 class GroupFit:
@@ -61,7 +69,9 @@ class GroupFit:
         rounds: By fold, how many rounds it took, or :data:`ROUNDS` if it has not settled.
 
     Raises:
-        LearnerError: If a parameter takes whole numbers only, or two learners are the same.
+        LearnerError: If a parameter takes whole numbers only, two learners are the same, or there
+            is one subject.
+        OpenLockError: If subjects are to be held out, and a fold has none.
     """
 
     def __init__(
@@ -82,6 +92,10 @@ class GroupFit:
                 )
         self.plans, self._parts, self._folder = dict(plans), parts, folder
         self._alone = {who: own for part in parts for who, own in part.alone().items()}
+        if len(self._alone) < 2:
+            raise LearnerError("a group has two subjects at least; fit a single one with --each")
+        for plan in plans.values():
+            check_folds(parts, plan)
         self.rounds: dict[int, int] = {}
 
     def run(
@@ -90,8 +104,8 @@ class GroupFit:
         """Fit what is missing; the fits of all subjects and of the groups, by fold.
 
         Raises:
-            LearnerError: If a learner gives no exact probabilities, or a parameter makes no
-                difference.
+            LearnerError: If a learner gives no exact probabilities, a parameter makes no
+                difference, or no learner can have done what a subject did.
             StoreError: If the folder holds another fit, or another process fits there.
         """
         anybody = next(iter(self._alone.values()))
@@ -134,9 +148,11 @@ class GroupFit:
                 who = zip(self._alone.values(), begin, strict=True)
                 jobs = [PeakJob(part, plan, fold, group, start) for part, start in who]
                 peaks.append(steps.peaks(jobs))
+            self._require_possible(fold, peaks)
             if fold == WHOLE:
                 for (label, plan), own in zip(self.plans.items(), peaks, strict=True):
-                    _require_effect(label, plan, own)
+                    known = [_idle(plan, one) for one in own if one.actions]
+                    require_effect(known, ON_ACTIONS.format(label))
             asked += [[one.evaluations for one in own] for own in peaks]
             mixed = self._mixed(peaks, groups)
             after = [
@@ -154,6 +170,19 @@ class GroupFit:
         if len(plans) > 1:
             fits.append(_together(fold, peaks, mixed))
         return fits
+
+    def _require_possible(self, fold: int, peaks: Sequence[Sequence[Peak]]) -> None:
+        """Raise LearnerError if there is a subject that can follow none of the learners."""
+        plans = list(self.plans.values())
+        for row, who in enumerate(self._alone):
+            own = zip(plans, (each[row] for each in peaks), strict=True)
+            if all(why := [self._impossible(who, plan, fold, one) for plan, one in own]):
+                raise LearnerError(why[0])
+
+    def _impossible(self, who: str, plan: ActionPlan, fold: int, one: Peak) -> str:
+        if one.nll < PENALTY:
+            return ""
+        return impossible([self._alone[who]], plan, fold, chosen_at(plan, np.array(one.at)))
 
     def _mixed(self, peaks: Sequence[Sequence[Peak]], groups: Sequence[Group]) -> Mixture:
         evidence = [
@@ -179,27 +208,31 @@ class GroupFit:
         fits = []
         for row, (who, one) in enumerate(zip(self._alone, peaks, strict=True)):
             spread = evidence_of(one, group)[1]
+            never = self._impossible(who, plan, fold, one)
             fits.append(
                 Fitted(
                     who,
                     fold,
                     chosen_at(plan, np.array(one.at)),
-                    one.nll,
+                    np.inf if never else one.nll,
                     one.actions,
                     one.held_out,
                     one.held_out_actions,
                     0.0,
                     int(asked[row]),
-                    float(mixed.bic[row, place]),
+                    np.inf if never else float(mixed.bic[row, place]),
                     between=_between(plan, np.array(one.at), spread),
                     followed=float(mixed.followed[row, place]),
                     learner=named,
+                    at_bound=at_bound(plan.space.ranges, chosen_at(plan, np.array(one.at))),
+                    idle=_idle(plan, one) if one.actions else tuple(plan.space.ranges),
                 )
             )
         of_group = Fitted(
             GROUP,
             fold,
             chosen_at(plan, group.mean),
+            at_bound=at_bound(plan.space.ranges, chosen_at(plan, group.mean)),
             **_summed(fits),
             between=_between(plan, group.mean, group.spread),
             followed=float(mixed.frequencies[place]),
@@ -223,16 +256,11 @@ def _require_exact(plan: ActionPlan, part: Recorded) -> None:
         )
 
 
-def _require_effect(label: str, plan: ActionPlan, peaks: Sequence[Peak]) -> None:
-    """Raise LearnerError if a parameter makes no difference: it could come out anywhere."""
-    known = [one for one in peaks if one.actions]
-    for place, name in enumerate(plan.space.ranges):
-        effects = (abs(one.slope[place]) + one.curvature[place][place] for one in known)
-        if max(effects, default=1.0) < NO_EFFECT:
-            raise LearnerError(
-                f"{name} makes no difference to how likely {label} finds what was done, as it is "
-                "set; take it out of what is searched, or set otherwise what it depends on (--fix)"
-            )
+def _idle(plan: ActionPlan, one: Peak) -> tuple[str, ...]:
+    """The parameters that make no difference to a subject around its peak."""
+    effects = (abs(slope) + one.curvature[place][place] for place, slope in enumerate(one.slope))
+    named = zip(plan.space.ranges, effects, strict=True)
+    return tuple(name for name, effect in named if effect < NO_EFFECT)
 
 
 def _summed(fits: Sequence[Fitted]) -> dict[str, Any]:

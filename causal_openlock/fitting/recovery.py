@@ -25,7 +25,7 @@ from causal_openlock.experiment.building import LearnerForm, learner
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
-from causal_openlock.fitting.actions import Fitted, of_share
+from causal_openlock.fitting.actions import Fitted, at_bound, of_share
 from causal_openlock.fitting.search import SearchSpace, bundled_search
 from causal_openlock.scoring.scores import LN2, SUBJECT
 from causal_openlock.world.fsm import FloatArray
@@ -199,16 +199,18 @@ def recovered(
     """What made subjects beside what was fitted to them.
 
     Returns:
-        A row for each set and parameter, ``parameter``, ``true`` and ``fitted``; and a row for each
-        parameter with the correlation ``r``, on a logarithmic scale where that was searched.
+        A row for each set and parameter, ``parameter``, ``true``, ``fitted`` and whether that is
+        ``at_bound``; and a row for each parameter with the correlation ``r``, on a logarithmic
+        scale where that was searched.
     """
     pairs = pd.DataFrame(
         [
-            {"set": number, "parameter": name, "true": true[name], "fitted": one.chosen[name]}
+            {"set": number, "parameter": name, "true": true[name], "fitted": one.chosen[name],
+             "at_bound": name in at_bound(space.ranges, one.chosen)}
             for number, (true, one) in enumerate(zip(sets, fits, strict=True))
             for name in space.ranges
         ]
-    )
+    )  # fmt: skip
     rows = []
     for name, own in pairs.groupby("parameter", sort=False):
         values = own[["true", "fitted"]].to_numpy(float)

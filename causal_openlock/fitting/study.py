@@ -30,6 +30,7 @@ from causal_openlock.analysis.results.people.human_likeness import points_of
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.workers import worker_pool
+from causal_openlock.fitting.effect import without_effect
 from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
 from causal_openlock.fitting.objective import (
     Job,
@@ -105,11 +106,13 @@ class Fit:
     """The state of a fit: the candidates that were tried, in the order of their numbers.
 
     ``again`` has the distances of the best, played again with more subjects and another seed.
+    ``idle`` has the parameters that make no difference, by the number of a best candidate.
     """
 
     plan: Plan
     done: list[Candidate] = field(default_factory=list)
     again: dict[int, float] = field(default_factory=dict)
+    idle: dict[int, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def best(self) -> Candidate:
@@ -167,6 +170,7 @@ def fit(
                 state.done.append(Candidate(len(state.done), chosen, rmse))
                 _keep(state, path)
         _play_again(state, path, start, conditions, report)
+        _look_for_effects(state, path, start, conditions, report)
         report(len(state.done), plan.candidates, "the best, on a fresh seed")
         best = state.best.chosen
         return state, start(best, PAPER_CONDITIONS, plan.seed + 2, plan.final_subjects)()
@@ -189,6 +193,23 @@ def _play_again(
     for number, trials in waiting.items():
         report(len(state.done), plan.candidates, "the best few again")
         state.again[number] = plan.score(points_of(trials())).fitted
+        _keep(state, path)
+
+
+def _look_for_effects(
+    state: Fit, path: Path, start: Start, conditions: tuple[str, ...], report: Report
+) -> None:
+    """Find the parameters that make no difference around the best candidate."""
+    plan, best = state.plan, state.best
+
+    def loss(chosen: Mapping[str, float]) -> float:
+        report(len(state.done), plan.candidates, "what makes a difference")
+        return plan.score(
+            points_of(start(chosen, conditions, plan.seed + 1, plan.subjects)())
+        ).fitted
+
+    if best.number not in state.idle:
+        state.idle[best.number] = without_effect(plan.space.searched, best.chosen, loss)
         _keep(state, path)
 
 
@@ -271,6 +292,7 @@ def _opened(plan: Plan, path: Path) -> Fit:
             plan,
             TypeAdapter(list[Candidate]).validate_python(kept["done"]),
             TypeAdapter(dict[int, float]).validate_python(kept["again"]),
+            TypeAdapter(dict[int, tuple[str, ...]]).validate_python(kept.get("idle", {})),
         )
         if [one.number for one in state.done] != [*range(len(state.done))]:
             raise ValueError("the candidates are not numbered in order")
@@ -286,4 +308,10 @@ def _opened(plan: Plan, path: Path) -> Fit:
 
 def _keep(state: Fit, path: Path) -> None:
     again = {str(number): rmse for number, rmse in sorted(state.again.items())}
-    keep_fit(path, state.plan.as_dict(), done=[asdict(one) for one in state.done], again=again)
+    keep_fit(
+        path,
+        state.plan.as_dict(),
+        done=[asdict(one) for one in state.done],
+        again=again,
+        idle={str(number): names for number, names in sorted(state.idle.items())},
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import shutil
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
@@ -485,7 +486,17 @@ def test_it_says_that_ranges_were_narrowed_with_the_tests_in_view(
     found = fitted_learner(fitted, trials)
     fitted.plan = replace(fitted.plan, space=replace(fitted.plan.space, learner=learner))
     print_fit(fitted, found, Terminal())
-    assert ("a check, not an untouched" in capsys.readouterr().out) == said
+    out = capsys.readouterr().out
+    assert ("a check, not an untouched" in out) == said
+    assert fitted.idle == {fitted.best.number: ("whole",)}
+    assert f" {fitted.best.chosen['whole']}? " in out
+    assert "? makes no difference here: any other value would do as well." in out
+
+
+def test_what_makes_no_difference_is_looked_for_once(whole, tmp_path, monkeypatch):
+    shutil.copytree(whole, tmp_path / "again")
+    monkeypatch.setattr(study, "without_effect", None)
+    assert fit(plan(), tmp_path / "again")[0].idle
 
 
 @pytest.mark.parametrize(

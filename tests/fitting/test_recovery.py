@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ import pytest
 from typer.testing import CliRunner
 
 from causal_openlock.cli import app
+from causal_openlock.comparison.recovering import searched
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.fitting.actions import Fitted
 from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, recovery, space_of
 from causal_openlock.fitting.search import Range, bundled_search
+from support.command import at_once
 
 EXPERIMENT = """
 name: three
@@ -113,5 +116,45 @@ def test_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("causal_openlock.scoring.teacher_forcing.score_part", None)
     again = CliRunner().invoke(app, words)
     assert again.exit_code == 0, again.exception
-    wrong = CliRunner().invoke(app, [*words, "--parameters", "random"])
-    assert "random has no search space" in str(wrong.exception)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--parameters", "random"], "random has no search space .* --search name=low:high"),
+        (["--parameters", "random", "-s", "x=0:1"], "the learner random has no parameter 'x'"),
+        (["--parameters", "associative", "-s", "temperature=0"], "is no range; write"),
+        (["-s", "temperature=0:1"], "--search is for one learner; name it with --parameters"),
+    ],
+)
+def test_what_cannot_be_recovered_is_told_before_anything_is_simulated(
+    tmp_path: Path, words: list[str], said: str
+) -> None:
+    (tmp_path / "three.yaml").write_text(EXPERIMENT)
+    wrong = CliRunner().invoke(
+        app, ["recover", str(tmp_path / "three.yaml"), "-o", str(tmp_path / "r"), *words]
+    )
+    assert re.search(said, str(wrong.exception))
+    assert not (tmp_path / "r").exists()
+
+
+def test_parameters_of_any_learner_are_recovered_in_given_ranges(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    (spec,) = make_experiment(
+        ["CC3"], [learner("associative", lever=0.2, temperature=0.5)]
+    ).learners
+    space = searched(spec, ["temperature=0.02:2:log"])
+    assert (space.fixed, [*space.ranges]) == ({"lever": 0.2}, ["temperature"])
+    (tmp_path / "one.yaml").write_text(
+        EXPERIMENT.replace("[random, win_stay, associative]", "[random, associative]")
+        .replace("subjects: 5", "subjects: 1")
+        .replace("baseline_trials: 2", "baseline_trials: 1")
+    )
+    result = at_once(
+        *("recover", tmp_path / "one.yaml", "-o", tmp_path / "r", "--parameters", "associative"),
+        *("-s", "temperature=0.02:2:log", "--sets", "3", "--candidates", "2", "--workers", "1"),
+    )
+    assert result.status == 0, result.stderr
+    pairs = pd.read_csv(tmp_path / "r" / "parameters_associative.csv")
+    assert pairs["true"].between(0.02, 2).all()
+    assert pairs["at_bound"].isin([True, False]).all()
