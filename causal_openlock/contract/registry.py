@@ -18,6 +18,7 @@ explains them to users.
 from __future__ import annotations
 
 import inspect
+import json
 import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
@@ -42,6 +43,8 @@ from causal_openlock.files.module_source import (
 from causal_openlock.wording import nearest
 
 ENTRY_POINTS = "causal_openlock.learners"
+TOOLKIT = "causal-openlock"
+"""The package that the learners of the toolkit come with."""
 
 
 def registry() -> Mapping[str, EntryPoint]:
@@ -86,7 +89,8 @@ def _package(name: str) -> Distribution | None:
 def origin(name: str, *, imported: bool = False) -> str:
     """Name and version of a learner's package; for ``module:Class``, its file and a hash.
 
-    The hash is that of the file and of all modules of the user that it imports.
+    The hash is that of the file and of all modules of the user that it imports. A package that is
+    installed to be edited (``pip install -e``) has it after its version.
 
     Args:
         name: As for :func:`learner_class`.
@@ -95,7 +99,8 @@ def origin(name: str, *, imported: bool = False) -> str:
     Raises:
         OpenLockError: If there is no such learner, or a file that it imports is not valid Python.
     """
-    if package := _package(name):
+    package = _package(name)
+    if package is not None and not _is_edited(package):
         return f"{package.name} {package.version}"
     if is_of_session(name):
         return f"{name.partition(':')[2]}.py {digest(session_source(name))}"
@@ -104,15 +109,23 @@ def origin(name: str, *, imported: bool = False) -> str:
     if source is None:
         return "unknown"
     # The class may be in another module than the one that it is named by.
-    modules = {name.partition(":")[0], kind.__module__}
-    hash_of = imported_digest if imported else code_digest
-    return f"{Path(source).name} {hash_of(Path(source), modules)}"
+    modules = {kind.__module__} if package else {name.partition(":")[0], kind.__module__}
+    code = (imported_digest if imported else code_digest)(Path(source), modules)
+    return f"{package.name} {package.version}+{code}" if package else f"{Path(source).name} {code}"
+
+
+def _is_edited(package: Distribution) -> bool:
+    """Whether a package that is not the toolkit runs from a folder in which it is edited."""
+    if package.name == TOOLKIT:
+        return False
+    told = json.loads(package.read_text("direct_url.json") or "{}")
+    return bool(told.get("dir_info", {}).get("editable"))
 
 
 def is_ours(name: str) -> bool:
     """Whether a registered learner comes with the toolkit; ``module:Class`` never counts."""
     package = _package(name)
-    return package is not None and package.name == "causal-openlock"
+    return package is not None and package.name == TOOLKIT
 
 
 def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from causal_openlock.contract.learner import Learner
-from causal_openlock.contract.registry import create, origin
+from causal_openlock.contract.registry import create, is_ours, origin
 from causal_openlock.contract.session_code import is_of_session, unpack
 from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
 from causal_openlock.experiment.checkpoint import Checkpoint, CheckpointError
@@ -152,14 +152,14 @@ def _made(cell: Cell) -> tuple[Session, Learner]:
 
 def _require_declared(spec: LearnerSpec) -> None:
     """Raise NotAvailableError if this process has imported other code than was declared."""
-    if ":" not in spec.learner or is_of_session(spec.learner):
+    if is_ours(spec.learner) or is_of_session(spec.learner):
         return
     imported = origin(spec.learner, imported=True)
     if imported != spec.origin.package:
         raise NotAvailableError(
             f"the code of {spec.learner} is {imported} in the process that plays, and was declared "
-            f"as {spec.origin.package}: it was changed meanwhile; give the same command again, in "
-            "a notebook after a restart of the kernel"
+            f"as {spec.origin.package}: it was changed meanwhile, or is another one there; give "
+            "the same command again, in a notebook after a restart of the kernel"
         )
 
 

@@ -209,6 +209,23 @@ def test_a_cluster_is_not_sent_what_changed_since_it_was_declared(folder: Path) 
         carry(experiment, folder / "out")
 
 
+def test_a_package_that_is_edited_where_it_is_counts_by_its_code(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about = folder / "installed" / "edited_learners-0.3.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: edited-learners\nVersion: 0.3\n")
+    (about / "entry_points.txt").write_text("[causal_openlock.learners]\nedited = a_mine:Mine\n")
+    (about / "direct_url.json").write_text('{"url": "file:///x", "dir_info": {"editable": true}}')
+    sys.path += [str(folder), str(folder / "installed")]
+    first = origin("edited")
+    assert first.startswith("edited-learners 0.3+")
+    (folder / "a_helper.py").write_text("FIRST = 3 + 5\n")
+    assert origin("edited") != first == origin("edited", imported=True)
+    (about / "direct_url.json").write_text('{"url": "file:///x", "dir_info": {}}')
+    assert origin("edited") == "edited-learners 0.3"
+
+
 def test_bundled_learners_are_what_they_were() -> None:
     assert {name: origin(name).split()[0] for name in ("bayes", "ddqn")} == {
         "bayes": "causal-openlock",
