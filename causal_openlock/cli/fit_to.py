@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.fitting.actions import ActionPlan, Fitted
 
+MOST_ROWS = 20
+"""Fits that are printed; the file has all."""
+
 
 def fit_to(
     plans: Mapping[str, ActionPlan],
@@ -58,12 +61,15 @@ def fit_to(
     table = fit_table(fits)
     write_text(out / "fits.csv", csv_of(table.round(6)))
     if len(plans) > 1:
-        _print_mixture(table, plans, console)
+        shown = table[table["who"] == GROUP]
+        _print_mixture(shown, plans, console)
     else:
-        _print_fits(table, list(plan.space.ranges), console)
-    for sentence in legend(
-        *(table[name].ne(NONE).any() for name in ("at_bound", "without_effect"))
-    ):
+        shown = table.head(MOST_ROWS)
+        _print_fits(shown, list(plan.space.ranges), console)
+        if len(table) > MOST_ROWS:
+            console.print_line(f"and {len(table) - MOST_ROWS} others")
+    doubts = (shown[name].ne(NONE).any() for name in ("at_bound", "without_effect"))
+    for sentence in legend(*doubts):
         console.print_line(sentence)
     if how == "group":
         subjects = sum(len(part.numbers) for part in parts)
@@ -89,22 +95,19 @@ def _print_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal) ->
     from causal_openlock.comparison.console import plain_table
 
     shown = plain_table("", *names, "bits/action", "held out", "actions")
-    for row in table.head(20).to_dict("records"):
+    for row in table.to_dict("records"):
         numbers = [*(_marked(row, name) for name in names), *_bits(row)]
         shown.add_row(row["who"], *numbers, str(row["actions"]))
     console.print_whole(shown)
-    if len(table) > 20:
-        console.print_line(f"and {len(table) - 20} others")
 
 
 def _print_mixture(table: pd.DataFrame, plans: Mapping[str, ActionPlan], console: Terminal) -> None:
     """How many subjects follow each learner, and how well they predict, alone and together."""
     from causal_openlock.comparison.console import plain_table
-    from causal_openlock.fitting.hierarchical import GROUP
     from causal_openlock.fitting.mixture import MIXTURE
 
     shown = plain_table("", "followed by", "with", "bits/action", "held out")
-    for row in table[table["who"] == GROUP].to_dict("records"):
+    for row in table.to_dict("records"):
         label = row["learner"]
         if label == MIXTURE:
             shown.add_row("all together", "", "", *_bits(row))

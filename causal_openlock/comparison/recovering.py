@@ -13,7 +13,7 @@ import pandas as pd
 
 from causal_openlock.comparison.comparing import play
 from causal_openlock.comparison.progress import Show
-from causal_openlock.contract.registry import changed_parameters
+from causal_openlock.contract.registry import changed_parameters, learner_class
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
@@ -103,6 +103,12 @@ def predicted(
         CellsFailed: If some subjects could not be simulated.
         LearnerError: If a learner cannot be put in another's place.
     """
+    for spec in experiment.learners:  # before hours of work
+        if not getattr(learner_class(spec.learner), "learns_from_others", True):
+            raise LearnerError(
+                f"{spec.name} learns from its own actions alone, so that it cannot predict others; "
+                "leave it out"
+            )
     return score_actions(
         *running.simulated(experiment, folder).record(),
         list(experiment.learners),

@@ -341,8 +341,8 @@ def check_folds(parts: Sequence[Recorded], plan: ActionPlan) -> None:
     fewer = next(filter(have_subjects, range(plan.folds - 1, 1, -1)), None)
     remedy = f"give --folds {fewer}" if fewer else "give --hold-out trials or --hold-out none"
     raise OpenLockError(
-        f"{plan.folds} folds would not each have a subject: they are dealt by number, and there "
-        f"{'is' if len(numbers) == 1 else 'are'} {counted(len(numbers), 'number')}; {remedy}"
+        f"{plan.folds} folds would not each have a subject: subjects are dealt by number, "
+        f"and there {'is' if len(numbers) == 1 else 'are'} {len(numbers)}; {remedy}"
     )
 
 
@@ -379,22 +379,24 @@ def fit_all(
 
     with fitting_in(folder):
         done = fit_of(path, whole, read, "fit to actions", DIFFERING) or []
-        for job, one in zip(jobs, done, strict=False):
-            _require_possible(job, one)
+        for number in range(1, len(done) + 1):
+            _check(jobs, done[:number])
         for found in _fits(jobs[len(done) :], workers):
             done.append(found)
             keep_fit(path, whole, done=[asdict(one) for one in done])
-            _require_possible(jobs[len(done) - 1], found)
+            _check(jobs, done)
             report(len(done), len(jobs))
-    idle = [one.idle for one in done if one.fold == WHOLE]
-    require_effect(idle, ON_ACTIONS.format(plan.space.learner))
     return done
 
 
-def _require_possible(job: FitJob, found: Fitted) -> None:
-    """Raise LearnerError if the learner would never do an action that it was fitted to."""
-    if found.nll >= PENALTY and (why := impossible(job.parts, job.plan, job.fold, found.chosen)):
+def _check(jobs: Sequence[FitJob], done: Sequence[Fitted]) -> None:
+    """Raise LearnerError if the last fit is to the impossible, or all are without some effect."""
+    job, last = jobs[len(done) - 1], done[-1]
+    if last.nll >= PENALTY and (why := impossible(job.parts, job.plan, job.fold, last.chosen)):
         raise LearnerError(why)
+    idle = [one.idle for one in done if one.fold == WHOLE]
+    if len(idle) == sum(one.fold == WHOLE for one in jobs):
+        require_effect(idle, ON_ACTIONS.format(job.plan.space.learner))
 
 
 def subjects_of(parts: Sequence[Recorded]) -> dict[str, str]:

@@ -127,9 +127,9 @@ def test_a_group_at_its_bound_is_marked(folder: Path, tmp_path: Path) -> None:
 
 def test_folds_that_cannot_all_have_subjects_are_told_with_what_can_be(folder: Path) -> None:
     plan = replace(PLAN, hold_out="subjects", folds=3)
-    with pytest.raises(OpenLockError, match="there are 2 numbers; give --folds 2"):
+    with pytest.raises(OpenLockError, match="and there are 2; give --folds 2"):
         jobs_of(parts(folder), plan, each=False)
-    with pytest.raises(OpenLockError, match="there is 1 number; give --hold-out trials or --hold"):
+    with pytest.raises(OpenLockError, match="and there is 1; give --hold-out trials or --hold"):
         jobs_of(parts(folder, "random"), plan, each=False)
     with pytest.raises(OpenLockError, match="3 folds would not each have a subject"):
         GroupFit(parts(folder), {"associative": plan}, folder)

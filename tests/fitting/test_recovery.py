@@ -138,6 +138,15 @@ def test_what_cannot_be_recovered_is_told_before_anything_is_simulated(
     assert not (tmp_path / "r").exists()
 
 
+def test_a_learner_that_predicts_nobody_is_refused_before_anything_is_simulated(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "three.yaml").write_text(EXPERIMENT.replace("associative]", "sb3]"))
+    done = at_once("recover", tmp_path / "three.yaml", "-o", tmp_path / "r")
+    assert "sb3 learns from its own actions alone" in done.stderr
+    assert not (tmp_path / "r").exists()
+
+
 def test_parameters_of_any_learner_are_recovered_in_given_ranges(tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     (spec,) = make_experiment(
