@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -37,7 +38,7 @@ from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.fitting.predicting import read_fit, score_fits
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.scores import Scores
-from causal_openlock.scoring.section import scores_on_record
+from causal_openlock.scoring.on_record import scores_on_record
 from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
@@ -176,17 +177,22 @@ class Results(Material):
     def scores(self) -> Scores:
         """How well learners predict these subjects, as ``causal-openlock score`` left it.
 
+        Scores of subjects who have been played again since are left out, with a warning.
+
         Raises:
-            StoreError: If they were not scored, or the scores are damaged.
+            StoreError: If they were not scored as they are on record, or the scores are damaged.
         """
         found = scores_on_record(self)
-        if found is None:
+        if found.scores is None:
             where = self.folders[0] if self.folders else "FOLDER"
+            why = " ".join(found.notes) or "these subjects are not scored"
             raise StoreError(
-                f"these subjects are not scored; do it with: causal-openlock score {where} "
+                f"{why.rstrip('.')}; do it with: causal-openlock score {where} "
                 "--learner NAME, or in Python results.score(NAMES)"
             )
-        return found
+        for note in found.notes:
+            warnings.warn(note, stacklevel=2)
+        return found.scores
 
     @cached_property
     def pairs(self) -> pd.DataFrame:

@@ -46,7 +46,7 @@ from causal_openlock.fitting.mixture import MIXTURE
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
-from causal_openlock.scoring.scores import Scores, by_subject, choices_in, score_learners
+from causal_openlock.scoring.scores import Scores, choices_in, score_learners
 from causal_openlock.scoring.teacher_forcing import (
     EXACT,
     GROUP,
@@ -204,15 +204,8 @@ def score_fits(
         labels = joined([one.label for one in fits])
         raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")
     tables = [_predicted(one, parts, set(shared), lapse, draws, workers) for one in fits]
-    subjects = [
-        table.assign(bic=2.0 * table["nll"] + subject_names(table).map(one.price))
-        for one, table in zip(fits, map(by_subject, tables), strict=True)
-    ]
-    for one in others:
-        for own, all_of_them in ((one.actions, tables), (one.subjects, subjects)):
-            all_of_them.append(own[subject_names(own).isin(shared)])
-    actions, each = (pd.concat(own, ignore_index=True) for own in (tables, subjects))
-    return Scores(actions, each, choices_in(experiment))
+    tables += [one.actions[subject_names(one.actions).isin(shared)] for one in others]
+    return Scores(pd.concat(tables, ignore_index=True), choices_in(experiment))
 
 
 def _check(
@@ -263,4 +256,5 @@ def _predicted(
     for (_, fold, _), table in zip(jobs, scored_parts(specs, lapse, draws, workers), strict=True):
         tables.append(table[held_out(table, plan, fold)] if fit.holds_out else table)
     order = [*GROUP, "subject", "trial", "attempt", "action"]
-    return pd.concat(tables).sort_values(order, kind="stable", ignore_index=True)
+    found = pd.concat(tables).sort_values(order, kind="stable", ignore_index=True)
+    return found.assign(price=subject_names(found).map(fit.price))

@@ -28,7 +28,7 @@ from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.model_selection import frequencies_of, select_models
-from causal_openlock.scoring.teacher_forcing import COLUMNS, EXACT, GROUP, score_actions
+from causal_openlock.scoring.teacher_forcing import COLUMNS, EXACT, GROUP, PLAYED, score_actions
 from causal_openlock.wording import nearest
 from causal_openlock.world.room import action_names, positions_for
 
@@ -36,13 +36,16 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SUBJECT = [*GROUP, "subject"]
+_COUNTS = ["subject", "trial", "attempt", "action", "action_index"]
 LN2 = float(np.log(2.0))
-FOLDER, ACTIONS, BY_SUBJECT = "scores", "actions.parquet", "subjects.csv"
+FOLDER, ACTIONS = "scores", "actions.parquet"
 """Where scores are kept in a results folder."""
-FOLLOWED = "followed.csv"
-"""What follows from them: which learner each subject follows."""
-SUBJECT_COLUMNS = ["scored", *SUBJECT, "actions", "nll", "bits", "expected", "bic", "impossible"]
-_TEXTS = dict.fromkeys(["scored", "learner", "condition", "protocol", "experiment"], str)
+BY_SUBJECT, FOLLOWED = "subjects.csv", "followed.csv"
+"""What follows from them, for other programs; nothing here reads it."""
+
+
+class OutdatedError(StoreError):
+    """Scores of an earlier version, which do not say of what actions they are."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +54,18 @@ class Scores:
 
     Attributes:
         actions: A row for each action and learner, see
-            :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
-        subjects: A row for each subject and learner, see :func:`by_subject`.
+            :func:`~causal_openlock.scoring.teacher_forcing.score_actions`; all else follows.
         choices: By condition, among how many actions subjects choose; empty where the experiment
             is not known.
     """
 
     actions: pd.DataFrame
-    subjects: pd.DataFrame
     choices: Mapping[str, int] = field(default_factory=dict)
+
+    @cached_property
+    def subjects(self) -> pd.DataFrame:
+        """A row for each subject and learner, see :func:`by_subject`."""
+        return by_subject(self.actions)
 
     @cached_property
     def ranking(self) -> pd.DataFrame:
@@ -81,34 +87,30 @@ class Scores:
         """The scores that :meth:`save` wrote into a folder.
 
         Raises:
+            OutdatedError: If an earlier version made them.
             StoreError: If there are none, or they are damaged.
         """
+        path = folder / ACTIONS
+        again = "score the subjects again"
         try:
-            actions = read_table((folder / ACTIONS).read_bytes()).to_pandas()
-            made = cls(actions, pd.read_csv(folder / BY_SUBJECT, dtype=_TEXTS))
-            for table, columns in ((actions, COLUMNS), (made.subjects, SUBJECT_COLUMNS)):
-                if missing := {*columns} - {*table.columns}:
-                    raise ValueError(f"it has no column {min(missing)}")
+            table = read_table(path.read_bytes())
+            if missing := [name for name in COLUMNS if name not in table.column_names]:
+                raise OutdatedError(
+                    f"{path} was made by an earlier version (it has no column {missing[0]}), so it "
+                    f"is not known whether it is of what is on record; {again}"
+                )
+            return cls(_checked(table))
         except FileNotFoundError:
             raise StoreError(
                 f"{folder} holds no scores; make them with: causal-openlock score {folder.parent} "
                 "--learner NAME"
             ) from None
-        except (OSError, ValueError, ChecksumError) as error:
-            raise StoreError(
-                f"the scores in {folder} cannot be read ({in_short(error)}); score the subjects "
-                "again"
-            ) from None
-        return made
+        except (OSError, ValueError, TypeError, ChecksumError) as error:
+            raise StoreError(f"{path} cannot be read ({in_short(error)}); {again}") from None
 
     def of(self, learner: str) -> Scores:
         """Those of the subjects of one learner."""
-        if (self.subjects["learner"] == learner).all():
-            return self
-        actions, subjects = (
-            one[one["learner"] == learner] for one in (self.actions, self.subjects)
-        )
-        return replace(self, actions=actions, subjects=subjects)
+        return replace(self, actions=self.actions[self.actions["learner"] == learner])
 
     def over(self, *columns: str) -> pd.DataFrame:
         """How well learners predict parts of what was done; see :func:`over`."""
@@ -155,10 +157,40 @@ class Scores:
         import pyarrow as pa
 
         files = [folder / ACTIONS, folder / BY_SUBJECT, folder / FOLLOWED]
-        write_bytes(files[0], table_bytes(pa.Table.from_pandas(self.actions)))
+        write_bytes(files[0], table_bytes(pa.Table.from_pandas(self.actions[COLUMNS], _schema(), False)))
         write_text(files[1], csv_of(self.subjects.round(6)))
         write_text(files[2], csv_of(self.attributed.round(6)))
         return files
+
+
+def _schema() -> pa.Schema:
+    """The columns of :attr:`Scores.actions` as they are kept."""
+    import pyarrow as pa
+
+    texts = ["scored", "learner", "condition", "protocol", "experiment", PLAYED, "setting"]
+    counts = ["seed", *_COUNTS]
+    kinds = {**dict.fromkeys(texts, pa.string()), **dict.fromkeys(counts, pa.int64())}
+    kinds["impossible"] = pa.bool_()
+    return pa.schema([(name, kinds.get(name, pa.float64())) for name in COLUMNS])
+
+
+def _checked(table: pa.Table) -> pd.DataFrame:
+    """The actions of a file; raises ValueError if they cannot be scores."""
+    table = table.select(COLUMNS).cast(_schema())
+    numbers = ["log_probability", "standard_error", "price"]
+    known = ["entropy", "highest"]  # NaN where there are no probabilities
+    if not table.num_rows or any(table[name].null_count for name in COLUMNS if name not in known):
+        raise ValueError("it has no actions, or gaps")
+    actions = table.to_pandas()
+    if actions[numbers].isna().any(axis=None) or np.isinf(actions[numbers[1:]]).any(axis=None):
+        raise ValueError("numbers are missing")
+    if (actions["log_probability"] > 1e-9).any() or (actions["standard_error"] < 0).any():
+        raise ValueError("a probability is above 1, or an error below 0")
+    if (actions[_COUNTS] < [0, 1, 1, 1, 0]).any(axis=None):
+        raise ValueError("a number is below the first")
+    if actions.duplicated(["scored", *SUBJECT, "trial", "attempt", "action"]).any():
+        raise ValueError("an action is there twice")
+    return actions
 
 
 def score_learners(
@@ -181,7 +213,9 @@ def score_learners(
         record, experiment, learners, lapse, of=of, draws=draws, workers=workers, report=report
     )
     chosen = {one.name: len(changed_parameters(one.learner, one.parameters)) for one in learners}
-    return Scores(actions, by_subject(actions, chosen), choices_in(experiment))
+    done = actions.groupby(["scored", *SUBJECT], observed=True)["action"].transform("size")
+    price = actions["scored"].map(chosen).to_numpy(float) * np.log(done)
+    return Scores(actions.assign(price=price), choices_in(experiment))
 
 
 def choices_in(experiment: Experiment) -> dict[str, int]:
@@ -192,19 +226,19 @@ def choices_in(experiment: Experiment) -> dict[str, int]:
     }
 
 
-def by_subject(actions: pd.DataFrame, chosen: Mapping[str, int] | None = None) -> pd.DataFrame:
+def by_subject(actions: pd.DataFrame) -> pd.DataFrame:
     """The score of each learner on each subject.
 
     Args:
         actions: From :func:`~causal_openlock.scoring.teacher_forcing.score_actions`, of one learner
             or several.
-        chosen: By learner, how many of its parameters were chosen to fit these subjects.
 
     Returns:
         A row for each ``scored`` learner and subject: how many ``actions``; ``nll``, the negative
         log-likelihood in nats, and its ``standard_error`` (0 where it is exact); ``bits`` per
-        action; ``expected``, the bits per action that it would need for its own actions; ``bic``;
-        and ``impossible``, how many actions it would never do.
+        action; ``expected``, the bits per action that it would need for its own actions; ``bic``,
+        with the price of parameters that were chosen to fit the subject; ``impossible``, how many
+        actions it would never do; and the digest of what the subject ``played``.
     """
     surprise = actions["log_probability"]
     table = (
@@ -216,14 +250,15 @@ def by_subject(actions: pd.DataFrame, chosen: Mapping[str, int] | None = None) -
             standard_error=("variance", lambda of_all: float(np.sqrt(of_all.sum()))),
             expected=("entropy", "mean"),
             impossible=("impossible", "sum"),
+            price=("price", "first"),
+            played=(PLAYED, "first"),
         )
         .reset_index()
     )
-    parameters = table["scored"].map(chosen or {}).fillna(0).to_numpy(float)
-    return table.assign(
+    return table.drop(columns="price").assign(
         bits=table["nll"] / table["actions"] / LN2,
         expected=table["expected"] / LN2,
-        bic=2.0 * table["nll"] + parameters * np.log(table["actions"]),
+        bic=2.0 * table["nll"] + table["price"],
     )
 
 

@@ -13,13 +13,12 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
-from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section, SectionPlot
 from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.scoring.failures import failures, worst_attempts
-from causal_openlock.scoring.scores import FOLDER, SUBJECT, Scores, choices_in
+from causal_openlock.scoring.on_record import PROSE, OnRecord, scores_on_record
+from causal_openlock.scoring.scores import SUBJECT, Scores
 from causal_openlock.wording import file_names
 from causal_openlock.world.room import positions_for
 
@@ -29,7 +28,6 @@ MOST_SUBJECTS = 200
 """A row for each of so many subjects; ``followed.csv`` has all of them."""
 SURE = 0.9
 """From this probability on a subject is said to follow a learner."""
-_PROSE = Prose("scores")
 _ATTRIBUTED = ["condition", "subject", "follows", "probability", "ahead"]
 _NAMES = {
     **{"scored": "predicted by", "by": "predicted by", "low": "ci_low", "high": "ci_high"},
@@ -42,43 +40,18 @@ _FORMATS = {
     **{"p corrected": ".2g", "followed": ".0%", "most frequent": ".2f"},
     **{"actions": ",", "subjects": ",", "probability": ".2f", "ahead": ",.1f"},
 }
-_KEY = {name: (int if name in ("seed", "subject") else str) for name in SUBJECT}
 
 
-def scores_on_record(material: Material) -> Scores | None:
-    """The scores in the folders of results, of the subjects that are on record.
-
-    Raises:
-        StoreError: If they are damaged.
-    """
-    found = [Scores.read(one / FOLDER) for one in material.folders if (one / FOLDER).is_dir()]
-    if not found:
-        return None
-    known = pd.MultiIndex.from_frame(material.trials[SUBJECT].astype(_KEY)).unique()
-    parts = []
-    for tables in ([one.actions for one in found], [one.subjects for one in found]):
-        table = pd.concat(tables, ignore_index=True)
-        kept = pd.MultiIndex.from_frame(table[SUBJECT].astype(_KEY)).isin(known)
-        parts.append(table[kept])
-    actions, subjects = parts
-    made = Scores(actions, subjects, choices_in(material.experiment))
-    return made if len(actions) and len(subjects) else None
+def compute(material: Material) -> OnRecord:
+    """The scores of what is on record."""
+    return scores_on_record(material)
 
 
-def compute(material: Material) -> dict[str, Scores]:
-    """The scores of the subjects of each learner, in the order of tables."""
-    scores = scores_on_record(material)
-    if scores is None:
-        return {}
-    names = ordered(scores.subjects["learner"].astype(str).unique(), material.learners)
-    return {name: scores.of(name) for name in names}
-
-
-def tests(computed: Mapping[str, Scores]) -> dict[Hashable, float]:
+def tests(computed: OnRecord) -> dict[Hashable, float]:
     """The p of every learner against the best, by whose subjects are predicted and by whom."""
     return {
         (of, row.scored): row.p
-        for of, one in computed.items()
+        for of, one in computed.each.items()
         for row in one.ranking.itertuples()
         if not np.isnan(row.worse)
     }
@@ -93,7 +66,8 @@ def section(material: Material, decisions: Decisions) -> Section | None:
     names = ("scores", "attributed", "failures", "worst_attempts")
     tables: dict[str, list[pd.DataFrame]] = {name: [] for name in names}
     plots: list[SectionPlot] = []
-    each: dict[str, Scores] = decisions.computed(__name__)
+    on_record: OnRecord = decisions.computed(__name__)
+    each = on_record.each
     parts = file_names(each)
     for of, one in each.items():
         ranked, shares = one.ranking, one.followed.set_index("scored")
@@ -120,19 +94,20 @@ def section(material: Material, decisions: Decisions) -> Section | None:
             name = f"scores_{parts[of]}"
             call = f"results.scores.plot(of={of!r})"
             plots.append(
-                _PROSE.plot("scores", Scores.plot, one, {"of": of}, name, call, of=of,
+                PROSE.plot("scores", Scores.plot, one, {"of": of}, name, call, of=of,
                             bands=len(ranked))
             )  # fmt: skip
-    if not who:
+    if not (who or on_record.notes):
         return None
     if sum(map(len, tables["attributed"])) > MOST_SUBJECTS:
         del tables["attributed"]
     shown = [
-        _PROSE.table(name, _shown(rows, len(each)), _FORMATS)
+        PROSE.table(name, _shown(rows, len(each)), _FORMATS)
         for name, rows in tables.items()
         if rows
     ]
-    return _PROSE.section("scores", shown, plots, who=who, subjects=_sizes(material, each))
+    return PROSE.section("scores", shown, plots, who=who, subjects=_sizes(material, each),
+                          notes=on_record.notes)  # fmt: skip
 
 
 def _found(

@@ -30,7 +30,8 @@ from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.files.checksums import table_bytes
+from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
+from causal_openlock.files.digest import digest
 from causal_openlock.scoring.inverse_binomial import Draws, Replays, by_draws
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
@@ -45,10 +46,16 @@ GROUP = ["learner", "condition", "protocol", "experiment", "seed"]
 COLUMNS = [
     *("scored", *GROUP, "subject"),
     *("trial", "attempt", "action", "action_index", "log_probability", "standard_error"),
-    *("entropy", "highest", "impossible"),
+    *("entropy", "highest", "impossible", "price", "played", "setting"),
 ]
 
 EXACT = Draws()
+PLAYED = "played"
+ATTEMPT = [
+    *(*GROUP, "subject", "phase", "loop", "trial", "attempt", "schema", "layout"),
+    *("actions", "moved", "opened"),
+]
+"""Columns of a record from which it is played again."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +93,10 @@ class Recorded:
             subject_names(rows).iloc[0]: replace(self, rows=rows)
             for _, rows in self.rows.groupby("subject", sort=True)
         }
+
+    def played(self) -> list[str]:
+        """By subject, a digest of what it did and met; see :func:`digests_of`."""
+        return digests_of(self.rows, self.experiment)[PLAYED].tolist()
 
     def session(
         self, scored: LearnerSpec | None = None, places: Sequence[int] | None = None
@@ -129,10 +140,45 @@ class Recorded:
             )
 
 
+def setting_of(scored: LearnerSpec) -> str:
+    """A digest of who predicts: the learner, its code, parameters and reward."""
+    about = scored.as_dict()
+    names = ("learner", "class", "package", "material", "parameters", "reward")
+    return digest(json.dumps([about.get(name) for name in names], sort_keys=True, default=str))
+
+
 def subject_names(table: pd.DataFrame) -> pd.Series:
     """By row, a name that distinguishes its subject from all others."""
     first, *others = (table[name].astype(str) for name in (*GROUP, "subject"))
     return first.str.cat(others, sep="/")
+
+
+def digests_of(attempts: pd.DataFrame, experiment: StoredExperiment) -> pd.DataFrame:
+    """Digests of what subjects did and met, by which it is known whether scores are of it.
+
+    Args:
+        attempts: A record's columns :data:`ATTEMPT`, in its order.
+        experiment: The experiment that it is of.
+
+    Returns:
+        A row for each subject, in the order of their numbers in each group: :data:`GROUP`,
+        ``subject`` and the digest ``played``.
+    """
+    # Rooms of other subjects, where they are on record, are not part of what this one met.
+    declared = {one.name: replace(one, rooms={}).as_dict() for one in experiment.conditions}
+    budgets = {one.protocol.name: one.protocol.as_dict() for one in experiment.learners}
+    rows = []
+    for who, own in attempts.groupby([*GROUP, "subject"], observed=True, sort=True):
+        about = dict(zip([*GROUP, "subject"], who, strict=True))
+        met = [declared[about["condition"]], budgets[about["protocol"]]]
+        rooms = [own[name].astype(str).tolist() for name in ("schema", "layout")]
+        lengths = own["actions"].map(len).tolist()
+        found = hashlib.sha256(json.dumps([met, rooms, lengths], sort_keys=True).encode())
+        for name in ("actions", "moved"):
+            found.update(np.concatenate([*own[name]]).astype(np.uint8).tobytes())
+        found.update(own["opened"].to_numpy(bool).tobytes())
+        rows.append({**about, PLAYED: found.hexdigest()[:16]})
+    return pd.DataFrame(rows, columns=[*GROUP, "subject", PLAYED])
 
 
 def recorded_subjects(
@@ -153,9 +199,7 @@ def recorded_subjects(
         import pyarrow.compute as pc
 
         record = record.filter(pc.is_in(record["learner"].cast(pa.string()), pa.array([*of])))
-    attempts = record.select(
-        [*GROUP, "subject", "phase", "loop", "trial", "attempt", "actions", "moved", "opened"]
-    ).to_pandas()
+    attempts = record.select(ATTEMPT).to_pandas()
     attempts = attempts.astype(dict.fromkeys(["learner", "condition", "protocol", "phase"], str))
     if attempts.empty:
         raise StoreError("no subject of these learners has played yet; run compare to the end")
@@ -202,7 +246,9 @@ def score_actions(
         with lapses, and its ``standard_error`` 0 where it is exact; ``entropy`` is that of the
         learner's own probabilities, in nats; ``highest``, the probability of the action that it
         finds likeliest (both NaN where it gives none); ``impossible``, whether it would never do
-        what was done, but for lapses.
+        what was done, but for lapses; ``price``, what the subject's BIC has for parameters (here
+        0). ``played`` is a digest of what the subject did and met, and ``setting`` one of the
+        learner and its settings.
 
     Raises:
         LearnerError: If a learner cannot be put in another's place, or what it gives are no
@@ -243,17 +289,16 @@ def _kept(
     if folder is None:
         return score_part(part, scored, lapse, draws)
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     about = [RESULTS_VERSION, scored.as_dict(), part.group, part.numbers, lapse, asdict(draws)]
-    digest = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode())
-    digest.update(b"".join(own.tobytes() for own in part.done()))
-    path = folder / f"{digest.hexdigest()[:24]}.parquet"
+    about += [part.played(), COLUMNS]
+    name = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:24]
+    path = folder / f"{name}.parquet"
     if not path.exists():
         write_bytes(path, table_bytes(pa.Table.from_pandas(score_part(part, scored, lapse, draws))))
     try:
-        return pq.read_table(path).to_pandas()
-    except (OSError, ValueError) as error:
+        return read_table(path.read_bytes()).to_pandas()
+    except (OSError, ChecksumError) as error:
         raise StoreError(f"{path} is damaged ({error}); remove it and try again") from None
 
 
@@ -285,6 +330,9 @@ def score_part(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) 
             "action": np.concatenate([np.arange(1, one + 1) for one in each]),
             "action_index": np.concatenate(attempts),
             **{name: values[who, moment] for name, values in found.items()},
+            "price": 0.0,
+            PLAYED: np.array(part.played())[who],
+            "setting": setting_of(scored),
         }
     )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -18,8 +19,20 @@ from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.sections import ORDER, decisions_of, sections_of
 from causal_openlock.comparison.results import SECTIONS
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.store import Store
+from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.scoring.failures import failures, worst_attempts
-from causal_openlock.scoring.scores import FOLDER, FOLLOWED, SUBJECT, Scores, attributed, over
+from causal_openlock.scoring.scores import (
+    BY_SUBJECT,
+    FOLDER,
+    FOLLOWED,
+    SUBJECT,
+    Scores,
+    attributed,
+    over,
+)
+from causal_openlock.scoring.teacher_forcing import ATTEMPT, PLAYED, digests_of
 
 OURS = "causal_openlock.scoring.section"
 SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)
@@ -104,10 +117,9 @@ def test_ps_are_corrected_with_all_others_of_the_report(folder: Path) -> None:
 def test_subjects_that_are_not_on_record_do_not_count(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder, tmp_path / "other")
     scores = ol.open_results(folder).scores
-    kept = [one[one["subject"] != 2] for one in (scores.actions, scores.subjects)]
-    odd = [one.assign(subject=one["subject"] + 900) for one in kept]
-    both = [pd.concat(pair) for pair in zip(kept, odd, strict=True)]
-    Scores(*both).save(tmp_path / "other" / FOLDER)
+    kept = scores.actions[scores.actions["subject"] != 2]
+    odd = kept.assign(subject=kept["subject"] + 900)
+    Scores(pd.concat([kept, odd])).save(tmp_path / "other" / FOLDER)
     results = ol.open_results(tmp_path / "other")
     assert results.scores.subjects["subject"].max() == 5
     (section,) = sections_of(results, [OURS])
@@ -115,16 +127,70 @@ def test_subjects_that_are_not_on_record_do_not_count(folder: Path, tmp_path: Pa
     assert "2 more of the same learners are on record, and not scored" in section.text[0]
 
 
-@pytest.mark.parametrize("damage", ["cut", "no column", "other"])
+@pytest.mark.parametrize("damage", ["cut", "gap", "twice", "above 1", "empty", "a word"])
 def test_damaged_scores_are_one_sentence(folder: Path, tmp_path: Path, damage: str) -> None:
-    shutil.copytree(folder / FOLDER, tmp_path / FOLDER)
-    path = tmp_path / FOLDER / ("actions.parquet" if damage == "cut" else "subjects.csv")
-    if damage == "no column":
-        pd.read_csv(path).drop(columns="bits").to_csv(path, index=False)
-    else:
-        path.write_bytes(path.read_bytes()[:200] if damage == "cut" else b"\xff\x00")
-    with pytest.raises(StoreError, match=r"scores in .* cannot be read \(.+\); score the subjects"):
-        Scores.read(tmp_path / FOLDER)
+    path = tmp_path / "actions.parquet"
+    table = read_table((folder / FOLDER / path.name).read_bytes()).to_pandas()
+    if damage == "gap":
+        table.loc[3, "log_probability"] = np.nan
+    elif damage == "twice":
+        table = pd.concat([table, table.head(1)])
+    elif damage == "above 1":
+        table.loc[3, "log_probability"] = 0.1
+    elif damage == "empty":
+        table = table.head(0)
+    elif damage == "a word":
+        table["trial"] = "first"
+    content = table_bytes(pa.Table.from_pandas(table))
+    path.write_bytes(content[:200] if damage == "cut" else content)
+    with pytest.raises(StoreError, match=r"actions.parquet cannot be read \(.+\); score the subjects"):
+        Scores.read(tmp_path)
+
+
+def test_what_stands_next_to_the_actions_is_derived_from_them(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "other")
+    for name in (BY_SUBJECT, FOLLOWED):  # as a kill between two files, or an editor, leaves them
+        (tmp_path / "other" / FOLDER / name).write_text("scored\nnobody\n")
+    here, there = (ol.open_results(one).scores for one in (folder, tmp_path / "other"))
+    pd.testing.assert_frame_equal(here.subjects, there.subjects)
+    pd.testing.assert_frame_equal(here.attributed, there.attributed)
+
+
+def test_scores_of_other_actions_are_left_out_and_named(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    thompson = ol.learner("bayes", label="thompson", policy="thompson", lapse=0.2)
+    results = ol.compare(
+        "CC3", [thompson, "win_stay"], protocol=SHORT, subjects=6, seed=5, out=other, workers=0
+    )
+    (section,) = sections_of(results, [OURS])
+    said = " ".join(section.text)
+    assert "Scores of 6 subjects of thompson are left out" in said
+    assert "thompson predicts with another code, version or settings than it played with" in said
+    assert {*rows(section, "scores")["predicted by"]} == {"thompson", "win_stay", "random"}
+    assert "Of win_stay" in said
+    assert "Of thompson" not in said
+    with pytest.warns(UserWarning, match="6 subjects of thompson are left out"):
+        scores = results.scores
+    assert set(scores.subjects["learner"]) == {"win_stay"}
+    record, experiment = Store(folder).record(ATTEMPT)  # and where the rooms alone are others
+    declared = replace(experiment, conditions=(Condition.named("CE3", ol.find_schema),))
+    moved = digests_of(record.to_pandas(), replace(declared, conditions=(
+        replace(declared.conditions[0], name="CC3"),)))  # fmt: skip
+    assert not {*moved[PLAYED]} & {*digests_of(record.to_pandas(), experiment)[PLAYED]}
+
+
+def test_scores_that_do_not_say_of_what_they_are_are_left_out(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "other")
+    path = tmp_path / "other" / FOLDER / "actions.parquet"
+    table = read_table(path.read_bytes()).drop_columns([PLAYED, "setting", "price"])
+    path.write_bytes(table_bytes(table))
+    results = ol.open_results(tmp_path / "other")
+    (section,) = sections_of(results, [OURS])
+    assert section.tables == section.plots == ()
+    assert "an earlier version made them" in " ".join(section.text)
+    with pytest.raises(StoreError, match="an earlier version made them"):
+        _ = results.scores
 
 
 def made_up(bits: list[list[float]]) -> pd.DataFrame:

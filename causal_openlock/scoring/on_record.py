@@ -1,0 +1,92 @@
+"""The scores in a results folder that are of what is on record there.
+
+Subjects can be played again, with other parameters or other code, and the scores stay where they
+were. So each score carries a digest of what its subject did and met; those of other actions are
+left out, and the report says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import pandas as pd
+
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.errors import StoreError
+from causal_openlock.experiment.store import Store
+from causal_openlock.scoring.scores import FOLDER, SUBJECT, OutdatedError, Scores, choices_in
+from causal_openlock.scoring.teacher_forcing import (
+    ATTEMPT,
+    COLUMNS,
+    PLAYED,
+    digests_of,
+    setting_of,
+)
+
+PROSE = Prose("scores")
+_KEY = {name: (int if name in ("seed", "subject") else str) for name in SUBJECT}
+
+
+@dataclass(frozen=True)
+class OnRecord:
+    """The scores of what is on record.
+
+    Attributes:
+        scores: The scores, or None if there are none.
+        notes: A sentence on each part that is left out, and on learners that predict with other
+            settings than those with which they played.
+    """
+
+    scores: Scores | None = None
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def each(self) -> dict[str, Scores]:
+        """Those of the subjects of each learner, by its label."""
+        if self.scores is None:
+            return {}
+        return {name: self.scores.of(name) for name in self.scores.actions["learner"].unique()}
+
+
+def scores_on_record(material: Material) -> OnRecord:
+    """The scores in the folders of results, of the subjects that are on record.
+
+    Raises:
+        StoreError: If they are damaged.
+    """
+    parts, notes = [], []
+    for folder in material.folders:
+        if not (folder / FOLDER).is_dir():
+            continue
+        try:
+            actions = Scores.read(folder / FOLDER).actions
+        except OutdatedError:
+            notes.append(PROSE.sentence("outdated"))
+            continue
+        record, experiment = Store(folder).record(ATTEMPT)
+        now = digests_of(record.to_pandas(), experiment).astype(_KEY)
+        known = actions.merge(now.rename(columns={PLAYED: "now"}), on=SUBJECT)
+        stale = known[PLAYED] != known["now"]
+        if stale.any():
+            gone = known[stale].drop_duplicates(SUBJECT)["learner"].value_counts(sort=False)
+            notes.append(PROSE.sentence("stale", subjects=gone.to_dict()))
+        parts.append(known[~stale][COLUMNS])
+    found = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+    if found.empty:
+        return OnRecord(None, tuple(notes))
+
+    settings = {one.name: setting_of(one) for one in material.experiment.learners}
+    who = found[["scored", "setting"]].drop_duplicates()
+    if others := [one.scored for one in who.itertuples()
+                  if settings.get(one.scored, one.setting) != one.setting]:  # fmt: skip
+        notes.append(PROSE.sentence("set_otherwise", names=[*dict.fromkeys(others)]))
+    choices = choices_in(material.experiment)
+    if (found["action_index"] >= found["condition"].map(choices)).any():
+        raise StoreError("the scores hold an action that there is not; score the subjects again")
+    names = ordered(found["learner"].unique(), material.learners)
+    order = found["learner"].map({name: place for place, name in enumerate(names)})
+    found = found.loc[order.sort_values(kind="stable").index]
+    return OnRecord(Scores(found.reset_index(drop=True), choices), tuple(notes))
