@@ -37,8 +37,8 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.fitting.predicting import read_fit, score_fits
 from causal_openlock.scoring import LAPSE
-from causal_openlock.scoring.scores import Scores
 from causal_openlock.scoring.on_record import scores_on_record
+from causal_openlock.scoring.scores import Scores
 from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for

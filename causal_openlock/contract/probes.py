@@ -12,6 +12,7 @@ import random
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -19,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.contract.learner import Learner
+from causal_openlock.contract.learner import Learner, Structure
+from causal_openlock.errors import LearnerError, OpenLockError, in_short
 
 
 class InputChangedError(Exception):
@@ -73,16 +75,58 @@ def _arrays(given: Any) -> Iterator[tuple[str, NDArray[Any]]]:
             yield from _arrays(value)
 
 
+@contextmanager
+def failures_of(name: str) -> Iterator[None]:
+    """A block that calls a learner; what the learner raises becomes a LearnerError that names it.
+
+    Raises:
+        LearnerError: If the block raises anything but an error of this package.
+    """
+    try:
+        yield
+    except OpenLockError:
+        raise
+    except Exception as error:
+        what = f"{type(error).__name__}: {in_short(error)}".removesuffix(": ")
+        raise LearnerError(
+            f"the learner {name} failed in the place of a subject: {what}; its contract tests say "
+            "more (causal_openlock.testing)"
+        ) from error
+
+
 def are_probabilities(found: Any, actions: int) -> bool:
     """Whether these are rows of probabilities of so many actions.
 
     >>> are_probabilities(np.full((2, 4), 0.25), 4), are_probabilities(np.ones((2, 4)), 4)
     (True, False)
     """
-    rows = np.asarray(found)
-    if rows.ndim != 2 or rows.shape[1] != actions or rows.dtype.kind not in "fiu":
+    if not (isinstance(found, np.ndarray) and found.dtype.kind in "fiu"):
         return False
-    return bool((rows >= 0).all() and np.allclose(rows.sum(axis=1), 1.0, atol=1e-6))
+    if found.ndim != 2 or found.shape[1] != actions:
+        return False
+    return bool((found >= 0).all() and np.allclose(found.sum(axis=1), 1.0, atol=1e-6))
+
+
+def is_structure(found: Any, positions: int) -> bool:
+    """Whether this is a structure over so many positions.
+
+    >>> from causal_openlock.contract.learner import Structure
+    >>> is_structure(Structure(np.zeros((2, 3)), np.full(3, np.nan)), 2), is_structure("a -> b", 2)
+    (True, False)
+    """
+    if not isinstance(found, Structure):
+        return False
+    shapes = {"edges": (positions, positions + 1), "gates": (positions + 1,)}
+    for name, shape in shapes.items():
+        values = getattr(found, name)
+        if not (isinstance(values, np.ndarray) and values.shape == shape):
+            return False
+        if values.dtype.kind not in "fiub":
+            return False
+        known = values[~np.isnan(values)] if name == "gates" else values
+        if not ((known >= -1e-6) & (known <= 1 + 1e-6)).all():
+            return False
+    return True
 
 
 def with_finished(given: Any, gone: NDArray[Any], garble: bool) -> Any:

@@ -157,7 +157,9 @@ class Scores:
         import pyarrow as pa
 
         files = [folder / ACTIONS, folder / BY_SUBJECT, folder / FOLLOWED]
-        write_bytes(files[0], table_bytes(pa.Table.from_pandas(self.actions[COLUMNS], _schema(), False)))
+        write_bytes(
+            files[0], table_bytes(pa.Table.from_pandas(self.actions[COLUMNS], _schema(), False))
+        )
         write_text(files[1], csv_of(self.subjects.round(6)))
         write_text(files[2], csv_of(self.attributed.round(6)))
         return files

@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import InformedLearner, Learner
-from causal_openlock.contract.probes import are_probabilities
+from causal_openlock.contract.probes import are_probabilities, failures_of
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
@@ -303,7 +303,16 @@ def _kept(
 
 
 def score_part(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> pd.DataFrame:
-    """The scores of one learner on some subjects of a group."""
+    """The scores of one learner on some subjects of a group.
+
+    Raises:
+        LearnerError: If the learner cannot be put in another's place, or fails there.
+    """
+    with failures_of(scored.name):
+        return _scored(part, scored, lapse, draws)
+
+
+def _scored(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> pd.DataFrame:
     learner, session = create(scored.learner, scored.parameters), part.session(scored)
     if not learner.learns_from_others:
         raise LearnerError(
@@ -358,10 +367,10 @@ def _told(
     for moment in range(shape[1]):
         acts = exists[:, moment]
         found = learner.probabilities(session.view)
-        if (
-            found is None
-            or len(found) != len(acts)
-            or not are_probabilities(found[acts], session.brief.actions)
+        if not (
+            isinstance(found, np.ndarray)
+            and len(found) == len(acts)
+            and are_probabilities(found[acts], session.brief.actions)
         ):
             raise LearnerError(
                 f"the probabilities of {name} are no array of {session.brief.actions} for each "
@@ -371,6 +380,11 @@ def _told(
         surprise = -np.log(found, where=found > 0, out=np.zeros_like(found, dtype=float))
         entropy[:, moment], highest[:, moment] = (found * surprise).sum(axis=1), found.max(axis=1)
         if (draws := learner.sample_size()) is not None:
+            if not (np.shape(draws) == acts.shape and (draws[acts] >= 0).all()):
+                raise LearnerError(
+                    f"the sample_size of {name} is no array of numbers from 0, one for each "
+                    "subject; return None where probabilities are exact"
+                )
             share = own[:, moment]
             spread[:, moment] = np.sqrt(share * (1.0 - share) / (draws + 1.0))
         step = session.step(actions[:, moment])

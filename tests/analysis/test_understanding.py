@@ -22,7 +22,7 @@ from causal_openlock.analysis.report.sections import sections_of
 from causal_openlock.analysis.results.understanding import compared
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import StoreError
+from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.answers import Answer, answers_schema, read_answers, write_answers
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.files.atomic import write_bytes
@@ -128,6 +128,23 @@ def test_damaged_answers_are_one_sentence(
     write_bytes(path, table_bytes(pa.Table.from_pylist(rows, schema=answers_schema())))
     with pytest.raises(StoreError, match=rf"one\.parquet is damaged \({why}\)"):
         read_answers(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        Structure(np.zeros((7, 7)), NOT_SAID),
+        Structure(np.full((7, 8), 1.5), NOT_SAID),
+        Structure(np.zeros((7, 8)), np.zeros(7)),
+        Structure([[0.0] * 8] * 7, NOT_SAID),  # type: ignore[arg-type]
+        "a -> b",
+    ],
+)
+def test_what_is_no_structure_is_named(monkeypatch: pytest.MonkeyPatch, wrong: object) -> None:
+    results = played("ideal", "CC3", subjects=1)
+    monkeypatch.setattr("learners.ideal.Ideal.structure", lambda *_: wrong)
+    with pytest.raises(LearnerError, match="the structure of ideal is no Structure"):
+        understanding(results)
 
 
 def test_the_figure_and_the_section_have_the_means_of_the_table() -> None:

@@ -143,7 +143,9 @@ def test_damaged_scores_are_one_sentence(folder: Path, tmp_path: Path, damage: s
         table["trial"] = "first"
     content = table_bytes(pa.Table.from_pandas(table))
     path.write_bytes(content[:200] if damage == "cut" else content)
-    with pytest.raises(StoreError, match=r"actions.parquet cannot be read \(.+\); score the subjects"):
+    with pytest.raises(
+        StoreError, match=r"actions.parquet cannot be read \(.+\); score the subjects"
+    ):
         Scores.read(tmp_path)
 
 

@@ -125,14 +125,58 @@ def test_lapses_bound_what_an_action_can_cost(played: Played) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [np.full((6, 15), 3.0), np.full((6, 3), 1 / 3), np.full((6, 15), np.nan)]
+    "wrong",
+    [
+        np.full((6, 15), 3.0),
+        np.full((6, 3), 1 / 3),
+        np.full((6, 15), np.nan),
+        [[1 / 15] * 15] * 6,
+        "likely",
+        3,
+    ],
 )
 def test_what_are_no_probabilities_is_refused(
-    played: Played, monkeypatch: pytest.MonkeyPatch, wrong: np.ndarray
+    played: Played, monkeypatch: pytest.MonkeyPatch, wrong: object
 ) -> None:
     monkeypatch.setattr("learners.random.RandomLearner.probabilities", lambda *_: wrong)
     with pytest.raises(LearnerError, match="the probabilities of random are no array of 15"):
         score_actions(*played, spec("random", "random"))
+
+
+def test_a_learner_that_fails_in_the_place_of_a_subject_is_named(
+    played: Played, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise KeyError("beliefs")
+
+    for name in ("probabilities", "learn", "begin"):
+        with monkeypatch.context() as broken:
+            broken.setattr(f"learners.random.RandomLearner.{name}", fails)
+            with pytest.raises(
+                LearnerError, match=r"the learner random failed .* KeyError: 'beliefs'"
+            ):
+                score_actions(*played, spec("random", "random"))
+
+
+@pytest.mark.parametrize("size", [-1, np.full(6, -1.0), np.full(6, np.nan), np.ones(2), "many"])
+def test_a_number_of_draws_that_is_none_is_named(
+    played: Played, monkeypatch: pytest.MonkeyPatch, size: object
+) -> None:
+    monkeypatch.setattr("learners.random.RandomLearner.sample_size", lambda _: size)
+    with pytest.raises(LearnerError, match="the sample_size of random is no array"):
+        score_actions(*played, spec("random", "random"))
+
+
+def test_no_flipped_bit_of_a_part_that_is_kept_passes(played: Played, tmp_path: Path) -> None:
+    scored = spec("random", "random")
+    made = score_actions(*played, scored, keep=tmp_path)
+    (path, *_) = sorted(tmp_path.glob("*.parquet"))
+    whole = path.read_bytes()
+    pd.testing.assert_frame_equal(score_actions(*played, scored, keep=tmp_path), made)
+    for place in np.linspace(0, len(whole) - 1, 40).astype(int).tolist():
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+        with pytest.raises(StoreError, match=r"is damaged \(.+\); remove it"):
+            score_actions(*played, scored, keep=tmp_path)
 
 
 def test_those_who_predict_alike_are_both_best(played: Played) -> None:

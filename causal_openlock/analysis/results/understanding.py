@@ -21,8 +21,9 @@ import pandas as pd
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.learner import Learner, Structure
+from causal_openlock.contract.probes import failures_of, is_structure
 from causal_openlock.contract.registry import create, learner_class
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.answers import Answer, read_answers
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition
@@ -127,6 +128,7 @@ def understanding(
 
     Raises:
         StoreError: If a file of answers is damaged.
+        LearnerError: If a learner fails, or what it returns is no structure.
     """
     if answers is None:
         answers = [one for folder in results.folders for one in read_answers(folder)]
@@ -197,24 +199,38 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
     session = Session(
         condition, spec.protocol, numbers, seed=int(seed), reward=reward, learner=spec.name
     )
-    learner = create(spec.learner, spec.parameters)
-    session.begin(learner)
     found: dict[int, list[dict[str, Any]]] = {row: [] for row in range(len(numbers))}
-    now = session.truth
-    for step in session.steps(learner):
-        for row in np.flatnonzero(step.trial_over & step.view.playing).tolist():
-            believed, room = learner.structure(row), now.rooms[now.room[row]]
-            if believed is not None:
+    with failures_of(spec.name):
+        learner = create(spec.learner, spec.parameters)
+        session.begin(learner)
+        now = session.truth
+        for step in session.steps(learner):
+            for row in np.flatnonzero(step.trial_over & step.view.playing).tolist():
+                room = now.rooms[now.room[row]]
+                if (believed := _believed(learner, row, spec.name, room.layout.positions)) is None:
+                    continue
                 known: dict[str, Any] = {"learner": spec.name, "condition": condition.name}
                 known |= {"protocol": spec.protocol.name, "subject": numbers[row]}
                 known |= {"visit": int(step.view.trial[row]), "schema": room.schema.name}
                 found[row].append({**known, **compared(believed, room.schema, room.layout)})
-        now = session.truth
+            now = session.truth
     again = session.record().to_pandas()
     for row, number in enumerate(numbers):
         then, today = (one.loc[one["subject"] == number, "actions"] for one in (own, again))
         if list(map(list, then)) == list(map(list, today)):
             yield from found[row]
+
+
+def _believed(learner: Learner, row: int, name: str, positions: int) -> Structure | None:
+    """What a subject takes the structure to be, if the learner can say."""
+    found = learner.structure(row)
+    if found is not None and not is_structure(found, positions):
+        raise LearnerError(
+            f"the structure of {name} is no Structure of probabilities for {positions} positions: "
+            f"edges [{positions}, {positions + 1}] and gates [{positions + 1}]; return None where "
+            "the learner cannot say"
+        )
+    return found
 
 
 def _answered(results: Material, answer: Answer) -> dict[str, Any] | None:
