@@ -16,6 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+import fuzz_results
 import numpy as np
 from fuzz_mutations import (
     spoil_archive,
@@ -26,6 +27,7 @@ from fuzz_mutations import (
     spoil_text,
 )
 
+from causal_openlock.analysis.report.sections.language_models import _counts
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.evidence.stored import read_run, read_units
@@ -51,6 +53,7 @@ from causal_openlock.play.people import People
 from causal_openlock.play.reactions import read_reactions
 from causal_openlock.play.recruiting import RECRUITED
 from causal_openlock.render.words import Wording
+from causal_openlock.scoring.scores import ACTIONS, FOLDER
 from learners.language.answers import read_answer, read_structure
 from learners.language.replay import Replay
 from learners.meta.file import TrainingFile, read_training
@@ -109,18 +112,23 @@ def readers(work: Path) -> list[Reader]:
     study = shutil.copytree(ROOT / "evidence" / "bayes", work / "evidence" / "bayes")
     for name in ("run", "units"):
         shutil.copytree(study, work / "evidence" / name)
+    scored = fuzz_results.played(work / "scored")
+    for name in ("predicted", "playing"):
+        shutil.copytree(work / "scored", work / name)
+    playing = work / "playing" / "cells" / scored.name
+    playing.unlink()
     # Some studies have their experiment beside them.
     shutil.copy(next((ROOT / "evidence").glob("*/experiment.yaml")), study)
     return [
-        _yaml("schema files", 9, schemas, "schema.yaml", read_schema),
-        _yaml("experiment files", 9, experiments, "experiments/one.yaml", read_experiment),
+        _yaml("schema files", 8, schemas, "schema.yaml", read_schema),
+        _yaml("experiment files", 8, experiments, "experiments/one.yaml", read_experiment),
         _yaml("study.yaml", 4, studies, "evidence/bayes/study.yaml", _study),
         _yaml("fit spaces", 6, spaces, "space.yaml", read_search),
         _yaml("meta-trainings", 3, trainings, "experiments/training.yaml", read_training),
         *(
             _graph(name, share, FOREIGN.get(name, ()))
             for name, share in
-            {"line": 6, "dot": 9, "gml": 8, "dagitty": 8, "node-link": 7}.items()
+            {"line": 6, "dot": 8, "gml": 7, "dagitty": 6, "node-link": 7}.items()
         ),
         Reader("networks", 5, [_network()], spoil_archive, "net.npz",
                _at("net.npz", read_network)),
@@ -151,6 +159,8 @@ def readers(work: Path) -> list[Reader]:
                f"people/{RECRUITED}", _people),
         Reader("replies of models", 1, [_replies(work / "replies")], _spoil_lines,
                "replies/one.jsonl", _replayed),
+        Reader("transcripts", 1, [_transcript()], _spoil_lines, "spoken.jsonl",
+               lambda work: list(_counts(work / "spoken.jsonl"))),
         Reader("fits", 1, [_fit(work)], _spoil_sealed, "fit/fit.json", _fitted),
         Reader("fits to actions", 1, [_fit_to_actions()], _spoil_sealed,
                f"fit/{FIT_TO_ACTIONS}", _fitted_to_actions),
@@ -158,6 +168,14 @@ def readers(work: Path) -> list[Reader]:
                "evidence/run/run.json", _at("evidence/run", _run)),
         Reader("units.parquet", 1, [(study / "units.parquet").read_bytes()], spoil_table,
                "evidence/units/units.parquet", _at("evidence/units", _run)),
+        Reader("scores", 2, [fuzz_results.scored(work / "scored")], spoil_table,
+               f"scored/{FOLDER}/{ACTIONS}", _at("scored", fuzz_results.read_scores)),
+        Reader("cells that are scored", 1, [scored.read_bytes()], spoil_table,
+               f"predicted/cells/{scored.name}", _at("predicted", fuzz_results.predict)),
+        Reader("fits that predict", 1, [fuzz_results.fitted(work / "scored")], _spoil_sealed,
+               f"scored/fit/{FIT_TO_ACTIONS}", _at("scored", fuzz_results.predict_fitted)),
+        Reader("progress", 1, [fuzz_results.reported(playing)], spoil_text,
+               f"playing/cells/{playing.stem}.progress", _at("playing", fuzz_results.standing)),
     ]  # fmt: skip
 
 
@@ -382,6 +400,14 @@ def _replies(folder: Path) -> bytes:
     content = path.read_bytes()
     path.unlink()
     return content
+
+
+def _transcript() -> bytes:
+    """A line of what was said, and the counts of a subject, as a cell keeps them."""
+    counts = {"answers": 4, "tokens": [90, 9], "latency": 0.5, "faults": {"no action": 1}}
+    counts |= {"unanswered": 1, "unreadable": 0}
+    lines = [{"subject": 0, "role": "assistant", "content": "Push oak."}, {"subject": 0, **counts}]
+    return b"".join(json.dumps(line).encode() + b"\n" for line in lines)
 
 
 def _spoil_lines(content: bytes, rng: random.Random) -> bytes:

@@ -51,7 +51,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
         A clause such as ``did you mean CC4? known: CC3, CC4``.
     """
     # Numbers within names count as numbers, so that trial10 comes after trial2.
-    names = sorted(known, key=lambda name: [int(x) if x.isdigit() else x for x in _PARTS(name)])
+    names = sorted(known, key=lambda name: [int(x) if x.isdecimal() else x for x in _PARTS(name)])
     lowered = {known_name.lower(): known_name for known_name in names}
     close = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=0.5)
     meant = f"did you mean {lowered[close[0]]}? " if close else ""

@@ -15,10 +15,14 @@ from causal_openlock.contract.registry import create
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
-from causal_openlock.wording import counted
+from causal_openlock.wording import counted, nearest
 from causal_openlock.world.schema import Schema
 from support.html_page import Page
 from support.made_up_experiments import stored
+
+
+def test_digits_that_are_no_numbers_are_letters() -> None:
+    assert nearest("₁", ["₂", "x²", "x10", "x2"]).endswith("known: x2, x10, x², ₂")
 
 
 def test_one_is_one() -> None:

@@ -14,6 +14,9 @@ AWAITED = ".awaited-"
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
 """Endings; see :mod:`causal_openlock.experiment.checkpoint` for the first two."""
 
+MOST_SECONDS = 1e9
+"""More than anything plays: thirty years."""
+
 
 def report_progress(record: Path, share: float, seconds: float) -> None:
     """Say which share of a cell is done, after how many seconds; if not now, then the next time."""
@@ -26,7 +29,8 @@ def reported_progress(record: Path) -> tuple[int, float, float] | None:
     path = record.with_suffix(PROGRESS)
     with suppress(OSError, ValueError):  # just written, or just removed
         share, seconds = map(float, path.read_text(encoding="utf-8").split())
-        return path.stat().st_mtime_ns, share, seconds
+        if 0.0 <= share <= 1.0 and 0.0 <= seconds <= MOST_SECONDS:  # no NaN, either
+            return path.stat().st_mtime_ns, share, seconds
     return None
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.progress import ProgressEstimator, RunProgress
-from causal_openlock.experiment.running_files import reported_progress
+from causal_openlock.experiment.running_files import MOST_SECONDS, reported_progress
 from causal_openlock.experiment.store import Store
 
 QUIET = 120.0
@@ -58,7 +58,9 @@ def status_of(store: Store) -> Status:
             if read.setdefault(name, 0) < MOST_READ:
                 read[name] += 1
                 wall_time = store.read(path, columns=["wall_time"])["wall_time"].to_numpy()
-                estimator.began(cell, now - float(wall_time.max(initial=0.0)))
+                took = float(wall_time.max(initial=0.0))
+                if took <= MOST_SECONDS:  # no NaN
+                    estimator.began(cell, now - took)
             estimator.ended(cell, now)
             continue
         report = reported_progress(store.path(cell))

@@ -223,4 +223,8 @@ def _array(content: bytes) -> NDArray[Any]:
     array: NDArray[Any] = np.ndarray(
         shape, kind, content, file.tell(), order="F" if by_columns else "C"
     )
+    if kind.kind == "U":  # NumPy makes texts of any number, and compiled code ends at such a text
+        points = array.reshape(-1).view(np.dtype("u4").newbyteorder(kind.byteorder))
+        if ((points > sys.maxunicode) | ((points >= 0xD800) & (points < 0xE000))).any():
+            raise StateError("it holds a text that is not Unicode")
     return array.copy(order="K")

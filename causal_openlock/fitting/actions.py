@@ -75,7 +75,7 @@ class ActionPlan:
         if self.hold_out not in HOLD_OUT:
             raise OpenLockError(
                 f"{self.hold_out!r} cannot be held out of a fit to actions; "
-                f"{nearest(self.hold_out, HOLD_OUT)}"
+                f"{nearest(str(self.hold_out), HOLD_OUT)}"
             )
         if self.space.second:
             raise OpenLockError("a fit to actions takes one learner; leave second: out")

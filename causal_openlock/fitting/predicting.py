@@ -46,10 +46,10 @@ from causal_openlock.fitting.mixture import MIXTURE
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
+from causal_openlock.scoring.score_table import GROUP
 from causal_openlock.scoring.scores import Scores, choices_in, score_learners
 from causal_openlock.scoring.teacher_forcing import (
     EXACT,
-    GROUP,
     Recorded,
     recorded_subjects,
     scored_parts,

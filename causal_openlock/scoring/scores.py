@@ -19,16 +19,16 @@ import pandas as pd
 from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.registry import changed_parameters
-from causal_openlock.errors import OpenLockError, StoreError, in_short
+from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.files.atomic import write_bytes, write_text
-from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
+from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.model_selection import frequencies_of, select_models
-from causal_openlock.scoring.teacher_forcing import COLUMNS, EXACT, GROUP, PLAYED, score_actions
+from causal_openlock.scoring.score_table import GROUP, PLAYED, read_scores, write_scores
+from causal_openlock.scoring.teacher_forcing import EXACT, score_actions
 from causal_openlock.wording import nearest
 from causal_openlock.world.room import action_names, positions_for
 
@@ -36,16 +36,11 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SUBJECT = [*GROUP, "subject"]
-_COUNTS = ["subject", "trial", "attempt", "action", "action_index"]
 LN2 = float(np.log(2.0))
 FOLDER, ACTIONS = "scores", "actions.parquet"
 """Where scores are kept in a results folder."""
 BY_SUBJECT, FOLLOWED = "subjects.csv", "followed.csv"
 """What follows from them, for other programs; nothing here reads it."""
-
-
-class OutdatedError(StoreError):
-    """Scores of an earlier version, which do not say of what actions they are."""
 
 
 @dataclass(frozen=True)
@@ -90,23 +85,13 @@ class Scores:
             OutdatedError: If an earlier version made them.
             StoreError: If there are none, or they are damaged.
         """
-        path = folder / ACTIONS
-        again = "score the subjects again"
         try:
-            table = read_table(path.read_bytes())
-            if missing := [name for name in COLUMNS if name not in table.column_names]:
-                raise OutdatedError(
-                    f"{path} was made by an earlier version (it has no column {missing[0]}), so it "
-                    f"is not known whether it is of what is on record; {again}"
-                )
-            return cls(_checked(table))
+            return cls(read_scores(folder / ACTIONS))
         except FileNotFoundError:
             raise StoreError(
                 f"{folder} holds no scores; make them with: causal-openlock score {folder.parent} "
                 "--learner NAME"
             ) from None
-        except (OSError, ValueError, TypeError, ChecksumError) as error:
-            raise StoreError(f"{path} cannot be read ({in_short(error)}); {again}") from None
 
     def of(self, learner: str) -> Scores:
         """Those of the subjects of one learner."""
@@ -154,45 +139,11 @@ class Scores:
         Raises:
             OSError: If they cannot be written.
         """
-        import pyarrow as pa
-
         files = [folder / ACTIONS, folder / BY_SUBJECT, folder / FOLLOWED]
-        write_bytes(
-            files[0], table_bytes(pa.Table.from_pandas(self.actions[COLUMNS], _schema(), False))
-        )
+        write_scores(files[0], self.actions)
         write_text(files[1], csv_of(self.subjects.round(6)))
         write_text(files[2], csv_of(self.attributed.round(6)))
         return files
-
-
-def _schema() -> pa.Schema:
-    """The columns of :attr:`Scores.actions` as they are kept."""
-    import pyarrow as pa
-
-    texts = ["scored", "learner", "condition", "protocol", "experiment", PLAYED, "setting"]
-    counts = ["seed", *_COUNTS]
-    kinds = {**dict.fromkeys(texts, pa.string()), **dict.fromkeys(counts, pa.int64())}
-    kinds["impossible"] = pa.bool_()
-    return pa.schema([(name, kinds.get(name, pa.float64())) for name in COLUMNS])
-
-
-def _checked(table: pa.Table) -> pd.DataFrame:
-    """The actions of a file; raises ValueError if they cannot be scores."""
-    table = table.select(COLUMNS).cast(_schema())
-    numbers = ["log_probability", "standard_error", "price"]
-    known = ["entropy", "highest"]  # NaN where there are no probabilities
-    if not table.num_rows or any(table[name].null_count for name in COLUMNS if name not in known):
-        raise ValueError("it has no actions, or gaps")
-    actions = table.to_pandas()
-    if actions[numbers].isna().any(axis=None) or np.isinf(actions[numbers[1:]]).any(axis=None):
-        raise ValueError("numbers are missing")
-    if (actions["log_probability"] > 1e-9).any() or (actions["standard_error"] < 0).any():
-        raise ValueError("a probability is above 1, or an error below 0")
-    if (actions[_COUNTS] < [0, 1, 1, 1, 0]).any(axis=None):
-        raise ValueError("a number is below the first")
-    if actions.duplicated(["scored", *SUBJECT, "trial", "attempt", "action"]).any():
-        raise ValueError("an action is there twice")
-    return actions
 
 
 def score_learners(

@@ -29,10 +29,15 @@ from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.experiment.workers import worker_pool
-from causal_openlock.files.atomic import write_bytes
-from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.files.digest import digest
 from causal_openlock.scoring.inverse_binomial import Draws, Replays, by_draws
+from causal_openlock.scoring.score_table import (
+    COLUMNS,
+    GROUP,
+    PLAYED,
+    read_scores,
+    write_scores,
+)
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
@@ -40,17 +45,7 @@ from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     import pyarrow as pa
 
-GROUP = ["learner", "condition", "protocol", "experiment", "seed"]
-"""What identifies subjects who can be played again in one session."""
-
-COLUMNS = [
-    *("scored", *GROUP, "subject"),
-    *("trial", "attempt", "action", "action_index", "log_probability", "standard_error"),
-    *("entropy", "highest", "impossible", "price", "played", "setting"),
-]
-
 EXACT = Draws()
-PLAYED = "played"
 ATTEMPT = [
     *(*GROUP, "subject", "phase", "loop", "trial", "attempt", "schema", "layout"),
     *("actions", "moved", "opened"),
@@ -288,18 +283,13 @@ def _kept(
     """The scores of a part, from a file if they are there already."""
     if folder is None:
         return score_part(part, scored, lapse, draws)
-    import pyarrow as pa
-
     about = [RESULTS_VERSION, scored.as_dict(), part.group, part.numbers, lapse, asdict(draws)]
     about += [part.played(), COLUMNS]
     name = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:24]
     path = folder / f"{name}.parquet"
     if not path.exists():
-        write_bytes(path, table_bytes(pa.Table.from_pandas(score_part(part, scored, lapse, draws))))
-    try:
-        return read_table(path.read_bytes()).to_pandas()
-    except (OSError, ChecksumError) as error:
-        raise StoreError(f"{path} is damaged ({error}); remove it and try again") from None
+        write_scores(path, score_part(part, scored, lapse, draws))
+    return read_scores(path)
 
 
 def score_part(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> pd.DataFrame:

@@ -285,6 +285,17 @@ def test_a_clock_that_is_set_back_changes_nothing(
     assert status_of(store).progress.done == 1
 
 
+@pytest.mark.parametrize("said", ["nan 3", "0.5 nan", "2.0 3", "0.5 -1", "0.5 inf", "0.5 1e300"])
+def test_a_report_that_cannot_be_counts_as_none(
+    experiment: Experiment, tmp_path: Path, said: str
+) -> None:
+    cell, store = cell_of(experiment, "random"), Store(tmp_path)
+    store.open(experiment)
+    store.path(cell).with_suffix(".progress").write_text(said, encoding="utf-8")
+    assert reported_progress(store.path(cell)) is None
+    assert status_of(store).progress.playing == ()
+
+
 def played_on(session: Session, learner: Learner) -> pa.Table:
     for _ in session.steps(learner):
         pass

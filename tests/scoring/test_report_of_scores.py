@@ -23,6 +23,7 @@ from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.scoring.failures import failures, worst_attempts
+from causal_openlock.scoring.score_table import PLAYED
 from causal_openlock.scoring.scores import (
     BY_SUBJECT,
     FOLDER,
@@ -32,7 +33,7 @@ from causal_openlock.scoring.scores import (
     attributed,
     over,
 )
-from causal_openlock.scoring.teacher_forcing import ATTEMPT, PLAYED, digests_of
+from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of
 
 OURS = "causal_openlock.scoring.section"
 SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)
@@ -144,7 +145,7 @@ def test_damaged_scores_are_one_sentence(folder: Path, tmp_path: Path, damage: s
     content = table_bytes(pa.Table.from_pandas(table))
     path.write_bytes(content[:200] if damage == "cut" else content)
     with pytest.raises(
-        StoreError, match=r"actions.parquet cannot be read \(.+\); score the subjects"
+        StoreError, match=r"actions.parquet cannot be read \(.+\); remove it, and score"
     ):
         Scores.read(tmp_path)
 

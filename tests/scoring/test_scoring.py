@@ -175,7 +175,7 @@ def test_no_flipped_bit_of_a_part_that_is_kept_passes(played: Played, tmp_path: 
     pd.testing.assert_frame_equal(score_actions(*played, scored, keep=tmp_path), made)
     for place in np.linspace(0, len(whole) - 1, 40).astype(int).tolist():
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
-        with pytest.raises(StoreError, match=r"is damaged \(.+\); remove it"):
+        with pytest.raises(StoreError, match=r"cannot be read \(.+\); remove it"):
             score_actions(*played, scored, keep=tmp_path)
 
 
