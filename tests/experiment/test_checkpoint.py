@@ -289,7 +289,7 @@ def test_a_clock_that_is_set_back_changes_nothing(
 def test_a_report_that_cannot_be_counts_as_none(
     experiment: Experiment, tmp_path: Path, said: str
 ) -> None:
-    cell, store = cell_of(experiment, "random"), Store(tmp_path)
+    cell, store = cell_of(experiment, "random"), Store(tmp_path / "out")
     store.open(experiment)
     store.path(cell).with_suffix(".progress").write_text(said, encoding="utf-8")
     assert reported_progress(store.path(cell)) is None
