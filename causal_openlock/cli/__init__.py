@@ -30,7 +30,7 @@ from causal_openlock.cli import (
     status,
     text,
 )
-from causal_openlock.cli.terminal import complain, say, write_anything
+from causal_openlock.cli.terminal import complain, say, warn_in_a_line, write_anything
 from causal_openlock.errors import OpenLockError
 from causal_openlock.version import __version__
 
@@ -84,6 +84,7 @@ def _options(
 def main() -> None:
     """Run the command line; the entry point ``causal-openlock``."""
     write_anything()
+    warn_in_a_line()
     try:
         app()
     except OpenLockError as error:

@@ -11,6 +11,8 @@ from __future__ import annotations
 import codecs
 import io
 import sys
+import warnings
+from typing import Any
 
 from causal_openlock.files.escaping import printable
 
@@ -21,6 +23,9 @@ PLAINER = str.maketrans(
         **dict.fromkeys("“”„″", '"'),
         **dict.fromkeys("•·", "*"),
         **dict.fromkeys("\u00a0\u2009\u202f", " "),
+        **dict.fromkeys("►▶", ">"),
+        **{"²": "^2", "³": "^3", "≈": "~", "∞": "inf", "✓": "yes", "✗": "no"},
+        **{"α": "alpha", "β": "beta", "ε": "epsilon", "η": "eta", "σ": "sigma"},
         "→": "->",
         "←": "<-",
         "↔": "<->",
@@ -52,6 +57,19 @@ def _plainer(error: UnicodeError) -> tuple[str, int]:
         raise error
     text = error.object[error.start : error.end].translate(PLAINER)
     return text.encode("ascii", "backslashreplace").decode("ascii"), error.end
+
+
+def warn_in_a_line() -> None:
+    """Make Python print warnings for users as a sentence, without the line of code."""
+    python_prints = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **options: Any) -> None:
+        if category is UserWarning:
+            say(f"warning: {message}", error=True)
+        else:
+            python_prints(message, category, *where, **options)
+
+    warnings.showwarning = show
 
 
 def write_anything() -> None:

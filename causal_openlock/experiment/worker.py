@@ -7,6 +7,7 @@ checkpoint and ends.
 
 from __future__ import annotations
 
+import multiprocessing
 import time
 import traceback
 from collections.abc import Callable
@@ -25,6 +26,7 @@ from causal_openlock.experiment.running_files import remove_files_of, report_pro
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.versions import versions
+from causal_openlock.files.compiling import without_cache
 
 REPORT_EVERY = 1.0
 """Seconds between a worker's reports of its progress."""
@@ -103,7 +105,8 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
     remove_files_of(store.path(cell))
     store.failures.clear(cell)
     warnings = [*checkpoint.warnings, *account.remarks]
-    return [f"{cell.spec.name}: {warning}" for warning in warnings]
+    slow = without_cache() if multiprocessing.parent_process() else []
+    return [*slow, *(f"{cell.spec.name}: {warning}" for warning in warnings)]
 
 
 def record_failure(store: Store, cell: Cell, error: BaseException) -> str:

@@ -13,17 +13,14 @@ all loops without look-ups or branches, into vector instructions.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from causal_openlock.files.compiling import compiled
 from causal_openlock.world.reward_table import ALWAYS, IF_FOUND, IF_REPEATED, PASTS
 from causal_openlock.world.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
-
-Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
 ATTEMPT, FOUND, SOLUTIONS, PREVIOUS, REWARD = range(5)
 """Rows of ``counts``."""
@@ -48,11 +45,6 @@ def packed(tables: RoomTables) -> NDArray[np.uint32]:
     status[tables.listed] = tables.status
     words = np.arange(len(status), dtype=np.uint32) | status << STATUS
     return (words | OVER * (status & ACTIONS_LEFT == 0))[tables.effect]
-
-
-def compiled(function: Compiled) -> Compiled:
-    """Compile at the first call, once for each installation."""
-    return cast(Compiled, numba.njit(cache=True, error_model="numpy")(function))
 
 
 @compiled

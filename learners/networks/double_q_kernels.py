@@ -16,17 +16,16 @@ everything here.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from causal_openlock.files.compiling import Compiled, compiled
 
 if TYPE_CHECKING:
     from learners.networks.replay_buffer import Batch
 
-Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 Floats = NDArray[np.floating[Any]]
 Integers = NDArray[np.int64]
 
@@ -37,25 +36,23 @@ BLOCK = 64
 """Rows of weights that all observations are multiplied with before the next rows are read."""
 
 
-def compiled(function: Compiled, **options: Any) -> Compiled:
-    """Compile at the first call, once for an installation.
+def loops(function: Compiled, **options: Any) -> Compiled:
+    """Compile loops over numbers.
 
-    ``error_model="numpy"`` divides as NumPy does: a check for zero would keep loops from being
-    vectorised. Fused multiply-adds (``contract``) are all that is allowed of fast arithmetic, so
-    that what is not a number stays so.
+    Fused multiply-adds (``contract``) are all that is allowed of fast arithmetic, so that what is
+    not a number stays so.
     """
-    options = {"fastmath": {"contract"}, **options}
-    return cast(Compiled, numba.njit(cache=True, error_model="numpy", **options)(function))
+    return compiled(function, **{"fastmath": {"contract"}, **options})
 
 
 def inlined(function: Compiled) -> Compiled:
     """Compile into the functions that call this one: small ones, whose calls would cost most."""
-    return compiled(function, forceinline=True)
+    return loops(function, forceinline=True)
 
 
 def reassociated(function: Compiled) -> Compiled:
     """Compile sums in several parts at once, in an order that their length decides."""
-    return compiled(function, fastmath={"contract", "reassoc"})
+    return loops(function, fastmath={"contract", "reassoc"})
 
 
 class Networks(NamedTuple):
@@ -132,7 +129,7 @@ class Scratch(NamedTuple):
 # -- networks -------------------------------------------------------------------------------------
 
 
-@compiled
+@loops
 def weights_of(flat: Floats, networks: Networks, layer: int, agent: int) -> Floats:
     """``[in, out]`` an agent's weights in ``flat``, which is laid out like the parameters."""
     rows, columns = networks.sizes[layer], networks.sizes[layer + 1]
@@ -140,7 +137,7 @@ def weights_of(flat: Floats, networks: Networks, layer: int, agent: int) -> Floa
     return flat[begin : begin + rows * columns].reshape((rows, columns))
 
 
-@compiled
+@loops
 def biases_of(flat: Floats, networks: Networks, layer: int, agent: int) -> Floats:
     """``[1, out]`` an agent's biases in ``flat``."""
     rows, columns = networks.sizes[layer], networks.sizes[layer + 1]
@@ -148,7 +145,7 @@ def biases_of(flat: Floats, networks: Networks, layer: int, agent: int) -> Float
     return flat[begin : begin + columns].reshape((1, columns))
 
 
-@compiled
+@loops
 def given_to(scratch: Scratch, networks: Networks, layer: int, many: int) -> Floats:
     """``[many, in]`` what a layer is given; that of the layer after the last is the outputs."""
     begin = many * networks.sizes[:layer].sum()
@@ -156,7 +153,7 @@ def given_to(scratch: Scratch, networks: Networks, layer: int, many: int) -> Flo
     return scratch.given[begin : begin + many * width].reshape((many, width))
 
 
-@compiled
+@loops
 def slope_by(scratch: Scratch, turn: int, many: int, width: int) -> Floats:
     """``[many, width]`` room for a gradient by what a layer is given or gives."""
     begin = turn * (len(scratch.slope) // 2)
@@ -214,7 +211,7 @@ def add_terms(
             output[element] = four_terms(output[element], vectors, which, four, element)
 
 
-@compiled
+@loops
 def evaluate(networks: Networks, agent: int, inputs: Floats, scratch: Scratch) -> Floats:
     """``[U, out]`` an agent's values of ``[U, in]`` observations; ``scratch`` keeps the trace."""
     many, layers = len(inputs), len(networks.begins)
@@ -242,7 +239,7 @@ def evaluate(networks: Networks, agent: int, inputs: Floats, scratch: Scratch) -
     return given
 
 
-@compiled
+@loops
 def best(values: Floats) -> int:
     """The first of the actions of the highest value; what is not a number counts as highest."""
     chosen = 0
@@ -254,7 +251,7 @@ def best(values: Floats) -> int:
     return chosen
 
 
-@compiled
+@loops
 def greedy(
     networks: Networks, observations: Floats, wanted: NDArray[np.bool_], scratch: Scratch
 ) -> Integers:
@@ -285,7 +282,7 @@ def four_products(
     return a, b, c, d
 
 
-@compiled
+@loops
 def train_units(
     given: Floats,
     slope: Floats,
@@ -351,7 +348,7 @@ def train_units(
             rest[:outputs] = 0
 
 
-@compiled
+@loops
 def backward(
     networks: Networks, agent: int, many: int, used: int, optimizer: Optimizer, scratch: Scratch
 ) -> None:
@@ -393,7 +390,7 @@ def backward(
 # -- double Q-learning ----------------------------------------------------------------------------
 
 
-@compiled
+@loops
 def look_up(batch: Batch, agent: int, table: TargetTable, scratch: Scratch) -> tuple[int, int]:
     """Gather the distinct observations of an agent's minibatch in ``scratch``.
 
@@ -419,7 +416,7 @@ def look_up(batch: Batch, agent: int, table: TargetTable, scratch: Scratch) -> t
     return acted_in, many
 
 
-@compiled
+@loops
 def td_errors(
     values: Floats,
     batch: Batch,
@@ -442,7 +439,7 @@ def td_errors(
         errors[transition] = values[before, batch.action[agent, transition]] - td_target
 
 
-@compiled
+@loops
 def loss_gradient(
     errors: Floats, batch: Batch, agent: int, loss: int, scratch: Scratch, gradient: Floats
 ) -> None:
@@ -460,7 +457,7 @@ def loss_gradient(
         gradient[before, batch.action[agent, transition]] += slope
 
 
-@compiled
+@loops
 def update(
     online: Networks,
     target: Networks,

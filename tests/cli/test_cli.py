@@ -204,6 +204,8 @@ def test_output_that_cannot_encode_a_sign_has_a_plainer_one(
     assert "report: " in done.stdout
     assert done.stdout.isascii()
     assert done.stderr.isascii()
+    assert "> L1, L2, L3" in done.stdout
+    assert "\\u" not in done.stdout
     compared, shown, *refused = done.stderr.splitlines()
     assert (compared, shown) == ("[0]", "[0]")
     assert [line[:7] for line in refused] == ["error: ", "[2]", "error: ", "[2]"]

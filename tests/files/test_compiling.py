@@ -1,0 +1,81 @@
+"""What is compiled is kept, and what is kept is not trusted."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from causal_openlock.files import compiling
+from causal_openlock.files.compiling import compiled, without_cache
+
+CODE = "def twice(number):\n    return 2 * number\n"
+
+
+@pytest.fixture
+def twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]:
+    """A function in a file of its own, imported anew each time and not compiled yet."""
+    path = tmp_path / "loops_of_a_test.py"
+    path.write_text(CODE)
+
+    def fresh() -> Any:
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        assert spec
+        assert spec.loader
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, path.stem, module)
+        spec.loader.exec_module(module)
+        return compiled(module.twice)
+
+    return fresh
+
+
+def kept(folder: Path, suffix: str) -> Path:
+    (found,) = (folder / "__pycache__").glob(f"*{suffix}")
+    return found
+
+
+def hits(function: Any) -> int:
+    return sum(function.stats.cache_hits.values())
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", ["cut", "empty", "other", "flipped", "text"])
+def test_what_is_damaged_is_compiled_anew(
+    twice: Callable[[], Any], tmp_path: Path, suffix: str, damage: str
+) -> None:
+    assert twice()(4) == 8
+    whole = twice()
+    assert (whole(4), hits(whole)) == (8, 1)
+    path = kept(tmp_path, suffix)
+    content = path.read_bytes()
+    middle = len(content) // 2
+    spoiled = {
+        "cut": content[:middle],
+        "empty": b"",
+        "other": b"\x80\x04N.",
+        "flipped": content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :],
+        "text": b"a text",
+    }
+    path.write_bytes(spoiled[damage])
+    again = twice()
+    assert again(4) == 8
+    if suffix == ".nbc":
+        assert hits(again) == 0
+    last = twice()
+    assert (last(4), hits(last)) == (8, 1)  # it is whole again
+
+
+def test_where_nothing_can_be_kept_it_is_said_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "_said", [])
+    nowhere: dict[str, Any] = {}
+    exec(compile(CODE, "<nowhere>", "exec"), nowhere)
+    with pytest.warns(UserWarning, match="NUMBA_CACHE_DIR") as told:
+        functions = [compiled(nowhere["twice"]) for _ in range(2)]
+    assert len(told) == 1
+    assert [one(4) for one in functions] == [8, 8]
+    assert len(without_cache()) == 1
