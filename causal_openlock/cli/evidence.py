@@ -38,11 +38,16 @@ def evidence(
     anew: Annotated[
         bool, typer.Option("--anew", help="Also play what is stored with the studies.")
     ] = False,
+    trust: Annotated[
+        list[str] | None,
+        typer.Option(help="Let code run that this study names, also where it is only checked."),
+    ] = None,
 ) -> None:
     """Run studies: every number and verdict of the result pages comes from one.
 
     Without names and options, list the studies, what each takes and how far it is. A study that
-    is stopped keeps what was measured, and the same command completes it, on any machine.
+    is stopped keeps what was measured, and the same command completes it, on any machine. Code that
+    a study names runs only where the study is run, which is announced, or where you trust it.
     """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.evidence import checking
@@ -56,11 +61,13 @@ def evidence(
             console.print_line(_in_words(study))
         return
     if check:
-        faults = checking.check(folder)
+        faults = checking.check(folder, trust or ())
     else:
         if names or every:
-            _run(read_studies(folder, tuple(names or ())), results, workers, anew, console)
-        changed, faults = checking.write(folder)
+            studies = read_studies(folder, tuple(names or ()), console.print_line)
+            _run(studies, results, workers, anew, console)
+            trust = [*(trust or ()), *(study.name for study in studies)]
+        changed, faults = checking.write(folder, trust or ())
         for path in changed:
             console.print_line(f"{path} written")
     if faults and (names or every):

@@ -13,7 +13,7 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from causal_openlock.analysis.measures import CELL
 from causal_openlock.analysis.results.cost import subject_costs
 from causal_openlock.comparison.comparing import play
 from causal_openlock.comparison.results import Results
-from causal_openlock.contract.registry import changed_parameters
+from causal_openlock.contract.registry import changed_parameters, file_that_runs
 from causal_openlock.errors import CellsFailed, EvidenceError
 from causal_openlock.evidence.keeping import (
     OF_A_RUN,
@@ -60,6 +60,8 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
         EvidenceError: If a claim or a table is about what is not played, or a training failed.
         StoreError: If the results folder holds another experiment.
     """
+    if study.tell:
+        _tell_what_runs(study, study.tell)
     if faults := study.faults():
         raise EvidenceError(f"{study.folder / FILE}: {faults[0]}")
     if study.file.measured == "recovery":
@@ -88,6 +90,14 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
         keep(study, results, found)
     if failed:
         raise failed[0]
+
+
+def _tell_what_runs(study: Study, tell: Callable[[str], None]) -> None:
+    """Say which code of networks will run; that of the experiment is told where it is read."""
+    if networks := study.file.networks:
+        tell(f"{networks.command} will run to train networks")
+        if code := file_that_runs(networks.learner, study.experiment.parent):
+            tell(code)
 
 
 def _folder(results: Path, part: Part) -> Path:

@@ -24,7 +24,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -35,14 +35,14 @@ from pydantic import Field, model_validator
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import EvidenceError
 from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.file import code_named_in, read_experiment
 from causal_openlock.experiment.file_format import NAME_FORM
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import plain, read_document
 from causal_openlock.fitting.recovery import space_of
-from causal_openlock.wording import nearest
+from causal_openlock.wording import joined, nearest
 
 FILE = "study.yaml"
 
@@ -307,10 +307,13 @@ class Study:
     Attributes:
         folder: Where its files are.
         file: What ``study.yaml`` declares.
+        tell: Called with a sentence before code runs that the study names and no package brings
+            along; without it, no such code runs.
     """
 
     folder: Path
     file: StudyFile
+    tell: Callable[[str], None] | None = None
 
     @property
     def name(self) -> str:
@@ -335,8 +338,24 @@ class Study:
 
     @cached_property
     def asked(self) -> Experiment:
-        """The experiment as its file declares it now."""
-        return read_experiment(self.experiment)
+        """The experiment as its file declares it now.
+
+        Raises:
+            EvidenceError: If code would run to know it, and nobody would be told.
+        """
+        if self.tell is None and (named := self.named_code()):
+            raise EvidenceError(
+                f"{self.folder / FILE} names code ({joined(named)}), which does not run here; if "
+                f"you trust it, give --trust {self.name}"
+            )
+        return read_experiment(self.experiment, tell=self.tell)
+
+    def named_code(self) -> list[str]:
+        """The code that the study names, ``module:name``; it does not run."""
+        found = code_named_in(self.experiment)
+        if self.file.networks and ":" in self.file.networks.learner:
+            found.append(self.file.networks.learner)
+        return [*dict.fromkeys(found)]
 
     @cached_property
     def declared(self) -> str:
@@ -435,22 +454,37 @@ def _digest(content: Any) -> str:
     return digest(json.dumps(content, sort_keys=True))
 
 
-def read_study(folder: Path) -> Study:
-    """Read a study.
+def read_study(folder: Path, tell: Callable[[str], None] | None = None) -> Study:
+    """Read a study; nothing that it names runs.
+
+    Args:
+        folder: Its folder.
+        tell: As for :class:`Study`.
 
     Raises:
         FileError: With line, column and remedy of the first fault.
         EvidenceError: If a file that it names is missing.
     """
-    study = Study(folder, read_document(folder / FILE).validate(StudyFile))
+    study = Study(folder, read_document(folder / FILE).validate(StudyFile), tell)
     for path in (study.experiment, *study.training_files.values()):
         if not path.is_file():
             raise EvidenceError(f"{folder / FILE} names {path}, which is no file; mend the name")
     return study
 
 
-def read_studies(root: Path, names: tuple[str, ...] = ()) -> list[Study]:
+def read_studies(
+    root: Path,
+    names: tuple[str, ...] = (),
+    tell: Callable[[str], None] | None = None,
+    trusted: Collection[str] | None = None,
+) -> list[Study]:
     """The studies of a folder, by name; all of them by default.
+
+    Args:
+        root: The folder.
+        names: Names of studies.
+        tell: As for :class:`Study`.
+        trusted: Names of those whose code may run; by default all, if somebody is told.
 
     Raises:
         EvidenceError: If there is none, or none of a name.
@@ -466,4 +500,7 @@ def read_studies(root: Path, names: tuple[str, ...] = ()) -> list[Study]:
     for name in names:
         if name not in known:
             raise EvidenceError(f"there is no study {name!r} in {root}; {nearest(name, known)}")
-    return [read_study(root / name) for name in names or known]
+    return [
+        read_study(root / name, tell if trusted is None or name in trusted else None)
+        for name in names or known
+    ]

@@ -32,7 +32,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.building import Changes, build
+from causal_openlock.experiment.building import Changes, as_learner, build
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file_format import ExperimentFile
 from causal_openlock.files.yaml_file import read_document
@@ -67,6 +67,20 @@ def read_experiment(
         raise OpenLockError(f"{path} is a schema; play it with: compare --condition {path}")
     file = document.validate(ExperimentFile)
     return build(file, changes, document, tell)
+
+
+def code_named_in(path: Path) -> list[str]:
+    """The learners and rewards that an experiment file names as code, ``module:name``.
+
+    Nothing of it runs.
+
+    Raises:
+        FileError: If the file has faults.
+    """
+    file = read_document(path).validate(ExperimentFile)
+    entries = [as_learner(one) for one in file.learners]
+    named = [*(one.learner for one in entries), file.reward, *(one.reward for one in entries)]
+    return [one for one in named if isinstance(one, str) and ":" in one]
 
 
 def find_experiment(name: str | Path) -> Path:

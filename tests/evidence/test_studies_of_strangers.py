@@ -1,0 +1,89 @@
+"""A study may come from anybody: to check it runs no code, and what runs is named first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from causal_openlock.cli import app
+from causal_openlock.evidence.checking import check
+from causal_openlock.evidence.keeping import Watched
+from causal_openlock.evidence.running import run_study
+from causal_openlock.evidence.study import read_study
+
+STUDY = "title: A stranger's\nexperiment: experiment.yaml\nhours: 0.01\n"
+SPY = """
+from pathlib import Path
+
+Path({place!r}).touch()
+
+import numpy as np
+from learners.random import RandomLearner
+
+
+class {name}(RandomLearner):
+    pass
+
+
+def pays(events):
+    return np.where(events.opens, 1.0, 0.0)
+"""
+
+
+@pytest.fixture(params=["learner", "reward", "own reward", "network"])
+def folder(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study that names a module, which leaves a file when it is imported."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*__import__("sys").path])
+    name = f"spy_{request.param.replace(' ', '_')}"
+    folder = tmp_path / "evidence" / "strange"
+    folder.mkdir(parents=True)
+    (folder / f"{name}.py").write_text(SPY.format(place=str(tmp_path / "seen"), name="Spy"))
+    named = {
+        "learner": f"learners: ['{name}:Spy']\n",
+        "reward": f"learners: [random]\nreward: {name}:pays\n",
+        "own reward": f"learners: [{{learner: random, reward: '{name}:pays'}}]\n",
+        "network": "learners: [random]\n",
+    }
+    experiment = "name: strange\nsubjects: 1\nconditions: [CC3]\n" + named[request.param]
+    study = STUDY
+    if request.param == "network":
+        study += (
+            "networks:\n  command: touch {out} {file}\n  files: {one: one.yaml}\n"
+            f"  seeds: [1]\n  learner: {name}:Spy\n"
+        )
+        (folder / "one.yaml").write_text("rooms: {}\n")
+    (folder / "study.yaml").write_text(study)
+    (folder / "experiment.yaml").write_text(experiment)
+    return folder
+
+
+def test_checking_and_listing_run_nothing(folder: Path, tmp_path: Path) -> None:
+    (fault,) = check(folder.parent)[:1]
+    assert "which does not run here; if you trust it, give --trust strange" in fault
+    assert "spy_" in fault
+    for words in (["--check"], ["--write"], []):
+        done = CliRunner().invoke(app, ["evidence", *words])
+        assert "Traceback" not in done.output
+    assert not (tmp_path / "seen").exists()
+
+
+def test_what_runs_is_named_before_it_runs(folder: Path, tmp_path: Path) -> None:
+    said: list[str] = []
+
+    def tell(sentence: str) -> None:
+        assert not (tmp_path / "seen").exists()
+        said.append(sentence)
+
+    study = read_study(folder, tell)
+    if study.file.networks:
+        study.file.networks.seeds.clear()  # nothing is trained here
+    run_study(study, tmp_path / "results", Watched(workers=0))
+    assert any("spy_" in sentence and "will run as" in sentence for sentence in said)
+    if study.file.networks:
+        assert "touch {out} {file} will run to train networks" in said
+        return
+    assert (tmp_path / "seen").exists()
+    assert not [one for one in check(folder.parent, ["strange"]) if "names code" in one]
