@@ -18,6 +18,7 @@ What is particular about it:
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 import logging
 import re
@@ -27,7 +28,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.carried_code import CarriedCode, use
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.store import Store
@@ -174,17 +175,52 @@ def joined(address: str, carried: CarriedCode) -> Iterator[Cluster]:
 
     with ExitStack() as stack:
         here = re.fullmatch(r"local:([1-9]\d{0,3})", address, re.ASCII)
-        where = stack.enter_context(_started(int(here[1]))) if here else address
-        try:
-            client = stack.enter_context(Client(where, timeout=PATIENCE, set_as_default=False))
-        except (OSError, ValueError, TypeError):
+        if here:
+            where: Any = stack.enter_context(_started(int(here[1])))
+        elif re.match(r"local(:|$)", address):
             raise OpenLockError(
-                f"there is no Dask scheduler at {address!r}; give --cluster its address, such as "
-                "tcp://host:8786, or local:8 for eight workers here"
-            ) from None
+                f"--cluster {address} has no number of workers from 1 to 9999; write it like "
+                "local:8, for eight workers here"
+            )
+        else:
+            where = address
+            _require_scheduler(address)
+        client = stack.enter_context(Client(where, timeout=PATIENCE, set_as_default=False))
         # It would say that the scheduler is lost, which is said anyway.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         yield Cluster(client, address, carried)
+
+
+def _require_scheduler(address: str) -> None:
+    """Raise OpenLockError unless a scheduler answers at an address in time.
+
+    A client would ask for minutes where something else answers, such as the dashboard, and would
+    end with a traceback of its own.
+    """
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    async def identity() -> dict[str, Any]:
+        how = Security().get_connection_args("client")
+        async with rpc(address, connection_args=how) as asked:
+            return await asked.identity()
+
+    async def in_time() -> str:
+        return (await asyncio.wait_for(identity(), PATIENCE))["type"]
+
+    logging.getLogger("distributed.comm").setLevel(logging.CRITICAL)
+    try:
+        kind, why = asyncio.run(in_time()), ""
+    except TimeoutError:
+        kind, why = "", f"; nothing answered as one within {PATIENCE:g} seconds"
+    except Exception as error:  # an address of another form fails in any way
+        kind, why = "", f" ({in_short(error)})" if in_short(error) else ""
+    if kind != "Scheduler":
+        raise OpenLockError(
+            f"there is no Dask scheduler at {address!r}{why}; give --cluster its address, such as "
+            "tcp://host:8786 (not that of its dashboard, http://host:8787), or local:8 for eight "
+            "workers here"
+        )
 
 
 @contextmanager

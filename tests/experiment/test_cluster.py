@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import hashlib
 import os
 import signal
@@ -286,8 +287,13 @@ def test_what_is_wrong_with_a_cluster_is_one_sentence(
     refuses("does not see .*elsewhere; give --out a folder", versions, folder / "elsewhere")
     store.close()
     monkeypatch.setattr(cluster_module, "PATIENCE", 0.2)
-    for address in ("tcp://127.0.0.1:9", "local:0", "nonsense"):
-        with pytest.raises(OpenLockError, match="there is no Dask scheduler at"):
+    with socket.create_server(("127.0.0.1", 0)) as dumb:  # it takes connections, and says nothing
+        silent = f"tcp://127.0.0.1:{dumb.getsockname()[1]}"
+        for address in (silent, "tcp://127.0.0.1:9", "http://127.0.0.1:9", "tls://x:1", "nonsense"):
+            with pytest.raises(OpenLockError, match="there is no Dask scheduler at"):
+                runner.run(experiment, folder / "out", cluster=address)
+    for address in ("local", "local:0", "local:x"):
+        with pytest.raises(OpenLockError, match="has no number of workers from 1 to 9999"):
             runner.run(experiment, folder / "out", cluster=address)
 
 
