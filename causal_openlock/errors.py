@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MOST_LISTED = 20
+MOST_SAID = 2000
+"""Characters of a sentence."""
 
 
 def _first(lines: Sequence[str], before: str = "", after: str = "") -> list[str]:
@@ -165,12 +167,20 @@ class FileError(OpenLockError):
 
 
 def in_short(error: BaseException) -> str:
-    r"""An error's text on one line, at most 200 characters of it; empty if it fails to give one.
+    r"""An error's text on one line; empty if it fails to give one.
+
+    At most 200 characters, up to a word; what this package says itself is whole.
 
     >>> in_short(ValueError("two\n  lines"))
     'two lines'
     """
     try:
-        return " ".join(str(error).split())[:200]
+        text = " ".join(str(error).split())
+        if isinstance(error, OpenLockError):
+            return text[:MOST_SAID]
+        if len(text) <= 200:
+            return text
+        at_a_word = text[:200].rpartition(" ")[0]
+        return f"{at_a_word if len(at_a_word) > 150 else text[:199]} …"
     except Exception:
         return ""

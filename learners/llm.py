@@ -24,7 +24,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 from pydantic import Field
@@ -48,7 +48,7 @@ from learners.language.answers import (
     structure_format,
 )
 from learners.language.replay import key_of, replay
-from learners.language.reply import Reply
+from learners.language.reply import Reply, was_cut
 from learners.language.side_by_side import SideBySide
 
 if TYPE_CHECKING:
@@ -56,6 +56,9 @@ if TYPE_CHECKING:
 
 OURS = ("model", "messages", "tools", "response_format", "stream", "n", "temperature", "seed")
 """What the learner itself sends, so that ``settings`` cannot hold it."""
+
+
+_MORE_ROOM = "answers that are cut off have more room with a larger max_tokens in settings, or "
 
 
 @dataclass(frozen=True)
@@ -106,8 +109,11 @@ class LanguageModelParameters:
             raise ValueError(
                 "base_url is the address of a server, such as http://localhost:8000/v1"
             )
-        if parts.username or parts.password or parts.query:
-            raise ValueError("base_url cannot hold a key; put it in OPENAI_API_KEY")
+        if parts.username or parts.password or {*parse_qs(parts.query)} - {"api-version"}:
+            raise ValueError(
+                "base_url cannot hold a key, or anything behind ? but api-version; put a key in "
+                "OPENAI_API_KEY"
+            )
 
 
 @dataclass
@@ -125,6 +131,8 @@ class _Subject:
     chosen: int | None = None  # the action that it took, until it is told what that did
     spent: bool = False  # whether the last action was unanswered
     in_attempt: bool = False
+    sizes: list[tuple[int, int]] = field(default_factory=list)
+    """Of each request, its characters and the tokens that the server counted."""
 
     def tell(self, text: str) -> None:
         """Add a message to the model: the result of its call, or a text."""
@@ -195,7 +203,10 @@ class LanguageModel(Learner):
         for again in range(self.parameters.ask_again + 1):
             if again:
                 subject.tell(subject.words.no_action)
-            key, reply = await self._ask(subject, self._request(subject))
+            request = self._request(subject)
+            key, reply = await self._ask(subject, request)
+            size = sum(len(str(one["content"])) for one in request["messages"])
+            subject.sizes.append((size, reply["tokens"][0]))
             answer = read_answer(
                 reply["message"], reply["finish"], subject.words, self.parameters.tools
             )
@@ -217,8 +228,9 @@ class LanguageModel(Learner):
         if subject.unanswered > self.parameters.unanswered:
             raise LearnerError(
                 f"{self.parameters.model} left {counted(subject.unanswered, 'action')} unanswered "
-                f"as one subject ({_counts(subject.faults)}); change how it is asked, or raise "
-                "unanswered"
+                f"as one subject ({_counts(subject.faults)}); "
+                + (_MORE_ROOM if "cut off" in subject.faults else "change how it is asked, or ")
+                + "raise unanswered"
             )
         place = subject.words.order[0]
         action = place if view.observation[row, place] else self.brief.positions + place
@@ -366,6 +378,15 @@ class LanguageModel(Learner):
         if unreadable := sum(subject.unreadable for subject in self._subjects):
             remarks.append(
                 f"{counted(unreadable, 'answer')} to which lever enables which could not be read"
+            )
+        if "cut off" in faults:
+            remarks.append(_MORE_ROOM.removesuffix(", or "))
+        if cut := sum(was_cut(subject.sizes) for subject in self._subjects):
+            remarks.append(
+                f"the server seems to have read only a part of the conversations of "
+                f"{counted(cut, 'subject')}: they grew, and the tokens that it counts did not, so "
+                "the model may never have seen the rules; give the server a larger context, or set "
+                "recent (docs/howto/llm.md)"
             )
         if self._repeated:
             remarks.append(

@@ -32,6 +32,7 @@ from causal_openlock.cli import (
 )
 from causal_openlock.cli.terminal import complain, say, warn_in_a_line, write_anything
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.escaping import require_utf8
 from causal_openlock.version import __version__
 
 app = typer.Typer(
@@ -86,6 +87,8 @@ def main() -> None:
     write_anything()
     warn_in_a_line()
     try:
+        for word in sys.argv[1:]:
+            require_utf8(word)
         app()
     except OpenLockError as error:
         _fail(str(error), error.status)

@@ -41,6 +41,7 @@ from causal_openlock.experiment.running_files import remove_leftovers
 from causal_openlock.experiment.versions import merged_versions, other_versions, versions
 from causal_openlock.files.atomic import PARTIAL, sweep, write_bytes
 from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
+from causal_openlock.files.escaping import require_utf8
 from causal_openlock.version import RESULTS_VERSION
 
 if TYPE_CHECKING:
@@ -103,6 +104,7 @@ class Store:
             raise
 
     def _prepare(self, experiment: Experiment, changed: bool, shard: Shard | None) -> None:
+        require_utf8(str(self.folder))
         if self.folder.exists() and not self.folder.is_dir():
             raise StoreError(f"{self.folder} is a file; choose a folder for the results")
         check_inside(self.folder)

@@ -2,17 +2,21 @@
 
 An action is a call of the tool ``act``; where a model calls none, the last line of its text counts.
 What is neither is not guessed at: it is a *fault*, which has a name.
+
+Servers write the same in different ways, and some want back what they gave: a call goes on with all
+its own fields (thought signatures, reasoning), a text as text alone.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 from causal_openlock.render.words import Wording
 
-Fault = Literal["malformed", "refused", "out of range"]
+Fault = Literal["malformed", "refused", "out of range", "cut off"]
 Message = dict[str, Any]
 """A message of a chat, as it is sent."""
 
@@ -20,6 +24,18 @@ HOW = (
     "Answer with one action at a time: call the tool `act` with it. If you cannot call tools, end "
     "your answer with a line that holds the action and nothing else."
 )
+EMPTY = "(no answer)"
+"""Goes on in place of an answer without a word, since servers refuse empty messages."""
+_CUT = ("length", "max_tokens", "MAX_TOKENS")
+"""Why an answer ended that was not at its end."""
+_TAGS = "think|thinking|thought|reasoning"
+_THOUGHT = re.compile(
+    rf"(<(?:{_TAGS})>).*?</(?:{_TAGS})>|(\[THINK\]).*?\[/THINK\]|(◁think▷).*?◁/think▷",
+    re.DOTALL | re.IGNORECASE,
+)
+_OPEN = re.compile(rf"<(?:{_TAGS})>|\[THINK\]|◁think▷|<\|channel\|>", re.IGNORECASE)
+_CLOSED = re.compile(rf".*(?:</(?:{_TAGS})>|\[/THINK\]|◁/think▷)", re.DOTALL | re.IGNORECASE)
+_FINAL = "<|channel|>final<|message|>"
 HOW_IN_TEXT = "Answer with one action at a time, on a last line that holds it and nothing else."
 
 
@@ -74,16 +90,30 @@ def read_answer(reply: Message, finish: str | None, words: Wording, tools: bool 
     calls, text = _calls(reply), _text(reply)
     if tools and len(calls) == 1 and (action := _argument(calls[0])) is not None:
         chosen = words.read(action)
-        message = _acting(action, text, str(calls[0].get("id") or "call"))
+        message = _given_back(reply, calls[0], action)
         return Answer(message, chosen, None if chosen is not None else "out of range")
     # What is no proper call goes on as text: servers refuse calls that they cannot read.
     said = "\n".join([text, *(json.dumps(call) for call in calls)]).strip()
-    message = {"role": "assistant", "content": said}
-    if reply.get("refusal") or finish == "content_filter":
-        message["content"] = said or str(reply.get("refusal") or "")
+    refusal = str(reply.get("refusal") or "")
+    message = {"role": "assistant", "content": said or refusal or EMPTY}
+    if refusal or finish == "content_filter":
         return Answer(message, None, "refused")
-    chosen = words.read(text) if not calls else None
+    spoken = without_thoughts(text)
+    if finish in _CUT or spoken is None:  # its last line may be a thought, or half of an action
+        return Answer(message, None, "cut off")
+    chosen = words.read(spoken) if not calls else None
     return Answer(message, chosen, None if chosen is not None else "malformed")
+
+
+def without_thoughts(text: str) -> str | None:
+    """What a model says once it has thought; None if it is still thinking.
+
+    >>> without_thoughts("<think>elm?</think> Push oak."), without_thoughts("<think> Push oak.")
+    ('Push oak.', None)
+    """
+    text = text.rpartition(_FINAL)[2]
+    text = _CLOSED.sub("", _THOUGHT.sub("", text))
+    return None if _OPEN.search(text) else text.strip()
 
 
 def acting(words: Wording, action: int, tools: bool) -> Message:
@@ -99,13 +129,50 @@ def _acting(action: str, text: str, identifier: str) -> Message:
     return {"role": "assistant", "content": text, "tool_calls": [call]}
 
 
+def _given_back(reply: Message, call: dict[str, Any], action: str) -> Message:
+    """A message that called ``act``, with all its own fields, as the conversation goes on."""
+    own = {name: value for name, value in reply.items() if value not in (None, [], "")}
+    own.pop("function_call", None)
+    function, arguments = call["function"], call["function"]["arguments"]
+    if not isinstance(arguments, str):
+        arguments = json.dumps({"action": action})
+    whole = {
+        **call,
+        "id": str(call.get("id") or "call"),
+        "type": "function",
+        "function": {**function, "arguments": arguments},
+    }
+    return {"content": "", **own, "role": "assistant", "tool_calls": [whole]}
+
+
+def plainly(message: Message) -> Message:
+    """A message with what every server knows, as it is asked for by: no fields of a server's own.
+
+    >>> plainly({"role": "assistant", "content": "Push oak.", "reasoning_content": "elm?"})
+    {'role': 'assistant', 'content': 'Push oak.'}
+    """
+    if message["role"] != "assistant":
+        return message
+    calls, text = _calls(message), _text(message)
+    if len(calls) == 1 and (action := _argument(calls[0])) is not None:
+        return _acting(action, text, str(calls[0]["id"]))
+    return {"role": "assistant", "content": "" if text == EMPTY else text}
+
+
 def _calls(reply: Message) -> list[dict[str, Any]]:
-    calls = reply.get("tool_calls")
-    return [one for one in calls if isinstance(one, dict)] if isinstance(calls, list) else []
+    """The calls of a message; those of the older interface have no list and no identifier."""
+    calls, older = reply.get("tool_calls"), reply.get("function_call")
+    if isinstance(calls, list):
+        return [one for one in calls if isinstance(one, dict)]
+    return [{"function": older}] if isinstance(older, dict) else []
 
 
 def _text(reply: Message) -> str:
+    """What a message says; some servers give it in parts, with thoughts among them."""
     content = reply.get("content")
+    if isinstance(content, list):
+        parts = [one.get("text") for one in content if isinstance(one, dict)]
+        content = "\n".join(one for one in parts if isinstance(one, str))
     return content if isinstance(content, str) else ""
 
 
@@ -115,7 +182,10 @@ def _argument(call: dict[str, Any]) -> str | None:
     if not isinstance(function, dict) or function.get("name") != "act":
         return None
     try:
-        action = json.loads(function["arguments"])["action"]
+        found = function["arguments"]
+        for _ in range(2):  # JSON in text, or once more in text, or read already
+            found = json.loads(found) if isinstance(found, str) else found
+        action = found["action"]
     except (KeyError, TypeError, ValueError, RecursionError):
         return None
     return action if isinstance(action, str) else None
@@ -152,7 +222,9 @@ def read_structure(reply: Message, words: Wording, nodes: Sequence[str]) -> list
     """
     known = dict(zip(words.nodes, nodes, strict=True))
     try:
-        pairs = json.loads(_text(reply))["enables"]
+        said = without_thoughts(_text(reply)) or ""
+        fenced = re.fullmatch(r"```(?:json)?\s*(.*?)\s*```", said, re.DOTALL)
+        pairs = json.loads(fenced[1] if fenced else said)["enables"]
         named = [[known[pair["cause"]], known[pair["effect"]]] for pair in pairs]
     except (KeyError, TypeError, ValueError, RecursionError):
         return None

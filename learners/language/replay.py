@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.errors import NotAvailableError
+from learners.language.answers import plainly
 from learners.language.reply import Reply, is_whole, plain, read_json
 
 FOLDER, BUDGET = "OPENLOCK_LLM_REPLAY", "OPENLOCK_LLM_BUDGET"
@@ -42,7 +43,8 @@ def key_of(request: dict[str, Any], seed: int, number: int) -> str:
         number: How many answers the subject gave before. A short memory can make a request come
             again, and it is another question then.
     """
-    text = json.dumps({"request": request, "seed": seed, "number": number}, sort_keys=True)
+    plain_request = {**request, "messages": [plainly(one) for one in request["messages"]]}
+    text = json.dumps({"request": plain_request, "seed": seed, "number": number}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

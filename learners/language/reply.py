@@ -15,6 +15,8 @@ Reply = dict[str, Any]
 """What was answered: ``message``, ``finish``, ``model``, ``server``, ``fingerprint``, ``tokens``,
 ``latency`` and ``retries``."""
 
+LONG = 6000
+"""Characters of a conversation from which on a cut is looked for: about 1,500 tokens."""
 DEEPEST = 100
 """Levels of nesting. Far fewer are in any proper reply, and what copies and writes one recurses."""
 
@@ -50,6 +52,30 @@ def read_json(text: str | bytes) -> Any:
         raise ValueError(f"{constant} is no JSON")
 
     return json.loads(text, parse_constant=refuse)
+
+
+def was_cut(sizes: Sequence[tuple[int, int]]) -> bool:
+    """Whether a server seems to have cut off its prompts, without a word.
+
+    Tokens grow with the text. Where a much longer text is counted as hardly more tokens, a part of
+    it was not read. Servers that count only what is new, and not what they remember, count few
+    tokens of each; that is no reason.
+
+    >>> was_cut([(2000, 500), (9000, 600), (18000, 600)]), was_cut([(2000, 500), (18000, 4400)])
+    (True, False)
+    >>> was_cut([(2000, 500), (9000, 40), (18000, 35)])
+    False
+
+    Args:
+        sizes: Of each request in succession, its characters and the tokens of its prompt.
+    """
+    most = max((tokens for _, tokens in sizes), default=0)
+    characters, tokens = max(sizes, default=(0, 0))
+    if characters < LONG or tokens < 0.7 * most or not tokens:
+        return False
+    # Of a short prompt that was read, a token has a few characters; otherwise nothing is counted.
+    whole = [(size, own) for size, own in sizes if size <= 0.6 * characters and size <= 10 * own]
+    return any(own >= 0.9 * tokens for _, own in whole)
 
 
 def is_whole(reply: Reply) -> bool:

@@ -16,15 +16,18 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import time
 from collections.abc import Callable
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qsl, urlsplit
+from urllib.request import getproxies, proxy_bypass
 
 import httpx2
 import openai
 
 from causal_openlock.errors import NotAvailableError, in_short
+from learners.language.answers import plainly
 from learners.language.reply import Reply, is_whole, plain, read_json
 
 OPENAI = "https://api.openai.com/v1"
@@ -32,12 +35,16 @@ KEY, TRUSTED, HEADERS = "OPENAI_API_KEY", "OPENAI_BASE_URL", "OPENAI_CUSTOM_HEAD
 SHORTEST_SECRET = 8
 """Characters from which on the value of a header is removed from what is said."""
 _HINTS = {
-    "tool": "tools: false",
-    "seed": "send_seed: false",
-    "temperature": "temperature: null",
-    "response_format": "ask_structure: false",
+    r"context|too long|max_model_len": "recent: 20",
+    r"\btools\b|tool[ _-](choice|use)|function calling": "tools: false",
+    r"\bseed\b": "send_seed: false",
+    r"temperature": "temperature: null",
+    r"response_format": "ask_structure: false",
 }
-"""What may help, by a word in the reason why a server refuses."""
+"""What may help, by what stands in the reason why a server refuses."""
+_LOOPBACK = re.compile(r"localhost|127(\.\d{1,3}){3}|::1", re.ASCII)
+_EXTRA = (400, 422)
+"""What a server answers that takes no fields but those that it knows."""
 _COUNTED = ("prompt", "completion")
 
 
@@ -76,11 +83,26 @@ async def _whole(reply: httpx2.Response) -> httpx2.Response:
     unpacked = ("content-encoding", "content-length", "content-type", "transfer-encoding")
     headers = [(name, value) for name, value in reply.headers.items() if name not in unpacked]
     return httpx2.Response(
-        reply.status_code,
+        _status(reply.status_code, bytes(content)),
         headers=[*headers, ("content-type", "application/json")],
         content=bytes(content),
         request=reply.request,
     )
+
+
+def _status(status: int, content: bytes) -> int:
+    """The status of a reply: some servers say with 200 that they have failed."""
+    if status != 200:
+        return status
+    try:
+        said = read_json(content)
+    except (ValueError, RecursionError):
+        return status
+    if not isinstance(said, dict) or not said.get("error") or said.get("choices"):
+        return status
+    error = said["error"]
+    code = error.get("code") if isinstance(error, dict) else None
+    return code if type(code) is int and 400 <= code < 600 else 400
 
 
 class Server:
@@ -110,11 +132,23 @@ class Server:
                 f"{base_url} asks for a key; set {KEY} in the environment, or name another server "
                 "in base_url"
             )
-        http = _Client()
+        address, _, query = base_url.partition("?")
+        self._through = _proxy_of(base_url)
+        self._plainly = False  # whether it refuses what it gave
+        try:
+            # What runs on this machine is not asked through a proxy.
+            http = _Client(trust_env=not _LOOPBACK.fullmatch(_place(base_url)[1] or ""))
+        except (ImportError, ValueError) as error:
+            raise NotAvailableError(
+                f"{base_url} cannot be asked through the proxy that the environment names "
+                f"({in_short(error)}); unset ALL_PROXY, HTTPS_PROXY and HTTP_PROXY, name the host "
+                "in NO_PROXY, or for a SOCKS proxy install socksio"
+            ) from None
         http.limit = seconds
         self._client = openai.AsyncOpenAI(
             api_key=self._key or "none",
-            base_url=base_url,
+            base_url=address,
+            default_query=dict(parse_qsl(query)),
             max_retries=retries,
             timeout=seconds,
             http_client=http,
@@ -143,7 +177,7 @@ class Server:
                 before()
             began, text = time.perf_counter(), ""
             try:
-                raw = await self._client.chat.completions.with_raw_response.create(**request)
+                raw = await self._asked(request)
                 latency = time.perf_counter() - began
                 text = raw.http_response.content.decode("utf-8", "replace")
                 said = plain(read_json(text), self._secrets)
@@ -163,8 +197,13 @@ class Server:
                 return reply
             except openai.APIStatusError as error:
                 why = self._in_short(error)
-                hints = [hint for word, hint in _HINTS.items() if word in why.lower()]
+                if " - " not in why:  # the reason stands where the library does not look
+                    why = f"{why} - {self._in_short(Exception(error.response.text[:200]))}"
+                why = why.removesuffix(" - ")
+                hints = [hint for words, hint in _HINTS.items() if re.search(words, why.lower())]
                 hint = f"; perhaps it takes {hints[0]} among the parameters" if hints else ""
+                if error.status_code in (404, 405) or "endpoint" in why.lower():
+                    hint = self._other_address()
                 raise self._failure(f"refuses ({why}){hint}") from None
             except openai.APITimeoutError:
                 raise self._failure("did not answer in time") from None
@@ -181,7 +220,33 @@ class Server:
                 RecursionError,
             ):
                 what = in_short(Exception(plain(text, self._secrets)[:100])) if text else "nothing"
-                raise self._failure(f"gives no chat completion ({what})") from None
+                hint = self._other_address() if "<" in what else ""
+                raise self._failure(f"gives no chat completion ({what}){hint}") from None
+
+    async def _asked(self, request: dict[str, Any]) -> Any:
+        """The raw reply; messages are given back whole, unless the server refuses what it gave."""
+        create = self._client.chat.completions.with_raw_response.create
+        plain_request = {**request, "messages": [plainly(one) for one in request["messages"]]}
+        if self._plainly or plain_request == request:
+            return await create(**plain_request)
+        try:
+            return await create(**request)
+        except openai.APIStatusError as error:
+            if error.status_code not in _EXTRA:
+                raise
+            try:
+                reply = await create(**plain_request)
+            except openai.APIStatusError:
+                raise error from None
+            self._plainly = True
+            return reply
+
+    def _other_address(self) -> str:
+        """A clause on the address, if it may be another one."""
+        address = self.base_url.partition("?")[0].rstrip("/")
+        if address.endswith("/v1"):
+            return "; base_url is the address without /chat/completions: is it right?"
+        return f"; perhaps base_url is {address}/v1"
 
     async def close(self) -> None:
         """Close the connections."""
@@ -193,8 +258,18 @@ class Server:
     def _failure(self, what: str) -> NotAvailableError:
         again = "what was answered is kept, so give the same command again once that is fixed"
         return NotAvailableError(
-            plain(f"the server at {self.base_url} {what}; {again}", self._secrets)
+            plain(f"the server at {self.base_url}{self._through} {what}; {again}", self._secrets)
         )
+
+
+def _proxy_of(url: str) -> str:
+    """A clause on the proxy that the environment has for an address; empty for none."""
+    scheme, host, _ = _place(url)
+    known = getproxies()
+    proxy = known.get(scheme) or known.get("all")
+    if not proxy or not host or _LOOPBACK.fullmatch(host) or proxy_bypass(host):
+        return ""
+    return f" (through the proxy {proxy.rpartition('@')[2]} of the environment)"  # no password
 
 
 def _place(url: str) -> tuple[str, str | None, int | None]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import socket
 import hashlib
 import os
 import signal
+import socket
 import sys
 import time
 from collections.abc import Iterator

@@ -18,12 +18,15 @@ from rich.table import Table
 from causal_openlock import cli
 from causal_openlock.analysis.results.standing import STANDING_COLUMNS
 from causal_openlock.analysis.results.summary import write_table
+from causal_openlock.cli import main
 from causal_openlock.cli.terminal import complain, say
 from causal_openlock.comparison.console import Terminal
 from causal_openlock.comparison.tables import print_standings
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_csv import flat
-from causal_openlock.files.escaping import cell, csv_of, printable
+from causal_openlock.files.escaping import cell, csv_of, printable, require_utf8
 from support.fabricated_records import table as as_record
 from support.fabricated_records import trial_rows
 
@@ -135,3 +138,23 @@ def test_an_export_has_no_formula() -> None:
     assert made["condition"].unique().to_pylist() == ["CC3"]
     numbers = [name for name in made.column_names if pa.types.is_floating(made[name].type)]
     assert all(made[name].equals(record[name]) for name in numbers)
+
+
+def test_a_name_that_no_file_could_say_is_refused() -> None:
+    require_utf8("résultats/😀")
+    with pytest.raises(OpenLockError, match=r"the name r\\udcff is not valid UTF-8"):
+        require_utf8("r\udcff")
+    with pytest.raises(OpenLockError, match="is not valid UTF-8"):
+        Store("r\udcff").open(make_experiment(["CC3"], ["random"], subjects=1))
+
+
+def test_the_command_line_refuses_such_names(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words in (["import", "a\udcff.csv", "--out", "r"], ["play", "--out", "r\udcff"],
+                  ["play", "--consent", "c\udcff.md"]):  # fmt: skip
+        monkeypatch.setattr("sys.argv", ["causal-openlock", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 2
+        assert "is not valid UTF-8" in capsys.readouterr().err

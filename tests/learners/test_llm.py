@@ -315,7 +315,7 @@ def test_no_part_of_the_key_is_kept_however_it_comes_back(
         monkeypatch.setenv(TRUSTED, url)
         learner = create("learners.llm:LanguageModel", {"model": "m", "base_url": url,
                                                         "unanswered": 0})  # fmt: skip
-        with pytest.raises(LearnerError, match=r"unanswered|\[key|xxx\)") as raised:
+        with pytest.raises(LearnerError, match=r"unanswered|\[ke|xxx( …)?\)") as raised:
             Session(ONE_ROOM, protocol(), 1).play(learner)
     account = json.dumps([learner.account().transcripts, learner.state_dict()])
     kept = account + "".join(path.read_text() for path in tmp_path.rglob("*.jsonl"))
@@ -696,7 +696,6 @@ def test_a_short_memory_makes_no_two_questions_one() -> None:
         '{"choices": [{"message": {}}], "usage": {"prompt_tokens": -100}}',
         '{"choices": [{"message": {}, "finish_reason": 7}]}',
         '{"choices": [{"message": {"x": NaN}}]}',
-        '{"error": {"code": 429}}',
     ],
 )
 def test_a_reply_that_could_not_be_kept_is_none(body: str, tmp_path: Path) -> None:

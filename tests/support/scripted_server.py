@@ -32,6 +32,13 @@ class Drip(Trouble):
     """Send a blank now and then, and never an answer."""
 
 
+class Ended:
+    """A message that ended for a reason, of so many tokens of a prompt."""
+
+    def __init__(self, message: Body, finish: str = "stop", prompt: int = 100) -> None:
+        self.message, self.finish, self.prompt = message, finish, prompt
+
+
 def choices(body: Body) -> list[str]:
     """The actions that the tool of a request takes."""
     function = body["tools"][0]["function"]
@@ -63,6 +70,7 @@ class ScriptedServer:
         self.script = script
         self.asked: list[Body] = []
         self.keys: list[str | None] = []
+        self.paths: list[str] = []
         self.most = self._now = 0
         self.closing = threading.Event()
         self._lock = threading.Lock()
@@ -72,6 +80,7 @@ class ScriptedServer:
         with self._lock:
             number = len(self.asked)
             self.asked.append(body)
+            self.paths.append(handler.path)
             self.keys.append(handler.headers["Authorization"])
             self._now += 1
             self.most = max(self.most, self._now)
@@ -95,15 +104,16 @@ class ScriptedServer:
             handler.close_connection = True
             return
         else:
-            finish = "tool_calls" if said.get("tool_calls") else "stop"
+            if not isinstance(said, Ended):
+                said = Ended(said, "tool_calls" if said.get("tool_calls") else "stop")
             reply = {
                 "id": "r",
                 "object": "chat.completion",
                 "created": 0,
                 "model": "scripted-1",
                 "system_fingerprint": "fp_7",
-                "choices": [{"index": 0, "message": said, "finish_reason": finish}],
-                "usage": {"prompt_tokens": 100, "completion_tokens": 5, "total_tokens": 105},
+                "choices": [{"index": 0, "message": said.message, "finish_reason": said.finish}],
+                "usage": {"prompt_tokens": said.prompt, "completion_tokens": 5},
             }
             content, code, headers = json.dumps(reply).encode(), 200, {}
         handler.send_response(code)
