@@ -41,6 +41,11 @@ class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
         render_mode: str | None = None,
         reveal: bool = False,
     ) -> None:
+        if isinstance(rooms, str) or not all(isinstance(room, Mapping) for room in rooms):
+            raise OpenLockError(
+                "rooms are a list of the arguments of each, such as [{'schema': 'CC3'}, "
+                "{'schema': 'CE3'}]"
+            )
         self._rooms = [
             OpenLockEnv(**room, render_mode=render_mode, reveal=reveal) for room in rooms
         ]

@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
 from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
+from causal_openlock.files.validation import whole_number
 from causal_openlock.world.rewards import RewardForm, find_reward
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
 
@@ -51,9 +52,15 @@ class Settings:
         from causal_openlock.formats.schema_file import find_schema, schema_from_dict
 
         schema = schema_from_dict(schema) if isinstance(schema, Mapping) else find_schema(schema)
+        if not isinstance(layout, str | Mapping | Layout):
+            raise LayoutError(
+                f"layout is a name, such as trial1 or {RANDOM_LAYOUT}, or the position of each "
+                f"lever, and this is {layout!r}"
+            )
         if positions is None:
             own = layout.positions if isinstance(layout, Layout) else 0
             positions = max(own, positions_for(schema))
+        positions = whole_number(positions, "positions")
         position_names(positions)
         if positions < len(schema.levers):
             raise LayoutError(
@@ -61,10 +68,12 @@ class Settings:
             )
         if episode not in ("attempt", "trial"):
             raise OpenLockError(f"an episode is 'attempt' or 'trial', not {episode!r}")
+        attempt_limit = whole_number(attempt_limit, "attempt_limit")
         if attempt_limit < 1:
             raise ProtocolError(f"attempt_limit must be at least 1, not {attempt_limit}")
         if action_limit is None:
             action_limit = default_action_limit(schema)
+        action_limit = whole_number(action_limit, "action_limit")
         if not schema.least_action_limit <= action_limit <= MAX_ACTION_LIMIT:
             raise ProtocolError(
                 f"{schema.name} needs attempts of at least {schema.least_action_limit} actions and "

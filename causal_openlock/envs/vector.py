@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.validation import whole_number
 from causal_openlock.world.batch import RoomBatch, Spare
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout
@@ -128,10 +129,15 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
             seed: One seed for the whole batch; a list of seeds is combined into one.
             options: ``{"reset_mask": [num_envs] of bool}`` resets only those rooms.
         """
-        if isinstance(seed, list):
-            seed = int(np.random.SeedSequence([s or 0 for s in seed]).generate_state(1)[0])
-        super().reset(seed=seed)
         mask = (options or {}).get("reset_mask")
+        if mask is not None:
+            mask = np.asarray(mask)
+            if mask.shape != self._shape or mask.dtype != np.bool_:
+                raise OpenLockError(
+                    f"reset_mask is a boolean array of {self.num_envs}, one for each room, and "
+                    f"this is {mask.dtype} of shape {mask.shape}"
+                )
+        super().reset(seed=self._one_seed(seed))
         if mask is None or not self._started:
             mask = np.ones(self.num_envs, dtype=bool)
             # Here, since numba takes a while to load.
@@ -145,6 +151,22 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         tables, row = self._tables, self._batch.row
         actions_left = tables.status.take(row) & ACTIONS_LEFT
         return tables.observation.take(row, axis=0), self._info(actions_left, self._attempts_left)
+
+    def _one_seed(self, seed: Any) -> int | None:
+        """The seed of the whole batch, of one for each room."""
+        if not isinstance(seed, list | tuple):
+            return seed
+        if len(seed) != self.num_envs:
+            raise OpenLockError(
+                f"there are {len(seed)} seeds for {self.num_envs} rooms; give one for each, or one"
+            )
+        if all(one is None for one in seed):
+            return None
+        fresh = np.random.default_rng()  # of what has no seed
+        known = [
+            int(fresh.integers(2**31)) if one is None else whole_number(one, "seed") for one in seed
+        ]
+        return int(np.random.SeedSequence(known).generate_state(1)[0])
 
     def _begin_trials(self, rooms: NDArray[np.int64]) -> None:
         # If all rooms begin at once, a slice is faster than indices.
