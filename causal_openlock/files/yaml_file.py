@@ -190,7 +190,7 @@ def read_text(path: Path | str) -> str:
     if len(content) > MAX_BYTES:
         raise FileError(path, [TOO_LARGE])
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8").removeprefix("\ufeff")  # Windows' mark
     except UnicodeDecodeError as error:
         before = content[: error.start].decode("utf-8")
         message = f"this is not UTF-8 text ({error.reason}); save the file as UTF-8"

@@ -180,10 +180,11 @@ class _Reader:
             raise self.fault(
                 here.line, f"'{{' is needed before the statements, and here is {here}; add it"
             )
+        outer = self.depth > 0  # what a subgraph says of itself says nothing of the graph
         self.depth += 1
         if self.depth > MAX_DEPTH:
             raise self.fault(here.line, f"braces are nested deeper than {MAX_DEPTH}; unnest them")
-        defaults = {**defaults, "node": {**defaults["node"]}, "edge": {**defaults["edge"]}}
+        defaults = {kind: {**values} for kind, values in defaults.items()} if outer else defaults
         named: list[str] = []
         while not self.take_if("}"):
             if self.take_if(";", ","):
@@ -219,13 +220,33 @@ class _Reader:
         if not pairs:
             for node in ends[0]:
                 self.graph.nodes[node].update(given)
+        look = {**defaults["edge"], **given}
         for cause, effect, line in pairs:
+            if self.format == "dot" and self.turned(look, line):
+                cause, effect = effect, cause
             if self.graph.has_edge(cause, effect):
                 raise self.fault(
                     line, f"the edge {cause} -> {effect} is listed twice; remove one of them"
                 )
-            self.graph.add_edge(cause, effect, **{**defaults["edge"], **given})
+            self.graph.add_edge(cause, effect, **look)
         return [node for group in ends for node in group]
+
+    def turned(self, look: Mapping[str, str], line: int) -> bool:
+        """Whether an edge is drawn, and meant, from its second node to its first."""
+        way = look.get("dir", "forward").lower()
+        head = "arrowtail" if way == "back" else "arrowhead"
+        said = ""
+        if way not in ("forward", "back"):
+            said = f"dir={way}"
+        elif look.get(head, "normal").lower() == "none":
+            said = f"{head}=none"
+        if said:
+            raise self.fault(
+                line,
+                f"an edge with {said} does not say which is cause and which effect; take {said} "
+                "out, or write dir=forward or dir=back",
+            )
+        return way == "back"
 
     def nodes(self, defaults: Defaults) -> list[str]:
         """A node or a group of nodes, at one end of an edge or alone."""

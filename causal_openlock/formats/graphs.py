@@ -24,6 +24,7 @@ BIF can only be written: it holds the tables of :func:`to_bayesian_network`, not
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import compress, product
@@ -249,16 +250,64 @@ def _write_node_link(schema: Schema) -> str:
     return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
 
 
+_NODE_LINK = 'write one with networkx.node_link_data(graph, edges="edges") and json.dumps'
+
+
 def _read_node_link(text: str, name: str) -> Schema:
-    remedy = 'write one with networkx.node_link_data(graph, edges="edges") and json.dumps'
+    remedy = _NODE_LINK
     try:
-        data = json.loads(text)
-        graph = nx.node_link_graph(data, edges="edges" if "edges" in data else "links")
+        data = json.loads(text, object_pairs_hook=_each_once)
+        edges = "edges" if "edges" in data else "links"
+        _check_node_link(data, edges)
+        graph = nx.node_link_graph(data, data.get("directed", True), False, edges=edges)
+    except SchemaError:
+        raise
     except KeyError as error:
         raise _no_graph("node-link", f"the key {error} is missing", remedy) from None
     except _UNREADABLE as error:
         raise _no_graph("node-link", error, remedy) from None
     return schema_of_graph(graph, "node-link", name)
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object of a JSON text, in which no key may be there twice."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise SchemaError(
+            f"this is no node-link graph: the key {twice!r} is there twice; take one out"
+        )
+    return found
+
+
+def _check_node_link(data: Any, edges: str) -> None:
+    """Refuse what networkx would misread, or would not say plainly."""
+
+    def refuse(what: str) -> None:
+        raise SchemaError(f"this is no node-link graph: {what}; {_NODE_LINK}")
+
+    if not isinstance(data, dict):
+        refuse("it begins with a list or a value; a graph is an object with nodes and edges")
+    if not isinstance(data.get("graph", {}), dict):
+        refuse('"graph" holds the attributes of the graph, {"name": ...}; leave it out if empty')
+    for key in ("nodes", edges):
+        if key not in data:
+            refuse(f"the key {key!r} is missing")
+        if not (isinstance(data.get(key), list) and all(isinstance(x, dict) for x in data[key])):
+            refuse(f"{key} is a list of objects; write {key} like [{{...}}]")
+    names = [one.get("id") for one in data["nodes"]]
+    if None in names:
+        refuse('a node has no id; write {"id": "L0"}')
+    ends = [one.get(end) for one in data[edges] for end in ("source", "target")]
+    if any(type(end) is int for end in ends) and not any(type(name) is int for name in names):
+        refuse(f"its {edges} name nodes by their place in the list; name them by id")
+    for name in names:
+        if names.count(name) > 1:
+            refuse(f"the node {name!r} is there twice; take one out")
+    for end in ends:
+        if end not in names:
+            refuse(f"the edge from or to {end!r} is of no node; add the node, or correct the edge")
 
 
 def _text_graph(schema: Schema) -> nx.DiGraph:
@@ -271,9 +320,27 @@ def _text_graph(schema: Schema) -> nx.DiGraph:
     return graph
 
 
+_SHORT_NUMBER = re.compile(
+    r'^(?:[^"\n#]|"[^"\n]*")*?(?<![\w.+-])([+-]?\d+[eE][+-]?\d+)', re.MULTILINE
+)
+"""A number with an exponent and no point, of which networkx reads the digits before the e."""
+
+
+def _check_gml(text: str) -> None:
+    if found := _SHORT_NUMBER.search(text):
+        line, number = text.count("\n", 0, found.start(1)) + 1, found[1]
+        raise SchemaError(
+            f"line {line} of this gml text: {number} would be misread; write it with a point, such "
+            f"as {float(number)!r}"
+        )
+
+
 def _read_gml(text: str, name: str) -> Schema:
+    _check_gml(text)
     try:
-        graph = nx.parse_gml(text)
+        labelled = re.search(r"[\s\[]label\s", text) or not re.search(r"[\s\[]name\s", text)
+        by = "label" if labelled else "name"
+        graph = nx.parse_gml(text, label=by)  # igraph writes names and no labels
     except _UNREADABLE as error:
         raise _no_graph("gml", error, "write one with networkx.write_gml") from None
     if "title" in graph.graph:
@@ -290,7 +357,12 @@ def _write_bif(schema: Schema) -> str:
 
 def _read_dagitty(text: str, name: str) -> Schema:
     graph = parse_graph(text, "dagitty")
-    outcomes = [node for node, value in graph.nodes(data="outcome") if value is not None]
+    outcomes = [node for node, data in graph.nodes(data=True) if {"outcome", "target"} & {*data}]
+    if DOOR not in graph and len(outcomes) > 1:
+        raise SchemaError(
+            f"this dagitty graph has {len(outcomes)} outcomes ({', '.join(outcomes)}), and a room "
+            "has one door; name one of them door"
+        )
     if DOOR not in graph and len(outcomes) == 1:
         nx.relabel_nodes(graph, {outcomes[0]: DOOR}, copy=False)
     of_graph = graph.nodes.get(DOOR, {})

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -365,3 +367,90 @@ def test_bif_gives_the_same_tables(schema: Schema) -> None:
 def test_a_push_probability_is_a_probability() -> None:
     with pytest.raises(OpenLockError, match="from 0 to 1"):
         to_bayesian_network(BUNDLED["CC3"], 1.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "edges"),
+    [
+        ("digraph { door -> A [dir=back] }", {("A", "door")}),
+        ("digraph { edge [dir=back]; door -> A; }", {("A", "door")}),
+        (
+            "digraph { subgraph s { edge [dir=back]; door -> A; } B -> door }",
+            {("A", "door"), ("B", "door")},
+        ),
+        ("digraph { A -> door [dir=forward, arrowhead=vee] }", {("A", "door")}),
+        ("\ufeffdigraph { A -> door }", {("A", "door")}),
+    ],
+)
+def test_dot_says_in_which_direction_an_edge_goes(
+    tmp_path: Path, text: str, edges: set[tuple[str, str]]
+) -> None:
+    path = tmp_path / "one.dot"
+    path.write_text(text, encoding="utf-8")
+    assert {*read_schema_as(path).graph.edges} == edges
+
+
+@pytest.mark.parametrize(
+    ("look", "said"),
+    [
+        ("dir=both", "dir=both"),
+        ("dir=none", "dir=none"),
+        ("arrowhead=none", "arrowhead=none"),
+        ("dir=back, arrowtail=none", "arrowtail=none"),
+    ],
+)
+def test_dot_that_says_no_direction_is_refused(look: str, said: str) -> None:
+    with pytest.raises(SchemaError, match=f"line 2 .*an edge with {said} does not say which"):
+        import_schema(f"digraph {{\nA -> door [{look}] }}", "dot")
+
+
+def test_what_a_subgraph_says_of_itself_is_not_of_the_graph() -> None:
+    text = 'digraph { A -> door; B -> door; subgraph s { graph [levers="B A"]; A } }'
+    assert import_schema(text, "dot").levers == ("A", "B")
+
+
+NODE_LINK: dict[str, Any] = {
+    "nodes": [{"id": "A"}, {"id": "door"}],
+    "links": [{"source": "A", "target": "door"}],
+}
+"""As D3 has it, and as one writes it by hand."""
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"nodes": [{"id": "A"}, {"id": "A"}, {"id": "door"}]}, "node 'A' is there twice"),
+        ({"links": [{"source": 0, "target": 1}]}, "name nodes by their place"),
+        ({"links": [{"source": "A", "target": "dor"}]}, "'dor' is of no node"),
+        ({"graph": [1]}, "attributes of the graph"),
+        ({"nodes": [{"name": "A"}]}, "a node has no id"),
+        ({"nodes": 3}, "nodes is a list of objects"),
+    ],
+)
+def test_node_link_that_would_be_misread_is_refused(changes: dict[str, Any], said: str) -> None:
+    assert import_schema(json.dumps(NODE_LINK), "node-link").levers == ("A",)
+    with pytest.raises(SchemaError, match=said):
+        import_schema(json.dumps({**NODE_LINK, **changes}), "node-link")
+
+
+def test_a_key_that_is_there_twice_is_refused() -> None:
+    with pytest.raises(SchemaError, match="the key 'links' is there twice"):
+        import_schema('{"nodes": [], "links": [], "links": []}', "node-link")
+
+
+def test_a_number_that_networkx_misreads_is_refused() -> None:
+    text = (
+        'graph [ directed 1 node [ id 0 label "A" ] node [ id 1 label "door" ]\n'
+        "edge [ source 0 target 1 strength {} ] ]"
+    )
+    with pytest.raises(SchemaError, match=r"line 2 .*1e-1 would be misread; .* such as 0.1"):
+        import_schema(text.format("1e-1"), "gml")
+    assert import_schema(text.format("1.0e-1"), "gml").strengths("door") == (0.1,)
+    named = text.replace("label", "name").format("0.5")  # as igraph writes it
+    assert import_schema(named, "gml").levers == ("A",)
+
+
+def test_synonyms_of_dagitty_and_several_outcomes() -> None:
+    assert import_schema("dag { a [source] y [target] a -> y }", "dagitty").levers == ("a",)
+    with pytest.raises(SchemaError, match=r"2 outcomes \(y, z\), and a room has one door"):
+        import_schema("dag { a y [outcome] z [target] a -> y a -> z }", "dagitty")
