@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -28,6 +28,10 @@ def import_(
     learner: Annotated[
         str, typer.Option("--learner", "-l", help="Label of who played, where files name none.")
     ] = "person",
+    layouts: Annotated[
+        Literal["named", "drawn"],
+        typer.Option(help="Whether files name layouts, or rooms are those that the seed draws."),
+    ] = "named",
 ) -> None:
     """Make a results folder of data from elsewhere, which report and score read.
 
@@ -37,8 +41,9 @@ def import_(
     from causal_openlock.importing.folder import import_files
 
     made = import_files(
-        files, out, experiment=experiment, protocol=protocol, seed=seed or 0, learner=learner
-    )
+        files, out, experiment=experiment, protocol=protocol, seed=seed or 0, learner=learner,
+        layouts=layouts,
+    )  # fmt: skip
     subjects, attempts = counted(made.subjects, "subject"), counted(made.attempts, "attempt")
     say(f"{out} written: {subjects}, {attempts}; causal-openlock report {out}")
     for sentence in made.left_out:

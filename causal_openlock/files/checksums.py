@@ -31,6 +31,8 @@ KEY = b"causal_openlock.sha256"
 BLANK = b"0" * 64
 IN_PARQUET = KEY + b"\x18\x40"
 """The bytes before the digits: the key, and Thrift's header of a text of 64 bytes."""
+MOST_VALUES = 50_000_000
+"""Values of a table: a cell has at most a few million."""
 IN_JSON = b'"sha256": "'
 
 
@@ -89,8 +91,16 @@ def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table
     check(content, IN_PARQUET)
     try:
         file = pq.ParquetFile(pa.BufferReader(content))
+        groups = [file.metadata.row_group(one) for one in range(file.metadata.num_row_groups)]
+        values = sum(
+            one.column(column).num_values for one in groups for column in range(one.num_columns)
+        )
+        if values > MOST_VALUES:  # a small file can hold very many equal ones
+            raise ChecksumError(f"it holds {values:,} values, more than {MOST_VALUES:,}")
         kept = {k: v for k, v in (file.schema_arrow.metadata or {}).items() if k != KEY}
         return file.read(columns).replace_schema_metadata(kept)
+    except ChecksumError:
+        raise
     # It is complete, but from an unknown source: reading it can raise anything.
     except Exception as error:
         line = " ".join(str(error).split())

@@ -56,6 +56,7 @@ def play_again(
     spec: LearnerSpec,
     experiment: str,
     seed: int,
+    drawn: bool = False,
 ) -> list[Checked]:
     """Play again what some subjects of one learner did in one condition.
 
@@ -66,13 +67,24 @@ def play_again(
         spec: The learner, with its protocol and reward.
         experiment: Name of the experiment.
         seed: Its seed; rooms that are not named, and luck, are drawn from it.
+        drawn: Whether subjects met the rooms that are drawn, where the file names none.
 
     Raises:
-        ImportFault: If an action could not have been taken then, or something else comes of it.
+        ImportFault: If no layout is named where several are possible and rooms are not drawn, an
+            action could not have been taken then, or something else comes of it.
     """
     visits = plan(condition, spec.protocol, np.random.default_rng(0))
     order = [_visits(own, visits, condition.name) for own in entries]
     given = zip(numbers, map(_rooms, entries, order, [visits] * len(entries)), strict=True)
+    other = plan(condition, spec.protocol, np.random.default_rng(1))
+    if not drawn and [one.layout for one in other] != [one.layout for one in visits]:
+        for acted in entries:
+            if not any(one.layout for one in acted):
+                raise acted[0].place.fault(
+                    "there is no layout, so it is not known where the levers were; add the column "
+                    "layout, such as trial1, or give --layouts drawn if these were the rooms that "
+                    "--seed draws"
+                )
     placed = replace(condition, rooms={number: rooms for number, rooms in given if rooms})
     session = Session(
         placed,

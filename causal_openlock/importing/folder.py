@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
@@ -21,6 +22,7 @@ from causal_openlock.experiment.protocol import Condition, find_protocol
 from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.experiment.store import Store
+from causal_openlock.files.digest import digest
 from causal_openlock.formats.schema_file import bundled_schemas
 from causal_openlock.importing.actions import ActionEntry
 from causal_openlock.importing.checking import Checked, play_again
@@ -61,6 +63,7 @@ def import_files(
     protocol: str = "human",
     seed: int = 0,
     learner: str = LABEL,
+    layouts: Literal["named", "drawn"] = "named",
 ) -> Imported:
     """Play the actions in files again, and write them as a results folder.
 
@@ -76,6 +79,8 @@ def import_files(
         protocol: The protocol, where the files name none.
         seed: The seed of rooms, where the files name neither it nor layouts.
         learner: The label of who played, where the files name none.
+        layouts: Whether the files name the layout of each room, or subjects met those that the seed
+            draws.
 
     Raises:
         OpenLockError: If a file cannot be read, a row could not have happened, or the folder cannot
@@ -86,6 +91,7 @@ def import_files(
         raise StoreError(f"{out} is the folder that you work in; name a new folder in it")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise StoreError(f"{out} is there already; choose another folder")
+    _check_each_once(paths)
     known = read_experiment(find_experiment(experiment)) if experiment else None
     stated = [None if path.suffix == ".json" else experiment_of(path) for path in paths]
     heads = {head for head in stated if head}
@@ -123,7 +129,8 @@ def import_files(
         several, those = [*subjects.values()], [number[name] for name in subjects]
         for at in range(0, len(several), AT_ONCE):
             these = slice(at, at + AT_ONCE)
-            checked = play_again(several[these], those[these], condition, spec, name, seed)
+            drawn = layouts == "drawn"
+            checked = play_again(several[these], those[these], condition, spec, name, seed, drawn)
             found += [(spec, one) for one in checked]
     if not any(one.record.num_rows for _, one in found):
         raise OpenLockError(f"{paths[0]}: there is no trial that is over; is this the right file?")
@@ -139,6 +146,19 @@ def import_files(
             if one.left_out
         ),
     )
+
+
+def _check_each_once(paths: Sequence[Path]) -> None:
+    """Refuse two files of the same content: one person would be two subjects."""
+    seen: dict[str, Path] = {}
+    for path in paths:
+        content = path.read_bytes() if path.is_file() else b""
+        other = seen.setdefault(digest(content), path)
+        if other is not path and content:
+            raise OpenLockError(
+                f"{other} and {path} have the same content, so that one person would be two "
+                "subjects; leave one out"
+            )
 
 
 def _actions_of(path: Path) -> Iterator[ActionEntry]:

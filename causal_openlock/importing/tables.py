@@ -27,6 +27,8 @@ from causal_openlock.importing.actions import (
     whole,
 )
 
+MOST_BYTES, MOST_LINES = 128 << 20, 1_000_000
+"""Of a file, unpacked: what is read is held in memory, a few hundred bytes for each line."""
 NEEDED = ("subject", "condition", "trial", "attempt", "action")
 """The columns that a table of actions has to have."""
 _NUMBERS = ("solution", "solutions_found", "solutions")
@@ -40,9 +42,13 @@ def read_text(path: Path) -> str:
         OpenLockError: If it cannot be read, or is no text.
     """
     try:
-        content = path.read_bytes()
-        if path.suffix == ".gz":
-            content = gzip.decompress(content)
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES or content.count(b"\n") > MOST_LINES:
+            raise OpenLockError(
+                f"{path} has more than {MOST_BYTES >> 20} MB or {MOST_LINES:,} lines; import it in "
+                "parts, and read the results together"
+            )
         return content.decode("utf-8-sig")
     except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or "it is no text in UTF-8"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import json
 import os
 import random
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 from causal_openlock import Condition, Results, Session, find_schema, read_reactions
@@ -22,6 +24,7 @@ from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_csv import write_csv
+from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.formats.schema_file import bundled
 from causal_openlock.importing.folder import BESIDE, _beside, import_files
 from causal_openlock.scoring.teacher_forcing import score_actions
@@ -375,3 +378,49 @@ def test_what_a_killed_import_has_left_is_removed_by_the_next_one(tmp_path: Path
         import_files([path], tmp_path / "other")
         assert [*tmp_path.glob(f"{BESIDE}*")] == [busy]
     assert not [*tmp_path.glob(f"{BESIDE}*")]
+
+
+def test_without_layouts_nobody_is_placed_in_rooms_by_chance(tmp_path: Path) -> None:
+    rows = ["subject,condition,trial,attempt,action"]
+    rows += [f"ann,CC3,1,1,{action}" for action in (0, 7, 14)]
+    said = refused("\n".join(rows), tmp_path)
+    assert said.startswith("data.csv:2: there is no layout, so it is not known where")
+    assert "--layouts drawn" in said
+    ended = at_once(
+        "import", f"{tmp_path / 'data.csv'}", "-o", f"{tmp_path / 'in'}", "--layouts", "drawn"
+    )
+    assert "is not over" in ended.stderr or ended.status == 0 or "no trial" in ended.stderr
+
+
+def test_the_same_file_twice_is_refused_by_both_names(record: Any, tmp_path: Path) -> None:
+    table = actions_of(record)
+    for name in ("data.csv", "data (1).csv"):
+        table.to_csv(tmp_path / name, index=False)
+    with pytest.raises(OpenLockError, match=r"data\.csv and .*1\)\.csv have the same"):
+        import_files([tmp_path / "data.csv", tmp_path / "data (1).csv"], tmp_path / "in")
+    assert not (tmp_path / "in").exists()
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".json"])
+def test_what_is_too_large_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    monkeypatch.setattr("causal_openlock.importing.tables.MOST_LINES", 1000)
+    content = b"subject,condition,trial,attempt,action\n" + b"1,CC3,1,1,0\n" * 2000
+    path = tmp_path / f"data{suffix}"
+    path.write_bytes(gzip.compress(content) if suffix == ".csv.gz" else content)
+    with pytest.raises(OpenLockError, match="more than 128 MB or 1,000 lines; import it in parts"):
+        import_files([path], tmp_path / "in")
+    monkeypatch.setattr("causal_openlock.importing.tables.MOST_BYTES", 1000)
+    with pytest.raises(OpenLockError, match="import it in parts"):
+        import_files([path], tmp_path / "in")
+
+
+def test_a_small_file_of_very_many_values_is_refused_before_they_are_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    content = table_bytes(pa.table({"x": pa.array([1] * 5000)}))
+    assert read_table(content).num_rows == 5000
+    monkeypatch.setattr("causal_openlock.files.checksums.MOST_VALUES", 4999)
+    with pytest.raises(ChecksumError, match="it holds 5,000 values, more than 4,999"):
+        read_table(content)
