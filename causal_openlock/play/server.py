@@ -23,7 +23,6 @@ address that people use, which it has to be given.
 
 from __future__ import annotations
 
-import asyncio
 import re
 import socket
 import sys
@@ -43,10 +42,10 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.escaping import printable
+from causal_openlock.play.connections import IDLE, MOST_CONNECTIONS, Connection
 from causal_openlock.play.game import Answer
 from causal_openlock.play.pages import as_html, geometry, static_files
 from causal_openlock.play.people import (
@@ -61,9 +60,6 @@ from causal_openlock.world.room import positions_for
 
 MOST_BYTES = 2048
 """The longest body of a request."""
-MOST_CONNECTIONS = 512
-IDLE = 75
-"""Seconds without a byte after which a connection is closed."""
 LONGEST_REACTION = 24 * 60 * 60 * 1000
 KEEP_EVERY = 10.0
 """Seconds between two writings of the record; the log is written with every click."""
@@ -130,7 +126,7 @@ class PlayServer:
             uvicorn.Config(
                 self._guarded,
                 interface="asgi3",
-                http=_Connection,
+                http=Connection,
                 ws="none",
                 loop="asyncio",
                 lifespan="off",
@@ -140,7 +136,7 @@ class PlayServer:
                 proxy_headers=False,
                 server_header=False,
                 headers=[*HEADERS.items()],
-                limit_concurrency=MOST_CONNECTIONS,
+                limit_concurrency=MOST_CONNECTIONS + 1,  # it refuses from this number on
                 timeout_keep_alive=IDLE,
                 timeout_graceful_shutdown=2,
             )
@@ -256,28 +252,6 @@ class PlayServer:
         if self.completion and view["stage"] == "end":
             return {**view, "completion": self.completion}
         return view
-
-
-class _Connection(H11Protocol):
-    """A connection that is closed when nothing has come for a while, the first request included."""
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
-        self._patience = self.loop.call_later(IDLE, transport.close)
-
-    def data_received(self, data: bytes) -> None:
-        self._patience.cancel()
-        self._patience = self.loop.call_later(IDLE, self.transport.close)
-        super().data_received(data)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._patience.cancel()
-        super().connection_lost(exc)
-
-    def shutdown(self) -> None:
-        super().shutdown()
-        if self.cycle is not None and self.cycle.more_body:  # it may never come
-            self.transport.close()
 
 
 # -- where to listen ------------------------------------------------------------------------------

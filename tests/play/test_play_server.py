@@ -7,7 +7,7 @@ import re
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -328,10 +328,53 @@ def test_a_request_that_breaks_off_does_nothing(
 def test_a_connection_from_which_nothing_more_comes_is_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sent: bytes
 ) -> None:
-    monkeypatch.setattr("causal_openlock.play.server.IDLE", 0.2)
+    for limit in ("IDLE", "DEADLINE"):
+        monkeypatch.setattr(f"causal_openlock.play.connections.{limit}", 0.2)
     with in_a_thread(PlayServer(people(tmp_path))) as server:
         assert exchange(server, sent) == b""
         assert server.people.number == 0
+
+
+@pytest.mark.parametrize("head", [JOIN, JOIN + b"Content-Length: 2000\r\n\r\n"])
+def test_a_request_that_comes_byte_by_byte_is_closed_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, head: bytes
+) -> None:
+    monkeypatch.setattr("causal_openlock.play.connections.DEADLINE", 0.2)
+    with in_a_thread(PlayServer(people(tmp_path))) as server:
+        with socket.create_connection(("127.0.0.1", server.port)) as slow:
+            slow.sendall(head.replace(b"PORT", b"%d" % server.port))
+            slow.settimeout(0.001)
+
+            def is_closed() -> bool:
+                slow.sendall(b"X")
+                with suppress(TimeoutError):
+                    return slow.recv(1) == b""
+                return False
+
+            with suppress(ConnectionError):
+                until(is_closed)
+        assert Caller(server.port).call("/brief")[0] == 200
+
+
+@pytest.mark.parametrize("begun", [b"", b"X", JOIN + b"Content-Length: 9\r\n\r\n{"])
+def test_connections_that_send_little_keep_nobody_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bytes
+) -> None:
+    for where in ("connections", "server"):
+        monkeypatch.setattr(f"causal_openlock.play.{where}.MOST_CONNECTIONS", 8)
+    with in_a_thread(PlayServer(people(tmp_path, practice=False))) as server:
+        before = Caller(server.port)
+        name = before.join()
+        with ExitStack() as opened:
+            for _ in range(7):
+                slow = opened.enter_context(socket.create_connection(("127.0.0.1", server.port)))
+                slow.sendall(begun.replace(b"PORT", b"%d" % server.port))
+            # One who was there keeps their connection; others find a place.
+            assert before.call("/act", {"turn": 0, "action": 1}, name)[0] == 200
+            callers = [Caller(server.port) for _ in range(5)]
+            for turn, caller in enumerate(callers, start=1):
+                assert caller.call("/act", {"turn": turn, "action": 1}, name)[0] == 200
+            assert before.call("/act", {"turn": 6, "action": 1}, name)[0] == 200
 
 
 def test_ctrl_c_waits_for_nobody(tmp_path: Path) -> None:
