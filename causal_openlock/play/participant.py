@@ -34,7 +34,9 @@ class Participant:
     def __init__(
         self, number: int, cell: Cell, joined: float, practice: bool, ask: bool = False
     ) -> None:
-        self.number, self.cell, self.joined, self.returns = number, cell, joined, 0
+        self.number, self.cell, self.returns = number, cell, 0
+        self._joined = self._at = joined
+        self._seconds = 0.0  # since the person joined
         self.lock = threading.Lock()
         self.game = Game(
             cell.condition, cell.spec.protocol, cell.first_subject, cell.seed, practice, ask
@@ -49,13 +51,18 @@ class Participant:
 
     def take(self, turn: Entry) -> Answer:
         """Take a turn as it is in the log."""
+        # A log of an earlier release has the time of day, which can have been set back: no time has
+        # passed then.
+        self._joined += min(0.0, turn["at"] - self._at)
+        self._at = turn["at"]
+        self._seconds = max(self._seconds, self._at - self._joined)
         if "edges" in turn:
-            return self.game.answer(turn["edges"], turn["at"] - self.joined)
+            return self.game.answer(turn["edges"], self._seconds)
         if "action" not in turn:
             return self.game.proceed()
         reaction = turn["reaction"]
         seconds = None if reaction is None else reaction / 1000
-        return self.game.act(turn["action"], seconds, turn["at"] - self.joined)
+        return self.game.act(turn["action"], seconds, self._seconds)
 
     def find_kept(self, store: Store) -> None:
         """Note what is in the files already, so that :meth:`keep` does not write it again."""

@@ -15,6 +15,7 @@ that comes twice, too late or too early is refused and changes nothing.
 from __future__ import annotations
 
 import hashlib
+import math
 import secrets
 import threading
 import time
@@ -94,7 +95,8 @@ class People:
             as ``("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")``. It is kept in ``recruited.jsonl``.
             The first of them identifies the person.
         command: The command that continues, for the report.
-        clock: Returns the time in seconds.
+        clock: Returns the time in seconds, and never goes back; by default the time of day when the
+            folder was opened and, from then on, a clock that cannot be set.
 
     Attributes:
         consent_mark: What the log calls the consent: a hash of its text; empty without one.
@@ -116,7 +118,7 @@ class People:
         consent: str = "",
         recruiting: Sequence[str] = (),
         command: str = "",
-        clock: Callable[[], float] = time.time,
+        clock: Callable[[], float] | None = None,
     ) -> None:
         for condition in conditions:
             plan(condition, protocol, np.random.default_rng(0))
@@ -125,7 +127,8 @@ class People:
         self.experiment = Experiment(
             EXPERIMENT, "People", seed, 1, tuple(conditions), (entry,), command
         )
-        self.practice, self._clock = practice, clock
+        self.practice = practice
+        self._clock, self._ahead = clock or _steady_clock(), 0.0
         self.ask, self.consent, self.recruiting = ask, consent, tuple(recruiting)
         self.consent_mark = digest(consent) if consent else ""
         self.store = Store(folder)
@@ -178,7 +181,7 @@ class People:
             entry = {
                 "join": len(self._order),
                 "key": _key(name),
-                "at": self._clock(),
+                "at": self._now(),
                 "practice": self.practice,
                 **({"ask": True} if self.ask else {}),
                 **({"consent": self.consent_mark} if self.consent else {}),
@@ -197,7 +200,7 @@ class People:
                 raise HasFinished("this person has played to the end, and cannot play again")
         if person.returns >= MOST_RETURNS:
             raise TooManyPeople("this person has joined too often")
-        entry = {"of": person.number, "key": _key(name), "at": self._clock()}
+        entry = {"of": person.number, "key": _key(name), "at": self._now()}
         if self.consent:
             entry["consent"] = self.consent_mark
         self._log.append(entry)
@@ -241,9 +244,12 @@ class People:
             game = person.game
             if turn != game.turn or not person.allows(what):
                 raise OutOfTurn(game.view())
-            entry = {"of": person.number, "turn": turn, "at": self._clock(), **what}
+            entry = {"of": person.number, "turn": turn, "at": self._now(), **what}
             self._log.append(entry)  # first it is on file, then it is done, then it is answered
             return person.take(entry)
+
+    def _now(self) -> float:
+        return self._clock() + self._ahead
 
     def _find(self, name: str) -> Participant:
         person = self._people.get(_key(name))
@@ -301,6 +307,9 @@ class People:
             if not person.allows(entry):
                 raise self._log.fault(number, "this was not possible then")
             person.take(entry)
+        # The time of day can have been set back while no server ran.
+        last = max((entry["at"] for entry in entries if "at" in entry), default=-math.inf)
+        self._ahead = max(0.0, last - self._clock())
         self._log.entries = []
         self._recruited.resume({person.number for person in self._there})
         for person in self._there:
@@ -393,6 +402,11 @@ def _without(entries: Sequence[LogEntry], number: int) -> list[LogEntry]:
     return [
         gone if one.get("join") == number else one for one in entries if one.get("of") != number
     ]
+
+
+def _steady_clock() -> Callable[[], float]:
+    start = time.time() - time.monotonic()
+    return lambda: start + time.monotonic()
 
 
 def _key(name: str) -> str:

@@ -80,6 +80,47 @@ def test_reaction_times_stand_beside_the_record(tmp_path: Path) -> None:
     assert [row["time"] for row in rows] == [1.0, 2.0, 3.0, 4.0]
 
 
+def test_a_clock_that_is_set_back_takes_no_time_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time_of_day = [2e9]
+    monkeypatch.setattr("time.time", lambda: time_of_day[0])
+    home = people(tmp_path, "CC3", practice=False)
+    name = home.join()
+    walk_through(home, name, trials=1)
+    time_of_day[0] = 1e9
+    walk_through(home, name, trials=1)
+    home.close()
+    home = people(tmp_path, "CC3", practice=False)
+    walk_through(home, name, trials=1)
+    late = home.join()
+    walk_through(home, late, trials=1)
+    home.close()
+    for person in Store(tmp_path).record()[0].to_pandas().groupby("subject")["wall_time"]:
+        times = person[1].tolist()
+        assert times == sorted(times)
+        assert times[0] >= 0
+        assert times[-1] < 1000
+    log = (tmp_path / "log.jsonl").read_text().splitlines()
+    at = [json.loads(line.rpartition("\t")[0])["at"] for line in log[1:]]
+    assert at == sorted(at)
+
+
+def test_a_log_in_which_the_clock_was_set_back_gives_times_that_do_not(tmp_path: Path) -> None:
+    home = people(
+        tmp_path, "CC3", practice=False, clock=iter([0, 100, 101, 2, 3, 5, 6, 0]).__next__
+    )
+    name = home.join()
+    for turn in range(6):
+        home.act(name, turn, 7, None)
+    home.close()
+    assert read_reactions(tmp_path)["time"].to_pylist() == [1, 1, 2, 4, 5, 5]
+    for path in tmp_path.rglob("*.parquet"):
+        path.unlink()
+    people(tmp_path, "CC3", practice=False).close()
+    assert read_reactions(tmp_path)["time"].to_pylist() == [1, 1, 2, 4, 5, 5]
+
+
 def test_a_trial_that_is_not_over_is_no_trial_of_the_record_yet(tmp_path: Path) -> None:
     home = people(tmp_path, "CC3", practice=False)
     name = home.join()
@@ -258,6 +299,7 @@ TURN = {"of": 0, "turn": 0, "at": 2.0, "action": 1, "reaction": None}
         [{**JOINED, "key": 3}],
         [{**JOINED, "at": "now"}],
         [{**JOINED, "at": float("nan")}],
+        [{**JOINED, "at": 10**400}],
         [{**JOINED, "practice": 1}],
         [{"join": 0}],
         [TURN],
