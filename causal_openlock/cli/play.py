@@ -63,6 +63,13 @@ def play(
             "PROLIFIC_PID,STUDY_ID,SESSION_ID; kept in recruited.jsonl."
         ),
     ] = "",
+    readmit: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="First identifier of a person who cannot go back to the browser in which they "
+            "began: the next one who comes with it continues; may be repeated."
+        ),
+    ] = None,
     completion: Annotated[
         str, typer.Option(help="Address to which people go back when they have finished.")
     ] = "",
@@ -99,6 +106,8 @@ def play(
         command=shlex.join(words),
     )
     try:
+        for identifier in readmit or ():
+            people.readmit(identifier)
         server = PlayServer(people, host, port, address, completion)
     except BaseException:
         people.close()

@@ -23,18 +23,17 @@ DATA = ("cells", FOLDER, STRUCTURES)
 
 
 class Participant:
-    """A person: their number, their game, and when they joined.
+    """A person: their number, their game, and what is in the files.
 
     Attributes:
         lock: To be held while the game is used.
-        returns: How often they joined again without the session id that they had.
         kept_trials: How many trials that are over are in the files.
     """
 
     def __init__(
         self, number: int, cell: Cell, joined: float, practice: bool, ask: bool = False
     ) -> None:
-        self.number, self.cell, self.returns = number, cell, 0
+        self.number, self.cell = number, cell
         self._joined = self._at = joined
         self._seconds = 0.0  # since the person joined
         self.lock = threading.Lock()

@@ -2,11 +2,12 @@
 
 A person is identified by a *session id*, drawn at random when they join and known to their browser
 only. The log holds a hash of it, so that a reader of the folder cannot play in another person's
-name. People are numbered in the order of joining; conditions are dealt out in shuffled blocks, so
-that at any time every condition has as many people as any other, give or take one.
+name. An identifier of a recruiting service, which others know, opens no game that has begun: who
+joins again under it needs the session id, or is let in by the researcher (:meth:`People.readmit`).
+Those who have finished cannot play again.
 
-A person who joins again under the same identifier of a recruiting service gets another session id
-and continues where they stopped. Those who have finished cannot play again.
+People are numbered in the order of joining; conditions are dealt out in shuffled blocks, so
+that at any time every condition has as many people as any other, give or take one.
 
 Every request that changes something carries the number of the turn that it is meant for. A request
 that comes twice, too late or too early is refused and changes nothing.
@@ -26,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.errors import StoreError
 from causal_openlock.experiment.answers import FOLDER as STRUCTURES
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
@@ -40,44 +41,18 @@ from causal_openlock.play.participant import Participant, delete_files
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER
 from causal_openlock.play.recruiting import Recruited
+from causal_openlock.play.refusals import (
+    HasBegun,
+    HasFinished,
+    NotAgreed,
+    OutOfTurn,
+    TooManyPeople,
+    UnknownPerson,
+)
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 MOST_PEOPLE = 10_000
 """How many people can join in one folder."""
-MOST_RETURNS = 100
-"""How often a person can join again without the session id that they had."""
-
-
-class Refused(OpenLockError):  # noqa: N818 - an answer to the page
-    """A request that changes nothing."""
-
-
-class UnknownPerson(Refused):
-    """There is no such session."""
-
-
-class OutOfTurn(Refused):
-    """The request is not meant for the turn that the person is at.
-
-    Attributes:
-        now: What the person may know now.
-    """
-
-    def __init__(self, now: Answer) -> None:
-        super().__init__("this is not the turn that the session is at")
-        self.now = now
-
-
-class TooManyPeople(Refused):
-    """As many people have joined as can."""
-
-
-class HasFinished(Refused):
-    """A person who has played to the end asks to play again."""
-
-
-class NotAgreed(Refused):
-    """A person asks to join who has not agreed to the consent as it is now."""
 
 
 class People:
@@ -93,7 +68,7 @@ class People:
         consent: What people have to agree to before they join, in Markdown; empty for nothing.
         recruiting: What a recruiting service adds to the address of the page to say who joins, such
             as ``("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")``. It is kept in ``recruited.jsonl``.
-            The first of them identifies the person.
+            The first of them identifies the person, and nobody joins without it.
         command: The command that continues, for the report.
         clock: Returns the time in seconds, and never goes back; by default the time of day when the
             folder was opened and, from then on, a clock that cannot be set.
@@ -134,6 +109,7 @@ class People:
         self.store = Store(folder)
         self._people: dict[str, Participant] = {}
         self._order: list[Participant | None] = []  # None: their data were deleted
+        self._readmitted: set[int] = set()
         self._joining, self._keeping = threading.Lock(), threading.Lock()
         # Loaded now, and not while a person waits for an answer.
         import pyarrow.parquet  # noqa: F401
@@ -154,25 +130,33 @@ class People:
 
     # -- what the page requests -----------------------------------------------------------------
 
-    def join(self, agreed: str = "", recruited: Mapping[str, str] | None = None) -> str:
-        """Add a person, or let one continue who joined before; returns a session id of theirs.
+    def join(
+        self, agreed: str = "", recruited: Mapping[str, str] | None = None, name: str = ""
+    ) -> str:
+        """Add a person; returns their session id.
 
         Args:
             agreed: The ``consent_mark`` of the text that the person was shown and has agreed to.
             recruited: Identifiers that the recruiting service gives them.
+            name: The session id that their browser has drawn, with which a call that is repeated
+                joins once; by default one is drawn here.
 
         Raises:
             NotAgreed: If there is a consent, and they have agreed to none or to another one.
-            HasFinished: If they have played to the end before.
+            NotIdentified: If an identifier is missing or cannot be one.
+            HasBegun: If somebody has joined with the first identifier, under another session id.
+            HasFinished: If that person has played to the end.
             TooManyPeople: If as many have joined as can.
             StoreError: If it cannot be written to the log.
         """
         if self.consent and agreed != self.consent_mark:
             raise NotAgreed("to join, one has to have agreed to the text that is shown now")
-        given = recruited or {}
-        name = secrets.token_urlsafe(24)
+        given = self._recruited.identifiers(recruited or {})
+        name = name or secrets.token_urlsafe(24)
         with self._joining:
-            before = self._recruited.number(given)
+            if _key(name) in self._people:  # the answer to the first call was lost
+                return name
+            before = self._recruited.number(given[self.recruiting[0]]) if given else None
             if before is not None and (known := self._order[before]):
                 self._return(known, name)
                 return name
@@ -193,22 +177,34 @@ class People:
             self._recruited.add(person.number, given)
         return name
 
+    def readmit(self, identifier: str) -> None:
+        """Let the next one who joins under a first identifier continue that person's game.
+
+        Raises:
+            StoreError: If nobody has joined under it.
+        """
+        number = self._recruited.number(identifier.strip())
+        if number is None:
+            raise StoreError(
+                f"{self.store.folder} has nobody whose identifier is {identifier!r}; give one of "
+                "recruited.jsonl, and the same --recruiting as before"
+            )
+        self._readmitted.add(number)
+
     def _return(self, person: Participant, name: str) -> None:
-        """Give a person a further session id; the one they had stays good."""
+        """Give a person whom the researcher lets in another session id; the old one stays good."""
         with person.lock:
-            if person.game.view()["stage"] == "end":
+            if person.game.stage == "end":
                 raise HasFinished("this person has played to the end, and cannot play again")
-        if person.returns >= MOST_RETURNS:
-            raise TooManyPeople("this person has joined too often")
-        entry = {"of": person.number, "key": _key(name), "at": self._now()}
+        if person.number not in self._readmitted:
+            raise HasBegun(person.number)
+        key = _key(name)
+        entry = {"of": person.number, "key": key, "at": self._now()}
         if self.consent:
             entry["consent"] = self.consent_mark
         self._log.append(entry)
-        self._known_again(entry, person)
-
-    def _known_again(self, entry: LogEntry, person: Participant) -> None:
-        person.returns += 1
-        self._people[entry["key"]] = person
+        self._readmitted.remove(person.number)
+        self._people[key] = person
 
     def view(self, name: str) -> Answer:
         """What a person may know now.
@@ -300,7 +296,7 @@ class People:
             if person is None:
                 raise self._log.fault(number, "this line is no entry of a play")
             if "key" in entry:
-                self._known_again(entry, person)
+                self._people[entry["key"]] = person
                 continue
             if entry["turn"] != person.game.turn:
                 raise self._log.fault(number, "a turn is missing before this one")

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from causal_openlock.play.log import Log, is_name
+from causal_openlock.play.refusals import NotIdentified
 
 RECRUITED = "recruited.jsonl"
 """Identifiers of people, by the number of joining."""
+LONGEST = 300
+"""The most characters of an identifier; a signed one or an e-mail address has fewer."""
+PLACEHOLDER = re.compile(
+    r"\{\{.*\}\}|\{%.*%\}|\{[A-Za-z_]+\}|\$\{.*\}|\[?%\w+%\]?|<.*>|ASSIGNMENT_ID_NOT_AVAILABLE"
+)
+"""What services replace by an identifier, and what Mechanical Turk gives for a mere preview."""
 
 
 class Recruited:
@@ -28,19 +36,32 @@ class Recruited:
         self._log = Log(path) if keys or path.exists() else None
         self._numbers: dict[str, int] = {}
 
-    def number(self, given: Mapping[str, str]) -> int | None:
-        """The number of the person who has joined with the first of these identifiers."""
-        return self._numbers.get(given.get(self.keys[0], "")) if self.keys else None
+    def identifiers(self, given: Mapping[str, str]) -> dict[str, str]:
+        """The identifiers that are asked for, without spaces around them.
+
+        Raises:
+            NotIdentified: If the first is missing, or one cannot be an identifier.
+        """
+        kept = {key: given[key].strip() for key in self.keys if given.get(key, "").strip()}
+        for key, value in kept.items():
+            if fault := _fault(key, value):
+                raise NotIdentified(f"{key} in the address of the page {fault}")
+        if self.keys and self.keys[0] not in kept:
+            raise NotIdentified(f"the address of the page has no {self.keys[0]}")
+        return kept
+
+    def number(self, identifier: str) -> int | None:
+        """The number of the person who has joined with this first identifier."""
+        return self._numbers.get(identifier)
 
     def add(self, number: int, given: Mapping[str, str]) -> None:
-        """Keep the identifiers of a person who has joined.
+        """Keep the :meth:`identifiers` of a person who has joined.
 
         Raises:
             StoreError: If they cannot be written.
         """
         if self._log is not None:
-            kept = {key: value for key, value in given.items() if key in self.keys}
-            self._log.append({"join": number, **kept})
+            self._log.append({"join": number, **given})
         self._name(number, given)
 
     def _name(self, number: int, given: Mapping[str, str]) -> None:
@@ -80,3 +101,18 @@ class Recruited:
         """Close the file."""
         if self._log is not None:
             self._log.close()
+
+
+def _fault(key: str, value: str) -> str:
+    """What is wrong with an identifier, as the end of a sentence; empty if nothing is."""
+    if len(value) > LONGEST:
+        return f"is longer than {LONGEST} characters"
+    if not value.isprintable():
+        return "has characters that cannot be seen"
+    if PLACEHOLDER.fullmatch(value) or _letters(value) == _letters(key):
+        return f"is {value}, which stands for an identifier that was not filled in"
+    return ""
+
+
+def _letters(text: str) -> str:
+    return re.sub(r"[\W_]", "", text).lower()

@@ -4,7 +4,8 @@
 ``GET /`` and its files    the page
 ``GET /brief``             budgets, for the instructions
 ``GET /geometry/7``        where things are in a room of seven levers
-``POST /join``             start a session, or continue that of a recruited person; answers its id
+``POST /join``             ``{"id", "agreed", "recruited"}``: start a session under an id that the
+                           page has drawn; answers it
 ``GET /state``             what the person may know now
 ``POST /proceed``          ``{"turn"}``: leave the practice room
 ``POST /act``              ``{"turn", "action", "reaction"}``: act; reaction in milliseconds or null
@@ -12,7 +13,8 @@
 
 A session id travels as ``Authorization: Bearer ID``, which no other site's page can send. Status
 404 answers unknown sessions and addresses, 409 requests that are out of turn (with the state as it
-is), 400 requests that the page never makes. None of these changes anything.
+is), 400 requests that the page never makes, and others what is in
+:mod:`~causal_openlock.play.refusals`. None of these changes anything.
 
 Starlette routes the requests and uvicorn speaks HTTP; the work for a request is done in a thread,
 so that no click waits until another one is written. By default the server listens on
@@ -28,6 +30,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
+from functools import lru_cache
 from ipaddress import ip_address
 from typing import Annotated, Any, TypeVar
 from urllib.parse import urlsplit
@@ -48,18 +51,12 @@ from causal_openlock.files.escaping import printable
 from causal_openlock.play.connections import IDLE, MOST_CONNECTIONS, Connection
 from causal_openlock.play.game import Answer
 from causal_openlock.play.pages import as_html, geometry, static_files
-from causal_openlock.play.people import (
-    HasFinished,
-    NotAgreed,
-    OutOfTurn,
-    People,
-    TooManyPeople,
-    UnknownPerson,
-)
+from causal_openlock.play.people import People
+from causal_openlock.play.refusals import OutOfTurn, Refused, UnknownPerson
 from causal_openlock.world.room import positions_for
 
-MOST_BYTES = 2048
-"""The longest body of a request."""
+MOST_BYTES = 4096
+"""The longest body of a request; three long identifiers have room."""
 LONGEST_REACTION = 24 * 60 * 60 * 1000
 KEEP_EVERY = 10.0
 """Seconds between two writings of the record; the log is written with every click."""
@@ -78,6 +75,7 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+ANOTHER_NAME = "this server has another name; its name is given with --address"
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 ORIGIN = re.compile(r"https?://([^/?#@\s]+)")
 
@@ -121,6 +119,8 @@ class PlayServer:
             self._names.add(self._public)
         self._stopped = threading.Event()
         self._keeper = threading.Thread(target=self._keep, name="keeper", daemon=True)
+        # What happens to one participant may happen to all, and again and again.
+        self._warn_once = lru_cache(maxsize=100)(_warn)
         self._app = self._starlette()
         self._server = uvicorn.Server(
             uvicorn.Config(
@@ -190,7 +190,7 @@ class PlayServer:
         if not _is_clear(scope["method"], headers):
             answer: Any = _invalid()
         elif not self._is_meant_for_us(headers):
-            answer = JSONResponse({"error": "this server has another name"}, 403)
+            answer = JSONResponse({"error": ANOTHER_NAME}, 403)
         else:
             answer = self._app
         await answer(scope, receive, send)
@@ -217,7 +217,7 @@ class PlayServer:
                 _get("/geometry/{size}", lambda request: geometry(_size(request))),
                 _get("/state", lambda request: self._state(_session(request))),
                 _post("/join", _Join, lambda request, sent: {
-                    "id": people.join(sent.agreed, sent.recruited)}),
+                    "id": people.join(sent.agreed, sent.recruited, sent.id)}),
                 _post("/answer", _Answer, lambda request, sent: people.answer(
                     _session(request), sent.turn, sent.edges)),
                 _post("/proceed", _Turn, lambda request, sent: people.proceed(
@@ -226,7 +226,7 @@ class PlayServer:
                     _session(request), sent.turn, sent.action, sent.reaction)),
             ],
             exception_handlers=dict.fromkeys(
-                (OpenLockError, ClientDisconnect, HTTPException), _refused
+                (OpenLockError, ClientDisconnect, HTTPException), self._refused
             ),
         )  # fmt: skip
         app.router.redirect_slashes = False
@@ -252,6 +252,22 @@ class PlayServer:
         if self.completion and view["stage"] == "end":
             return {**view, "completion": self.completion}
         return view
+
+    async def _refused(self, request: Request, error: Exception) -> Response:
+        match error:
+            case HTTPException():
+                return JSONResponse({"error": "there is nothing at this address"}, 404)
+            case Refused():
+                if error.advice:
+                    self._warn_once(error.advice)
+                said: Answer = {"error": str(error), "why": type(error).__name__}
+                if isinstance(error, OutOfTurn):
+                    said["now"] = error.now
+                return JSONResponse(said, error.status)
+            case StoreError():
+                _warn(error)  # the page need not know paths of this machine
+                return JSONResponse({"error": "this cannot be saved now"}, 503)
+        return _invalid()
 
 
 # -- where to listen ------------------------------------------------------------------------------
@@ -347,34 +363,11 @@ def _invalid() -> Response:
     return JSONResponse({"error": "invalid request"}, 400, {"Connection": "close"})
 
 
-async def _refused(request: Request, error: Exception) -> Response:
-    match error:
-        case HTTPException():
-            return JSONResponse({"error": "there is nothing at this address"}, 404)
-        case UnknownPerson():
-            return JSONResponse({"error": str(error)}, 404)
-        case OutOfTurn():
-            return JSONResponse({"error": str(error), "now": error.now}, 409)
-        case NotAgreed():
-            return JSONResponse({"error": str(error)}, 403)
-        case HasFinished():
-            return JSONResponse({"error": str(error)}, 410)
-        case TooManyPeople():
-            return JSONResponse({"error": str(error)}, 429)
-        case StoreError():
-            _warn(error)  # the page need not know paths of this machine
-            return JSONResponse({"error": "this cannot be saved now"}, 503)
-    return _invalid()
-
-
-def _warn(error: Exception) -> None:
+def _warn(error: Exception | str) -> None:
     print(f"warning: {printable(error)}", file=sys.stderr)
 
 
 # -- what is in a request -------------------------------------------------------------------------
-
-
-_Called = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.:-]{1,100}$")]
 
 
 class _Body(BaseModel):
@@ -385,7 +378,8 @@ class _Body(BaseModel):
 
 class _Join(_Body):
     agreed: Annotated[str, Field(pattern="^(?:[0-9a-f]{16})?$")] = ""
-    recruited: Annotated[dict[_Called, _Called], Field(max_length=3)] = {}
+    recruited: Annotated[dict[str, str], Field(max_length=3)] = {}
+    id: Annotated[str, Field(pattern="^(?:[A-Za-z0-9_-]{32})?$")] = ""
 
 
 class _Turn(_Body):

@@ -11,11 +11,12 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment import store
 from causal_openlock.experiment.answers import read_answers
 from causal_openlock.play.forgetting import forget_person
-from causal_openlock.play.people import (
+from causal_openlock.play.refusals import (
+    HasBegun,
     HasFinished,
     NotAgreed,
+    NotIdentified,
     OutOfTurn,
-    TooManyPeople,
     UnknownPerson,
 )
 from support.command import at_once
@@ -101,20 +102,27 @@ def test_nobody_agrees_to_a_text_that_they_were_not_shown(tmp_path: Path) -> Non
     assert shown not in (tmp_path / "log.jsonl").read_text()
 
 
-def test_who_is_called_the_same_goes_on_where_they_stopped(tmp_path: Path) -> None:
+def test_who_is_let_in_again_goes_on_where_they_stopped(tmp_path: Path) -> None:
     options = {"practice": False, "recruiting": ["PID", "SESSION"], "consent": "Yes"}
     home = people(tmp_path, **options)
     mark = home.consent_mark
     first = home.join(mark, {"PID": "ann", "SESSION": "1"})
     other = home.join(mark, {"PID": "ben", "SESSION": "1"})
-    nameless = [home.join(mark), home.join(mark, {"SESSION": "1"})]
+    for given in ({}, {"SESSION": "1"}, {"PID": " "}):
+        with pytest.raises(NotIdentified, match="has no PID"):
+            home.join(mark, given)
     walk_through(home, first, 2)
     home.act(first, home.view(first)["turn"], 0, 5)
     with pytest.raises(NotAgreed):
         home.join("", {"PID": "ann"})
-    again = home.join(mark, {"PID": "ann", "SESSION": "2"})  # a new submission of the same person
-    assert again not in (first, other, *nameless)
-    assert home.number == 4
+    with pytest.raises(HasBegun):  # an identifier that others know opens no game
+        home.join(mark, {"PID": "ann", "SESSION": "2"})
+    home.readmit("ann")
+    again = home.join(mark, {"PID": "ann", "SESSION": "2"})
+    with pytest.raises(HasBegun):  # it lets in one
+        home.join(mark, {"PID": "ann", "SESSION": "2"})
+    assert again not in (first, other)
+    assert home.number == 2
     assert home.view(again) == home.view(first)
     home.act(again, home.view(again)["turn"], 1, 5)
     assert home.view(again) == home.view(first)  # both windows know of it
@@ -122,6 +130,9 @@ def test_who_is_called_the_same_goes_on_where_they_stopped(tmp_path: Path) -> No
     home.close()
 
     home = people(tmp_path, **options)
+    home.readmit(" ann ")
+    with pytest.raises(StoreError, match="nobody whose identifier is 'eve'"):
+        home.readmit("eve")
     third = home.join(mark, {"PID": "ann"})
     assert [home.view(name) for name in (first, again, third)] == [before] * 3
     home.act(third, home.view(third)["turn"], 0, 5)  # the attempt is over
@@ -129,23 +140,29 @@ def test_who_is_called_the_same_goes_on_where_they_stopped(tmp_path: Path) -> No
     with pytest.raises(HasFinished, match="played to the end"):
         home.join(mark, {"PID": "ann"})
     assert home.view(third)["stage"] == "end"
-    assert home.number == 4
+    assert home.number == 2
     assert home.view(other)["room"]["trial"] == 1
     home.close()
     assert len(Results.read(tmp_path).trials) == 5
     assert "ann" not in (tmp_path / "log.jsonl").read_text()
+    for name in (first, again, third):  # nor is a session id anywhere
+        assert name not in "".join(one.read_text() for one in tmp_path.glob("*.json*"))
 
 
-def test_who_was_forgotten_or_comes_too_often_does_not_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("causal_openlock.play.people.MOST_RETURNS", 2)
+def test_a_call_that_is_repeated_joins_once(tmp_path: Path) -> None:
+    home = people(tmp_path, practice=False, recruiting=["PID"])
+    own = "a" * 32
+    assert {home.join(recruited={"PID": "ann"}, name=own) for _ in range(3)} == {own}
+    assert home.number == 1
+    home.close()
+
+
+def test_who_was_forgotten_does_not_go_on(tmp_path: Path) -> None:
     home = people(tmp_path, "CC3", practice=False, recruiting=["PID"])
     first = home.join(recruited={"PID": "ann"})
     walk_through(home, first, 1)
-    keys = [first, *(home.join(recruited={"PID": "ann"}) for _ in range(2))]
-    with pytest.raises(TooManyPeople):
-        home.join(recruited={"PID": "ann"})
+    home.readmit("ann")
+    keys = [first, home.join(recruited={"PID": "ann"})]
     home.keep()
     home.forget("CC3", 0)
     for name in keys:
@@ -157,6 +174,53 @@ def test_who_was_forgotten_or_comes_too_often_does_not_go_on(
     home = people(tmp_path, "CC3", practice=False, recruiting=["PID"])
     assert home.view(anew)["room"]["trial"] == 1
     home.close()
+
+
+@pytest.mark.parametrize(
+    "identifier",
+    [
+        *(
+            "5f2e9c0b1d4a7e0012345678",
+            "A1B2C3D4E5F6G7",
+            "ann@example.org",
+            "a+b=c",
+            "[ann]",
+            "ann b",
+        ),
+        *(" ann ", "x" * 300, "R_3nP9~!*'()", "名前", "12345", "{ann}-1"),
+    ],
+)
+def test_what_services_send_is_taken(tmp_path: Path, identifier: str) -> None:
+    home = people(tmp_path, practice=False, recruiting=["PID"])
+    home.join(recruited={"PID": identifier})
+    with pytest.raises(HasBegun):
+        home.join(recruited={"PID": identifier.strip()})
+    home.close()
+    home = people(tmp_path, practice=False, recruiting=["PID"])
+    with pytest.raises(HasBegun):
+        home.join(recruited={"PID": identifier})
+    home.close()
+
+
+@pytest.mark.parametrize(
+    ("identifier", "why"),
+    [
+        ("{{%PROLIFIC_PID%}}", "stands for an identifier that was not filled in"),
+        ("%PROLIFIC_PID%", "not filled in"),
+        ("${e://Field/PID}", "not filled in"),
+        ("PROLIFIC_PID", "not filled in"),
+        ("ASSIGNMENT_ID_NOT_AVAILABLE", "not filled in"),
+        ("x" * 301, "is longer than 300 characters"),
+        ("a\u200bb", "characters that cannot be seen"),
+    ],
+)
+def test_what_cannot_identify_anybody_is_named(tmp_path: Path, identifier: str, why: str) -> None:
+    home = people(tmp_path, practice=False, recruiting=["PROLIFIC_PID"])
+    with pytest.raises(NotIdentified, match=why) as told:
+        home.join(recruited={"PROLIFIC_PID": identifier})
+    assert "check the address that the service has" in told.value.advice
+    home.close()
+    assert home.number == 0
 
 
 def test_the_description_is_read_once_however_often_it_is_written(
@@ -200,7 +264,7 @@ def test_what_one_person_did_is_deleted_and_others_go_on(tmp_path: Path) -> None
     with pytest.raises(Exception, match="no such session"):
         again.view(names[1])
     answered(again, names[2])
-    fifth = again.join()
+    fifth = again.join(recruited={"PID": "person4"})
     assert again._find(fifth).number == 4
     again.close()
     record = Results.read(tmp_path).trials

@@ -8,6 +8,7 @@ const $ = (id) => document.getElementById(id);
 const STORED = "locked-room";
 const KEYS = ["Digit1", "Digit2", "Digit3", "Digit4", "Digit5", "Digit6", "Digit7", "Digit8", "Digit9", "Digit0", "Minus", "Equal"];
 const LONGEST = 24 * 60 * 60 * 1000; // the longest reaction that is sent
+const LONGEST_NAME = 301; // one more than an identifier may have: longer ones are refused by the server
 const LOOK = 900; // milliseconds to look at how an attempt ended
 const SCREENS = ["consent", "intro", "ask", "play", "end", "trouble"];
 
@@ -19,7 +20,8 @@ const count = (many, what) => `${many} ${what}${many === 1 ? "" : "s"}`;
 
 // -- talking to the server --------------------------------------------------------------------
 
-// Call the server until it answers; it may be started again in between.
+// Call the server until it answers; it may be started again in between. What is between page and
+// server, such as a proxy or a hotel's network, can answer too, and not in JSON.
 async function call(path, body) {
   for (let pause = 300; ; pause = Math.min(2 * pause, 3000)) {
     try {
@@ -29,23 +31,42 @@ async function call(path, body) {
         body: body && JSON.stringify(body),
       });
       if (answer.status < 500) {
+        const said = await answer.json().catch((error) => {
+          if (!(error instanceof SyntaxError)) throw error;
+        });
         $("offline").hidden = true;
-        return { status: answer.status, said: await answer.json() };
+        return said ? { status: answer.status, said } : { status: 0, said: { error: `no answer of the study's server (HTTP status ${answer.status})` } };
       }
+      $("offline-why").textContent = "The server cannot answer now.";
     } catch (error) {
       if (!(error instanceof TypeError)) throw error; // that is how fetch tells of no connection
+      $("offline-why").textContent = "The connection is lost.";
     }
     $("offline").hidden = false;
     await wait(pause);
   }
 }
 
+// What is needed to continue; where it is refused, the screen says why and nothing follows.
+async function got(path) {
+  const { status, said } = await call(path);
+  if (status === 200) return said;
+  refused(said);
+  return new Promise(() => {});
+}
+
+// Where the session is stored: people who come with identifiers of their own do not get one another's.
+function shelf() {
+  const first = recruited()[brief.recruiting[0]];
+  return first ? `${STORED} ${first}` : STORED;
+}
+
 // A private window or strict settings can forbid storing; the address then still has the session.
 function stored(value) {
   try {
-    if (value === undefined) return localStorage.getItem(STORED);
-    if (value === null) localStorage.removeItem(STORED);
-    else localStorage.setItem(STORED, value);
+    if (value === undefined) return localStorage.getItem(shelf());
+    if (value === null) localStorage.removeItem(shelf());
+    else localStorage.setItem(shelf(), value);
   } catch { /* forbidden */ }
   return null;
 }
@@ -53,13 +74,20 @@ function stored(value) {
 function remember(id) {
   session = id;
   stored(id);
-  history.replaceState(null, "", id ? `#${id}` : location.pathname);
+  history.replaceState(null, "", id ? `#${id}` : location.pathname + location.search);
 }
 
-// What the recruiting service has added to the address.
+// A session id: 24 random bytes. Drawn here, so that a call that is repeated joins once.
+function newSession() {
+  const bytes = crypto.getRandomValues(new Uint8Array(24));
+  return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_");
+}
+
+// What the recruiting service has added to the address. A + is meant as one: few services write spaces so.
 function recruited() {
-  const given = new URLSearchParams(location.search);
-  return Object.fromEntries(brief.recruiting.filter((name) => given.get(name)).map((name) => [name, given.get(name)]));
+  const given = new URLSearchParams(location.search.replaceAll("+", "%2B"));
+  const pairs = brief.recruiting.map((name) => [name, [...(given.get(name) ?? "").trim()].slice(0, LONGEST_NAME).join("")]);
+  return Object.fromEntries(pairs.filter(([, value]) => value));
 }
 
 // -- screens ----------------------------------------------------------------------------------
@@ -84,13 +112,14 @@ function trouble(title, text, button, go) {
 }
 
 async function geometry(positions) {
-  return (await call(`/geometry/${positions}`)).said;
+  return got(`/geometry/${positions}`);
 }
 
 async function intro() {
   $("where").textContent = "";
   const budgets = { levers: count(brief.positions, "lever"), actions: count(brief.action_limit, "action"), attempts: count(brief.attempt_limit, "attempt") };
   for (const node of document.querySelectorAll("[data-brief]")) node.textContent = budgets[node.dataset.brief];
+  $("identified").hidden = brief.recruiting.length === 0;
   $("begin").textContent = state ? "Back to the room" : brief.practice ? "Go to the practice room" : "Go to the first room";
   if (!$("figure").childElementCount) drawFigure($("figure"), await geometry(brief.positions));
   screen("intro");
@@ -237,9 +266,10 @@ async function end() {
     return row;
   }));
   $("back").hidden = true;
+  $("another").hidden = brief.recruiting.length > 0; // they come by an address of their own
   screen("end");
   // Only people who have finished are sent somewhere.
-  const { completion } = (await call("/state")).said;
+  const { completion } = await got("/state");
   $("back").hidden = !completion;
   if (completion) $("back-link").href = completion;
 }
@@ -256,7 +286,7 @@ async function act(action) {
     call("/act", { turn: state.turn, action, reaction }),
     room.approach(action),
   ]);
-  if (status !== 200) return adopt(status, said);
+  if (status !== 200) return adopt(said);
   const before = state.room;
   console_({
     ...before,
@@ -303,13 +333,25 @@ async function act(action) {
 }
 
 // The server says that this is not how things are: take over how they are.
-async function adopt(status, said) {
-  if (status === 409) {
-    state = said.now;
-    await enter();
-    return say("This session went on elsewhere; this is where it is now.");
+async function adopt(said) {
+  if (!said.now) return refused(said);
+  state = said.now;
+  await enter();
+  return say("This session went on elsewhere; this is where it is now.");
+}
+
+// The server, or what is before it, says no.
+function refused(said) {
+  const again = () => location.reload(), tell = "please tell the person who invited you";
+  switch (said.why) {
+    case "UnknownPerson": return lost();
+    case "NotAgreed": return trouble("What you agree to has changed", "Please read it before you begin.", "Read it", again);
+    case "NotIdentified": return trouble("You cannot begin by this address", `The study does not know who you are: ${said.error}. Please open it again from the page where you found it. If you then see this again, ${tell}, and send them these words.`);
+    case "HasBegun": return trouble("You have begun in another browser", `Please open the study again on the device and in the browser in which you began: you continue where you stopped. If you cannot, or if that browser's data were cleared, ${tell}: they can let you continue here. Nothing you did is lost.`);
+    case "HasFinished": return trouble("You have taken part already", "Everything is saved. The way back is on the page on which you finished, in the browser in which you played.");
+    case "TooManyPeople": return trouble("No more people can join now", `As many have joined as can; ${tell}.`);
   }
-  return lost();
+  return trouble("The study cannot be reached as it should", `This page was told: ${said.error ?? "no"}. Please try again. If it stays so, ${tell}. Nothing you did before is lost.`, "Try again", again);
 }
 
 function lost() {
@@ -331,13 +373,14 @@ function lost() {
 $("begin").onclick = async () => {
   if (!state) {
     $("begin").disabled = true;
-    const { status, said } = await call("/join", { agreed, recruited: recruited() });
+    remember(newSession()); // first: the page may be loaded again before the answer comes
+    const { status, said } = await call("/join", { id: session, agreed, recruited: recruited() });
     $("begin").disabled = false;
-    if (status === 403) return trouble("What you agree to has changed", "Please read it before you begin.", "Read it", () => location.reload());
-    if (status === 410) return trouble("You have taken part already", "Everything is saved. The way back is on the page on which you finished, in the browser in which you played.");
-    if (status !== 200) return trouble("No more people can join now", "Please tell the person who invited you.");
-    remember(said.id);
-    state = (await call("/state")).said;
+    if (status !== 200) {
+      remember(null);
+      return refused(said);
+    }
+    state = await got("/state");
   }
   await enter();
 };
@@ -356,7 +399,7 @@ $("ask-go").onclick = async () => {
   const edges = ticked.map(({ dataset }) => [Number(dataset.lever), Number(dataset.other)]);
   const { status, said } = await call("/answer", { turn: state.turn, edges });
   $("ask-go").disabled = false;
-  if (status !== 200) return adopt(status, said);
+  if (status !== 200) return adopt(said);
   state = said;
   await enter();
 };
@@ -364,7 +407,7 @@ $("proceed").onclick = async () => {
   if (busy && !state.room.over) return;
   occupied(true);
   const { status, said } = await call("/proceed", { turn: state.turn });
-  if (status !== 200) return adopt(status, said);
+  if (status !== 200) return adopt(said);
   state = said;
   await enter();
 };
@@ -386,13 +429,11 @@ document.addEventListener("keydown", (event) => {
 });
 
 async function start() {
+  brief = await got("/brief");
   session = location.hash.slice(1) || stored();
-  brief = (await call("/brief")).said;
   if (!session) return consent();
-  const { status, said } = await call("/state");
-  if (status !== 200) return lost();
+  state = await got("/state");
   remember(session);
-  state = said;
   return enter();
 }
 
