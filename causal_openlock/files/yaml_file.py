@@ -18,6 +18,7 @@ are written in the style of :func:`styled`: keys on lines of their own, their va
 from __future__ import annotations
 
 import io
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -238,6 +239,10 @@ def _fault_after(before: str, message: str) -> Fault:
     return Fault(len(lines), len(lines[-1]) + 1, message)
 
 
+_HUGE = re.compile(r"[-+]?(0[xob])?[0-9a-f_]{400,}", re.IGNORECASE)
+"""A whole number with so many digits that Python does not write it out."""
+
+
 def _refusals(text: str) -> Iterator[tuple[Any, str]]:
     """The places of what is refused, and what to do about it.
 
@@ -298,6 +303,8 @@ def _refusals(text: str) -> Iterator[tuple[Any, str]]:
                 yield mark, f"nested deeper than {MAX_DEPTH} levels; is this the right file?"
         elif isinstance(event, ScalarEvent) and not _is_text(event.value):
             yield mark, "half a character is written here as \\u; write the character itself"
+        elif isinstance(event, ScalarEvent) and not event.style and _HUGE.fullmatch(event.value):
+            yield mark, f"this number has {len(event.value):,} digits; is this the right file?"
 
 
 def _is_text(value: str) -> bool:

@@ -20,7 +20,7 @@ Edges = Mapping[str, Iterable[str] | Mapping[str, float]] | Iterable[tuple[str, 
 
 
 def schema(
-    source: str | os.PathLike[str] | Schema | nx.DiGraph | Edges,
+    source: str | os.PathLike[str] | Schema | nx.DiGraph | Edges | Mapping[str, Any],
     *,
     name: str | None = None,
     gates: Mapping[str, str | Gate] | None = None,
@@ -37,6 +37,7 @@ def schema(
             * any other text: the name of a schema, or the path of a file;
             * a directed graph of networkx; a node can have the attribute ``gate`` and an edge
               ``strength``;
+            * what a schema file holds, ``{"name": ..., "levers": [...], "edges": {...}}``;
             * edges, as pairs ``(cause, effect)``, as ``{cause: [effects]}``, or as
               ``{cause: {effect: strength}}``.
 
@@ -64,6 +65,10 @@ def schema(
                 "A & B (0.8) -> door; inert C"
             )
         found = _found(source)
+    elif isinstance(source, Mapping) and {"levers", "edges"} <= source.keys():
+        if gates or strengths or inert:
+            raise OpenLockError("gates, strengths and inert go into the declaration itself")
+        found = schema_from_dict(source)
     else:
         graph = source.copy() if isinstance(source, nx.Graph) else _graph(source)
         _add(graph.nodes, "gate", gates or {})

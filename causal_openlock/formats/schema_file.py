@@ -194,9 +194,14 @@ def write_schema(schema: Schema, path: Path | str) -> None:
 
     Raises:
         FileError: If there is already a file, with faults; it stays unchanged.
-        OpenLockError: If the file cannot be written.
+        OpenLockError: If the file cannot be written, or is none of YAML by its suffix.
     """
     path = Path(path)
+    if path.suffix.lower() not in YAML_SUFFIXES:
+        raise OpenLockError(
+            f"{path}: write_schema writes YAML; end the name with .yaml, or write "
+            'export_schema(schema, "dot") for another format'
+        )
     if not path.exists():
         write_text(path, schema.to_yaml())
         return
@@ -222,6 +227,9 @@ def bundled(kind: str) -> Path:
     """
     inside = PACKAGE / "bundled" / kind
     return inside if inside.is_dir() else PACKAGE.parent / kind
+
+
+YAML_SUFFIXES = (".yaml", ".yml")
 
 
 def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = ()) -> Schema:

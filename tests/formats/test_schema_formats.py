@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from causal_openlock.errors import OpenLockError, SchemaError
+from causal_openlock.formats.declared import schema
 from causal_openlock.formats.graphs import (
     FORMATS,
     export_schema,
@@ -23,7 +24,7 @@ from causal_openlock.formats.graphs import (
     to_bayesian_network,
     write_schema_as,
 )
-from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.formats.schema_file import bundled_schemas, schema_from_dict, write_schema
 from causal_openlock.testing import schemas
 from causal_openlock.world.schema import DOOR, Gate, Schema
 
@@ -454,3 +455,22 @@ def test_synonyms_of_dagitty_and_several_outcomes() -> None:
     assert import_schema("dag { a [source] y [target] a -> y }", "dagitty").levers == ("a",)
     with pytest.raises(SchemaError, match=r"2 outcomes \(y, z\), and a room has one door"):
         import_schema("dag { a y [outcome] z [target] a -> y a -> z }", "dagitty")
+
+
+def test_what_a_schema_file_holds_is_a_schema_in_python_too(tmp_path: Path) -> None:
+    data = {"name": "one", "levers": ["B", "A"], "edges": {"A": ["door"], "B": ["A"]}}
+    assert schema(data) == schema_from_dict(data)
+    assert schema(data).levers == ("B", "A")
+    with pytest.raises(OpenLockError, match="go into the declaration"):
+        schema(data, inert=["A"])
+    with pytest.raises(OpenLockError, match=r"write_schema writes YAML; end the name with \.yaml"):
+        write_schema(schema(data), tmp_path / "one.dot")
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("digits", ["0x" + "f" * 5000, "1" * 5000, "-" + "9" * 5000])
+def test_a_number_of_thousands_of_digits_is_a_sentence(tmp_path: Path, digits: str) -> None:
+    path = tmp_path / "one.yaml"
+    path.write_text(f"name: one\nlevers: [A]\nedges: {{A: {{door: {{strength: {digits}}}}}}}\n")
+    with pytest.raises(OpenLockError, match=r"one\.yaml:3:\d+: this number has 5,00\d digits"):
+        read_schema_as(path)
