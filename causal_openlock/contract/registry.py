@@ -21,11 +21,13 @@ import inspect
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, asdict, fields
 from functools import cache, lru_cache
 from importlib.metadata import Distribution, EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
@@ -261,6 +263,8 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
             raise LearnerError(
                 f"the learner {name} has no parameter {key!r}; {nearest(str(key), known)}"
             )
+        if isinstance(value, np.generic):
+            value = value.item()
         try:
             text = to_json(value, inf_nan_mode="constants")
             kind = TypeAdapter(hints[key], config={"allow_inf_nan": False})
@@ -275,9 +279,18 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
                 f"the parameter {key} of {name} {fault}, and this is {value!r}"
             ) from None
     try:
-        return declared(**values)
+        made = declared(**values)
     except (TypeError, ValueError) as error:  # one without default, or values at odds
         raise LearnerError(f"the parameters of {name} do not fit: {error}") from None
+    for key, value in asdict(made).items():
+        try:
+            json.dumps(value)
+        except (TypeError, ValueError):
+            raise LearnerError(
+                f"the default of the parameter {key} of {name} must be plain data, such as a "
+                f"number or a text, and this is {value!r}"
+            ) from None
+    return made
 
 
 class ParameterInfo(NamedTuple):

@@ -30,7 +30,15 @@ def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
         OpenLockError: If it is no JSON, not whole, or an entry is none.
     """
     for place, entry in _entries(path):
-        if "action" not in entry:
+        if entry.get("action") is None:
+            within = [
+                key for key, held in entry.items() if isinstance(held, dict) and "action" in held
+            ]
+            if within:
+                raise place.fault(
+                    f"the action stands within {within[0]!r}; write what is in it next to the other "
+                    "values of the screen"
+                )
             continue
         row = {"subject": path.stem, **entry}
         for name, meaning in _MILLISECONDS.items():

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, make_dataclass, replace
+from enum import Enum
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -416,6 +417,27 @@ def test_a_parameter_that_does_not_fit_is_one_sentence(name: str, given: dict, s
     with pytest.raises(LearnerError, match=says) as raised:
         create(name, given)
     assert "\n" not in str(raised.value)
+
+
+class Rule(Enum):
+    WIN = "win"
+
+
+@pytest.mark.parametrize(
+    "default", [np.int64(3), np.float32(0.5), Path("a.csv"), frozenset({1}), Rule.WIN, b"a"]
+)
+def test_a_default_that_is_no_plain_data_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, default: Any
+) -> None:
+    made = make_dataclass("Odd", [("odd", Any, field(default=default))], frozen=True)
+    monkeypatch.setattr(Tuned, "Parameters", made)
+    with pytest.raises(LearnerError, match="the default of the parameter odd of .* must be plain"):
+        create(TUNED)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    given = {"steps": np.int64(3), "rate": np.float32(0.5), "greedy": np.bool_(True)}
+    assert parse_parameters(TUNED, given) == Settings(0.5, 3, greedy=True)
 
 
 def test_the_table_of_parameters_tells_defaults_and_meanings() -> None:

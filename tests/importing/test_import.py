@@ -424,3 +424,15 @@ def test_a_small_file_of_very_many_values_is_refused_before_they_are_read(
     monkeypatch.setattr("causal_openlock.files.checksums.MOST_VALUES", 4999)
     with pytest.raises(ChecksumError, match="it holds 5,000 values, more than 4,999"):
         read_table(content)
+
+
+def test_screens_without_an_action_are_passed_over_and_hidden_actions_named(
+    record: Any, tmp_path: Path
+) -> None:
+    rows = json.loads(actions_of(record).to_json(orient="records"))
+    path = tmp_path / "data.json"
+    path.write_text(json.dumps([{"trial_type": "instructions", "action": None}, *rows]))
+    assert import_files([path], tmp_path / "in").subjects > 0
+    path.write_text(json.dumps([{"response": row} for row in rows]))
+    with pytest.raises(OpenLockError, match="the action stands within 'response'"):
+        import_files([path], tmp_path / "other")
