@@ -367,6 +367,7 @@ def _log(folder: Path) -> bytes:
         people.proceed(name, 4)
         for turn in range(5, 12):
             people.act(name, turn, turn % 15, None if turn % 2 else 300)
+        people.readmit(f"person{number}")
         people.join(recruited={"PID": f"person{number}"})
     people.close()
     return (folder / "log.jsonl").read_bytes()

@@ -8,6 +8,7 @@ Here these characters are made readable and harmless.
 from __future__ import annotations
 
 import re
+import sys
 from typing import TYPE_CHECKING
 
 from causal_openlock.errors import OpenLockError
@@ -71,7 +72,9 @@ def require_utf8(name: str) -> None:
     try:
         name.encode()
     except UnicodeEncodeError:
+        encoding = sys.getfilesystemencoding().upper()
+        remedy = "" if encoding == "UTF-8" else "set PYTHONUTF8=1, "
         raise OpenLockError(
-            f"the name {printable(name)} is not valid UTF-8, so results could not say it; rename "
-            "it, or give another"
+            f"the name {printable(name)} is not valid {encoding}, so results could not say it; "
+            f"{remedy}rename it, or give another"
         ) from None

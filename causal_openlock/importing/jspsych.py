@@ -36,8 +36,8 @@ def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
             ]
             if within:
                 raise place.fault(
-                    f"the action stands within {within[0]!r}; write what is in it next to the other "
-                    "values of the screen"
+                    f"the action stands within {within[0]!r}; write what is in it next to the "
+                    "other values of the screen"
                 )
             continue
         row = {"subject": path.stem, **entry}

@@ -180,18 +180,20 @@ def test_output_that_is_no_terminal_is_lines_that_tell_how_far_it_is(tmp_path: P
     assert (tmp_path / "out" / "report.html").read_bytes() == page
 
 
+ASCII = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
+
+
 @pytest.mark.parametrize(
-    "environment",
-    [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}],
+    ("environment", "folder"), [({"PYTHONIOENCODING": "ascii"}, "ä"), (ASCII, "a")]
 )
 def test_output_that_cannot_encode_a_sign_has_a_plainer_one(
-    tmp_path: Path, environment: dict[str, str]
+    tmp_path: Path, environment: dict[str, str], folder: str
 ) -> None:
     compare = ("compare", "-c", "CC4", "-l", "random", "--subjects", "5", "--workers", "1")
     # Typer writes UTF-8 wherever the encoding is ASCII, which is no reason to end, either.
     show = ("schema", "show", "CC4")
     wrong = (("report", "nó"), ("schema", "show", "é→ß"))
-    words = (*compare, "--protocol", "human", "--out", "ä", THEN, *show, THEN, *wrong[0])
+    words = (*compare, "--protocol", "human", "--out", folder, THEN, *show, THEN, *wrong[0])
     done = subprocess.run(
         [sys.executable, "-m", "support.undrawn", *words, THEN, *wrong[1]],
         cwd=tmp_path,
@@ -209,6 +211,24 @@ def test_output_that_cannot_encode_a_sign_has_a_plainer_one(
     compared, shown, *refused = done.stderr.splitlines()
     assert (compared, shown) == ("[0]", "[0]")
     assert [line[:7] for line in refused] == ["error: ", "[2]", "error: ", "[2]"]
+
+
+def test_a_folder_whose_name_this_process_cannot_decode_is_refused_with_the_remedy(
+    tmp_path: Path,
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "causal_openlock", "compare", "-c", "CC4", "--out", "ä"],
+        cwd=tmp_path,
+        env={**os.environ, **ASCII},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=HANGS,
+    )
+    assert done.returncode == 2
+    assert "not valid ASCII" in done.stderr
+    assert "set PYTHONUTF8=1" in done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_signs_that_cannot_be_encoded_have_plainer_ones(

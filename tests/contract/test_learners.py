@@ -431,7 +431,7 @@ def test_a_default_that_is_no_plain_data_is_one_sentence(
 ) -> None:
     made = make_dataclass("Odd", [("odd", Any, field(default=default))], frozen=True)
     monkeypatch.setattr(Tuned, "Parameters", made)
-    with pytest.raises(LearnerError, match="the default of the parameter odd of .* must be plain"):
+    with pytest.raises(LearnerError, match=r"the default of the parameter odd of .* must be plain"):
         create(TUNED)
 
 
