@@ -14,7 +14,7 @@ from causal_openlock.wording import counted
 
 def import_(
     files: Annotated[
-        list[Path], typer.Argument(help="CSV (.csv, .csv.gz), or the JSON of jsPsych (.json).")
+        list[Path], typer.Argument(help="CSV (.csv, .csv.gz), or what jsPsych saves.")
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write; it must be new.")],
     experiment: Annotated[
@@ -42,9 +42,11 @@ def import_(
 
     made = import_files(
         files, out, experiment=experiment, protocol=protocol, seed=seed or 0, learner=learner,
-        layouts=layouts,
+        layouts=layouts, tell=say,
     )  # fmt: skip
     subjects, attempts = counted(made.subjects, "subject"), counted(made.attempts, "attempt")
     say(f"{out} written: {subjects}, {attempts}; causal-openlock report {out}")
+    for sentence in made.remarks:
+        say(sentence)
     for sentence in made.left_out:
         say(f"warning: {sentence}", error=True)

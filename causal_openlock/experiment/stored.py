@@ -82,6 +82,8 @@ def recorded_layout(schema: Schema, name: str, positions: int) -> Layout:
         return Layout.of(schema, name, positions)
     known = position_names(positions)
     places = name.split()
+    if name.lower() in room_facts()["layouts"]:
+        raise StoreError(f"there is no layout {name!r} in the record; did you mean {name.lower()}?")
     if len(places) != len(schema.levers) or not set(places) <= set(known):
         raise StoreError(
             f"the layout {name!r} in the record does not give the positions of the "

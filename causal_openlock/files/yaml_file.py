@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from causal_openlock.errors import Fault, FileError, OpenLockError
+from causal_openlock.files.decoding import decoded
 from causal_openlock.files.validation import Where as Where
 from causal_openlock.files.validation import described, sentence
 
@@ -191,7 +192,7 @@ def read_text(path: Path | str) -> str:
     if len(content) > MAX_BYTES:
         raise FileError(path, [TOO_LARGE])
     try:
-        return content.decode("utf-8").removeprefix("\ufeff")  # Windows' mark
+        return decoded(content)
     except UnicodeDecodeError as error:
         before = content[: error.start].decode("utf-8")
         message = f"this is not UTF-8 text ({error.reason}); save the file as UTF-8"

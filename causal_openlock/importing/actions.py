@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,9 +11,12 @@ from typing import Any
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import described
 
+COLUMNS = ("phase", "loop", "learner", "protocol", "layout", "reaction", "time")
+"""What a row may say besides who took which action when."""
 CLAIMS = ("moved", "unlocked", "opened", "new_solution")
 """What a row may say came of its action."""
 MOST = 2**31 - 1
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
 class ImportFault(OpenLockError):  # noqa: N818 - a fault of a file
@@ -155,14 +158,20 @@ def truth(place: Place, name: str, value: Any) -> bool:
     return found
 
 
+def number(place: Place, name: str, value: Any) -> float:
+    """A number, or its usual digits; ``1_0``, which Python's ``float`` takes, is none."""
+    if isinstance(value, str) and _NUMBER.fullmatch(value):
+        value = float(value)
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < MOST:
+        raise place.fault(f"{name} must be a number, and this is {described(value)}")
+    return float(value)
+
+
 def seconds(place: Place, name: str, value: Any, unit: float = 1.0) -> float | None:
     """A time in seconds, given in a ``unit`` of so many seconds; None if it is not given."""
     if value is None:
         return None
-    try:
-        found = float(value) * unit
-    except (TypeError, ValueError, OverflowError):
-        found = math.nan
-    if isinstance(value, bool) or not 0 <= found < MOST:
+    found = number(place, name, value) * unit
+    if found < 0:
         raise place.fault(f"{name} must be a number of at least 0, and this is {described(value)}")
     return found

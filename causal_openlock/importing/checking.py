@@ -7,6 +7,7 @@ last action, a trial after the last solution, a lever that moved while nothing e
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from causal_openlock.experiment.experiment import LearnerSpec
+
+
+_ROLE = re.compile(r"(push|pull)[_ ](l|inactive)\d", re.IGNORECASE)
+"""Actions in the authors' program, whose levers are called l0, l1, inactive0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +195,13 @@ def _indices(own: Sequence[ActionEntry], positions: int) -> np.ndarray:
         try:
             found.append(action_index(one.action, positions))
         except LayoutError as error:
-            raise one.place.fault(str(error)) from None
+            why = str(error)
+            if _ROLE.fullmatch(str(one.action)):
+                why = (
+                    f"{one.action!r} names a lever by its role, which rooms deal anew; name its "
+                    "position, such as push_LEFT"
+                )
+            raise one.place.fault(why) from None
     return np.array(found, dtype=np.int64)
 
 

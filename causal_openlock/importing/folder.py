@@ -7,7 +7,7 @@ import shlex
 import shutil
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +27,8 @@ from causal_openlock.formats.schema_file import bundled_schemas
 from causal_openlock.importing.actions import ActionEntry
 from causal_openlock.importing.checking import Checked, play_again
 from causal_openlock.importing.jspsych import jspsych_actions
-from causal_openlock.importing.tables import experiment_of, table_actions
+from causal_openlock.importing.tables import Table, experiment_of, table_actions
+from causal_openlock.importing.text import is_json
 from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.reactions import FOLDER, reactions_table, write_reactions
@@ -48,11 +49,13 @@ class Imported:
         subjects: How many subjects have a trial that is over.
         attempts: How many attempts of trials that are over.
         left_out: A sentence for each subject whose last trial is not over.
+        remarks: Sentences on how tables were read, where that is not as usual.
     """
 
     subjects: int
     attempts: int
     left_out: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
 
 def import_files(
@@ -64,6 +67,7 @@ def import_files(
     seed: int = 0,
     learner: str = LABEL,
     layouts: Literal["named", "drawn"] = "named",
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Imported:
     """Play the actions in files again, and write them as a results folder.
 
@@ -72,7 +76,7 @@ def import_files(
     unless they are far apart.
 
     Args:
-        files: CSV, perhaps compressed, or the JSON of jsPsych.
+        files: CSV, perhaps compressed, or what jsPsych saves.
         out: A folder that does not exist, or is empty; not the working directory.
         experiment: An experiment, by name or file, that declares conditions, protocols and rewards
             that are not the toolkit's own; files of data name no schema by a path.
@@ -81,6 +85,7 @@ def import_files(
         learner: The label of who played, where the files name none.
         layouts: Whether the files name the layout of each room, or subjects met those that the seed
             draws.
+        tell: Told what code the experiment runs, before it runs.
 
     Raises:
         OpenLockError: If a file cannot be read, a row could not have happened, or the folder cannot
@@ -92,8 +97,12 @@ def import_files(
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise StoreError(f"{out} is there already; choose another folder")
     _check_each_once(paths)
-    known = read_experiment(find_experiment(experiment)) if experiment else None
-    stated = [None if path.suffix == ".json" else experiment_of(path) for path in paths]
+    known = read_experiment(find_experiment(experiment), tell=tell) if experiment else None
+    stated, remarks = [], []
+    for path in paths:
+        table = None if is_json(path) else Table.opened(path)
+        stated.append(experiment_of(table) if table else None)
+        remarks += table.remarks() if table else []
     heads = {head for head in stated if head}
     if len(heads) > 1:
         raise OpenLockError(
@@ -145,6 +154,7 @@ def import_files(
             for _, one in found
             if one.left_out
         ),
+        tuple(remarks),
     )
 
 
@@ -162,7 +172,7 @@ def _check_each_once(paths: Sequence[Path]) -> None:
 
 
 def _actions_of(path: Path) -> Iterator[ActionEntry]:
-    return jspsych_actions(path) if path.suffix == ".json" else table_actions(path)
+    return jspsych_actions(path) if is_json(path) else table_actions(Table.opened(path))
 
 
 def _grouped(

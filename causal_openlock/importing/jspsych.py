@@ -1,50 +1,90 @@
-"""The JSON that jsPsych saves: a list of what happened on each of its screens.
+"""What jsPsych saves: a list, or a table, of what happened on each of its screens.
 
-An entry that has an ``action`` describes one, as a row of a table does; all other entries
-(instructions, consent) are passed over. An experiment adds them as ``data`` of its screens, or with
+A screen that has an ``action`` describes one, as a row of a table does; all others (instructions,
+consent) are passed over. An experiment adds its values as ``data`` of its screens, or with
 ``jsPsych.data.addProperties``. jsPsych's own ``rt`` and ``time_elapsed``, in milliseconds, are when
-the action was taken. A file without any ``subject`` is one subject's, named after the file. Lists
-in a list, or one in each line, as servers join them, are read as well.
+the action was taken; after a page was loaded again, ``time_elapsed`` begins anew, and the time goes
+on from where it was. A JSON file without any ``subject`` is one subject's, named after the file.
+Lists in a list, or one in each line, as servers join them, are read as well.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from causal_openlock.importing.actions import ActionEntry, Place, action_entry, seconds
-from causal_openlock.importing.tables import read_text
+from causal_openlock.importing.text import read_text
 
+OWN = frozenset({"trial_type", "time_elapsed"})
+"""What jsPsych says of every screen; a table with one of these columns is its own."""
 _BETWEEN = re.compile(r"[\s,]*")
 _MILLISECONDS = {"rt": "reaction", "time_elapsed": "time"}
+_DEPTH = 3
 
 
 def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
-    """The actions in a file of jsPsych, in its order.
+    """The actions in a JSON file of jsPsych, in its order.
 
     Raises:
         OpenLockError: If it is no JSON, not whole, or an entry is none.
     """
-    for place, entry in _entries(path):
-        if entry.get("action") is None:
-            within = [
-                key for key, held in entry.items() if isinstance(held, dict) and "action" in held
-            ]
-            if within:
+    return screen_actions(_entries(path), path.stem)
+
+
+def screen_actions(
+    screens: Iterator[tuple[Place, Mapping[str, Any]]], unnamed: str
+) -> Iterator[ActionEntry]:
+    """The actions on jsPsych's screens, with their times.
+
+    Args:
+        screens: What is said of each screen, and where.
+        unnamed: The subject of screens that name none.
+
+    Raises:
+        ImportFault: If a screen has values that cannot be.
+    """
+    before: dict[str, tuple[float, float]] = {}
+    for place, screen in screens:
+        given = {name: value for name, value in screen.items() if value not in (None, "")}
+        if "action" not in given:
+            if within := _within(given):
                 raise place.fault(
-                    f"the action stands within {within[0]!r}; write what is in it next to the "
-                    "other values of the screen"
+                    f"the action stands within {within!r}; write what is in it next to the other "
+                    "values of the screen"
                 )
             continue
-        row = {"subject": path.stem, **entry}
+        row = {"subject": unnamed, **given}
         for name, meaning in _MILLISECONDS.items():
-            if entry.get(name) is not None:
-                row.setdefault(meaning, seconds(place, name, entry[name], 1e-3))
-        yield replace(action_entry(place, row), named="subject" in entry)
+            if name in given:
+                row.setdefault(meaning, seconds(place, name, given[name], 1e-3))
+        one = replace(action_entry(place, row), named="subject" in given)
+        if one.time is not None:
+            last, passed = before.get(one.subject, (0.0, 0.0))
+            passed = passed + last if one.time < last else passed
+            before[one.subject] = one.time, passed
+            one = replace(one, time=one.time + passed)
+        yield one
+
+
+def _within(value: Any, depth: int = 0) -> str | None:
+    """Where an action stands within a screen's values, such as ``response.answers``."""
+    parts = value.items() if isinstance(value, Mapping) else enumerate(value)
+    for key, held in parts:
+        if isinstance(held, str):
+            found = "" if held.lstrip()[:1] in ("{", "[") and '"action"' in held else None
+        elif not isinstance(held, Mapping | list) or depth == _DEPTH:
+            found = None
+        else:
+            named = isinstance(held, Mapping) and held.get("action") is not None
+            found = "" if named else _within(held, depth + 1)
+        if found is not None:
+            return f"{key}.{found}" if found else str(key)
+    return None
 
 
 def _entries(path: Path) -> Iterator[tuple[Place, dict[str, Any]]]:

@@ -2,116 +2,202 @@
 
 Which it is, its header says: the own form has the columns of a record
 (:func:`~causal_openlock.experiment.record.record_schema`), in which ``actions`` are several; a
-table of actions has a column ``action``. Columns that mean nothing here are passed over.
+table of actions has a column ``action``, and what jsPsych saves as a table has its own columns,
+too. Columns that mean nothing here are passed over. Where a spreadsheet has saved it, columns may
+be separated by ``;`` or tabs, and numbers have a decimal comma; the header says that as well.
 """
 
 from __future__ import annotations
 
 import csv
-import gzip
 import io
-import zlib
+import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.importing.actions import (
+    CLAIMS,
+    COLUMNS,
     ActionEntry,
     Place,
     action_entry,
+    number,
     seconds,
     text,
     truth,
     whole,
 )
+from causal_openlock.importing.jspsych import OWN, screen_actions
+from causal_openlock.importing.text import read_text
 
-MOST_BYTES, MOST_LINES = 128 << 20, 1_000_000
-"""Of a file, unpacked: what is read is held in memory, a few hundred bytes for each line."""
 NEEDED = ("subject", "condition", "trial", "attempt", "action")
 """The columns that a table of actions has to have."""
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 _NUMBERS = ("solution", "solutions_found", "solutions")
 _TRUTHS = ("unlocked", "opened", "new_solution")
+_DECIMALS = ("reaction", "time", "wall_time", "reward", "rt", "time_elapsed")
+_COMMA = re.compile(r"\d+,\d+", re.ASCII)
+_SAID = re.compile(r"sep=(.)\r?\n")
+"""The first line by which a spreadsheet is told what separates columns."""
 
 
-def read_text(path: Path) -> str:
-    """The text of a file, perhaps compressed by gzip.
+@dataclass(frozen=True)
+class Table:
+    """A table of text, of which no row has been read yet.
 
-    Raises:
-        OpenLockError: If it cannot be read, or is no text.
+    Attributes:
+        path: The file.
+        separator: What separates columns.
+        header: Names of columns.
+        skipped: How many lines stand above the header.
+        content: All lines from the header on.
     """
-    try:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        if len(content) > MOST_BYTES or content.count(b"\n") > MOST_LINES:
-            raise OpenLockError(
-                f"{path} has more than {MOST_BYTES >> 20} MB or {MOST_LINES:,} lines; import it in "
-                "parts, and read the results together"
+
+    path: Path
+    separator: str
+    header: tuple[str, ...]
+    skipped: int
+    content: str
+
+    @classmethod
+    def opened(cls, path: Path) -> Table:
+        """The table in a file.
+
+        Raises:
+            OpenLockError: If it cannot be read.
+        """
+        content = read_text(path)
+        said = _SAID.match(content)
+        content = content[said.end() :] if said else content
+        possible = (said[1],) if said and said[1] in SEPARATORS else tuple(SEPARATORS)
+        tables = [
+            cls(path, one, _header(content, one), int(bool(said)), content) for one in possible
+        ]
+        known = [one for one in tables if one.is_own or {*NEEDED} <= {*one.header}]
+        # Of a table that is none, the reading with most columns is the one to speak of.
+        return known[0] if known else max(tables, key=lambda one: len(one.header))
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it has the columns of a record."""
+        return {*record_schema().names} <= {*self.header}
+
+    def remarks(self) -> list[str]:
+        """What was made of it that its writer should know, a sentence each."""
+        said = []
+        if self.separator != ",":
+            said.append(
+                f"columns are separated by {SEPARATORS[self.separator]}, and 0,5 is read as 0.5"
             )
-        return content.decode("utf-8-sig")
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or "it is no text in UTF-8"
-        raise OpenLockError(f"{path} cannot be read ({why}); give a file of CSV or JSON") from None
+        known = {*NEEDED, *COLUMNS, *CLAIMS}
+        if not self.is_own and not OWN & {*self.header}:
+            unknown = [name for name in self.header if name and name not in known]
+            said += [f"passed over: {', '.join(unknown)}"] if unknown else []
+        return [f"{self.path}: {one}" for one in said]
+
+    def rows(self) -> Iterator[tuple[Place, dict[str, str]]]:
+        """Its rows by column, each with its place; empty ones are passed over.
+
+        Raises:
+            ImportFault: If it is no CSV, or a row has too few or too many cells.
+        """
+        reader = csv.reader(
+            io.StringIO(self.content, newline=""), strict=True, delimiter=self.separator
+        )
+        try:
+            next(reader, None)
+            for row in reader:
+                if not any(map(str.strip, row)):
+                    continue
+                place = Place(self.path, reader.line_num + self.skipped)
+                if len(row) != len(self.header):
+                    raise place.fault(
+                        f"there are {len(row)} cells and {len(self.header)} columns; is the file "
+                        "whole?"
+                    )
+                values = dict(zip(self.header, map(str.strip, row), strict=True))
+                yield place, self._with_points(values)
+        except csv.Error as error:
+            place = Place(self.path, max(reader.line_num, 1) + self.skipped)
+            raise place.fault(f"this is no CSV ({error})") from None
+
+    def _with_points(self, values: dict[str, str]) -> dict[str, str]:
+        """Values with decimal points, where a comma cannot be the end of a cell."""
+        if self.separator == ",":
+            return values
+        return {
+            name: value.replace(",", ".")
+            if name in _DECIMALS and _COMMA.fullmatch(value)
+            else value
+            for name, value in values.items()
+        }
 
 
-def table_actions(path: Path) -> Iterator[ActionEntry]:
+def _header(content: str, separator: str) -> tuple[str, ...]:
+    """The first row's cells; empty where it is no CSV."""
+    try:
+        row = next(csv.reader(io.StringIO(content, newline=""), delimiter=separator), [])
+    except csv.Error:
+        return ()
+    return tuple(map(str.strip, row))
+
+
+def table_actions(table: Table) -> Iterator[ActionEntry]:
     """The actions in a CSV file, in its order.
 
     Raises:
-        OpenLockError: If it is none of the two forms, or a row is none.
+        OpenLockError: If it is none of the forms, or a row is none.
     """
-    content = read_text(path)
-    first = content.partition("\n")[0]
-    for sign, called in ((";", "';'"), ("\t", "tabs")):
-        if sign in first and "," not in first:
-            raise Place(path, 1).fault(
-                f"the columns are separated by {called}; save it with commas"
-            )
-    reader = csv.reader(io.StringIO(content, newline=""), strict=True)
-    try:
-        header = [name.strip() for name in next(reader, [])]
-        own = {*record_schema().names} <= {*header}
-        if twice := {name for name in header if name and header.count(name) > 1}:
-            raise Place(path, 1).fault(f"the column {min(twice)} is there twice; remove one")
-        if not own and (missing := [name for name in NEEDED if name not in header]):
-            found = f"found: {', '.join(header)}; rename the column" if header else "it is empty"
-            raise Place(path, 1).fault(
-                f"there is no column {missing[0]}; {found}: a table of actions has "
-                f"{', '.join(NEEDED)}, and an export of this project the columns of a record"
-            )
-        for row in reader:
-            place = Place(path, reader.line_num)
-            if not row:
-                continue
-            if len(row) != len(header):
+    header, head = table.header, Place(table.path, 1 + table.skipped)
+    if twice := {name for name in header if name and header.count(name) > 1}:
+        raise head.fault(f"the column {min(twice)} is there twice; remove one")
+    if table.is_own:
+        for place, values in table.rows():
+            yield from _attempt(place, values)
+        return
+    of_jspsych = bool(OWN & {*header})
+    if missing := [name for name in NEEDED[of_jspsych:] if name not in header]:
+        next(table.rows(), None)  # says what is wrong with a header that is no CSV
+        found = f"found: {', '.join(header)}; rename the column" if header else "it is empty"
+        raise head.fault(
+            f"there is no column {missing[0]}; {found}: a table of actions has "
+            f"{', '.join(NEEDED)}, and an export of this project the columns of a record"
+        )
+    if of_jspsych:
+        yield from screen_actions(table.rows(), table.path.stem)
+    else:
+        yield from _plain(table)
+
+
+def _plain(table: Table) -> Iterator[ActionEntry]:
+    """The actions in a table with a row for each; a subject's time does not run backwards."""
+    before: dict[str, float] = {}
+    for place, values in table.rows():
+        one = action_entry(place, values)
+        if one.time is not None:
+            if one.time < before.get(one.subject, 0.0):
                 raise place.fault(
-                    f"there are {len(row)} cells and {len(header)} columns; is the file whole?"
+                    f"time is {one.time:g}, and was {before[one.subject]:g} before; it is seconds "
+                    "since the subject began, and rows are in the order of time"
                 )
-            values = dict(zip(header, map(str.strip, row), strict=True))
-            if own:
-                yield from _attempt(place, values)
-            else:
-                yield action_entry(place, values)
-    except csv.Error as error:
-        raise Place(path, reader.line_num).fault(f"this is no CSV ({error})") from None
+            before[one.subject] = one.time
+        yield one
 
 
-def experiment_of(path: Path) -> tuple[str, int] | None:
+def experiment_of(table: Table) -> tuple[str, int] | None:
     """The experiment's name and seed in the first row of an own CSV; None of another file.
 
     Raises:
-        OpenLockError: If it cannot be read, or is no CSV.
+        OpenLockError: If it is no CSV.
     """
-    reader = csv.DictReader(io.StringIO(read_text(path), newline=""))
-    try:
-        row = next(reader, {})
-    except csv.Error as error:
-        raise Place(path, reader.line_num or 1).fault(f"this is no CSV ({error})") from None
-    if not {*record_schema().names} <= row.keys():
+    if not table.is_own:
         return None
-    place = Place(path, reader.line_num)
-    return text(place, "experiment", row["experiment"]), whole(place, "seed", row["seed"], 0)
+    for place, row in table.rows():
+        return text(place, "experiment", row["experiment"]), whole(place, "seed", row["seed"], 0)
+    return None
 
 
 def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[ActionEntry]:
@@ -125,13 +211,10 @@ def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[ActionEntry]:
     stated["solution"] *= -1 if row["solution"].startswith("-") else 1
     stated |= {name: row[name] for name in ("phase", "schema", "layout", "category")}
     stated["loop"] = whole(place, "loop", row["loop"])
-    try:
-        stated["reward"] = float(row["reward"])
-    except ValueError:
-        raise place.fault(f"reward must be a number, and this is {row['reward']!r}") from None
+    stated["reward"] = number(place, "reward", row["reward"])
     trial, attempt = (whole(place, name, row[name]) for name in ("trial", "attempt"))
     last = len(actions) - 1
-    for number, (action, flag) in enumerate(zip(actions, moved, strict=True)):
+    for at, (action, flag) in enumerate(zip(actions, moved, strict=True)):
         yield ActionEntry(
             place,
             text(place, "subject", row["subject"]),
@@ -144,5 +227,5 @@ def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[ActionEntry]:
             row["layout"],
             claims={"moved": truth(place, "moved", flag)},
             of_attempt=stated,
-            time=seconds(place, "wall_time", row["wall_time"]) if number == last else None,
+            time=seconds(place, "wall_time", row["wall_time"]) if at == last else None,
         )

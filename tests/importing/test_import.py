@@ -211,10 +211,10 @@ def test_an_attempt_of_ours_that_came_to_something_else_is_named(own: Path, tmp_
         (
             "data.csv",
             "subject;condition;trial\na;CC3;1\n",
-            "data.csv:1: the columns are separated by ';'; save it with commas",
+            "data.csv:1: there is no column attempt; found: subject, condition, trial; rename",
         ),
-        ("data.csv", '"subject";"condition"\n"a";"CC3"\n', "are separated by ';'; save it"),
-        ("data.csv", "subject\tcondition\na\tCC3\n", "are separated by tabs; save it with commas"),
+        ("data.csv", '"subject";"condition"\n"a";"CC3"\n', "found: subject, condition; rename"),
+        ("data.csv", "subject\tcondition\na\tCC3\n", "there is no column trial; found: subject"),
         (
             "data.csv",
             "participant,condition,trial,attempt,action\n",
@@ -405,13 +405,13 @@ def test_the_same_file_twice_is_refused_by_both_names(record: Any, tmp_path: Pat
 def test_what_is_too_large_is_refused_before_it_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
 ) -> None:
-    monkeypatch.setattr("causal_openlock.importing.tables.MOST_LINES", 1000)
+    monkeypatch.setattr("causal_openlock.importing.text.MOST_LINES", 1000)
     content = b"subject,condition,trial,attempt,action\n" + b"1,CC3,1,1,0\n" * 2000
     path = tmp_path / f"data{suffix}"
     path.write_bytes(gzip.compress(content) if suffix == ".csv.gz" else content)
     with pytest.raises(OpenLockError, match="more than 128 MB or 1,000 lines; import it in parts"):
         import_files([path], tmp_path / "in")
-    monkeypatch.setattr("causal_openlock.importing.tables.MOST_BYTES", 1000)
+    monkeypatch.setattr("causal_openlock.importing.text.MOST_BYTES", 1000)
     with pytest.raises(OpenLockError, match="import it in parts"):
         import_files([path], tmp_path / "in")
 
@@ -436,3 +436,143 @@ def test_screens_without_an_action_are_passed_over_and_hidden_actions_named(
     path.write_text(json.dumps([{"response": row} for row in rows]))
     with pytest.raises(OpenLockError, match="the action stands within 'response'"):
         import_files([path], tmp_path / "other")
+
+
+ROWS = (
+    "anna,CE3,1,1,push_LOWERLEFT,trial1,0.51",
+    "anna,CE3,1,1,push_UPPERRIGHT,trial1,0.7",
+    "anna,CE3,1,1,push_door,trial1,0.2",
+    "anna,CE3,1,2,push_UPPERLEFT,trial1,0.3",
+    "anna,CE3,1,2,push_UPPERRIGHT,trial1,0.4",
+    "anna,CE3,1,2,push_door,trial1,1.1",
+)
+TIMED = ("subject,condition,trial,attempt,action,layout,reaction", *ROWS)
+
+
+def seconds_of(folder: Path) -> list[float]:
+    return [round(one, 3) for one in read_reactions(folder)["reaction"].to_pylist()]
+
+
+@pytest.mark.parametrize(
+    ("content", "remarks"),
+    [
+        ("\n".join((*TIMED, ",,,,,,", ",,,,,,", "")), ()),
+        ("\n".join(TIMED).replace(",", "\t"), ("separated by tabs",)),
+        (
+            "\n".join(TIMED).replace(",", ";").replace("0.", "0,").replace("1.1", "1,1"),
+            ("separated by semicolons, and 0,5 is read as 0.5",),
+        ),
+        ("sep=;\r\n" + "\r\n".join(TIMED).replace(",", ";"), ("separated by semicolons",)),
+        (
+            TIMED[0].replace(",", ";") + ';"age, years"\n'
+            + "\n".join(f"{row.replace(',', ';')};30" for row in ROWS),
+            ("separated by semicolons", "passed over: age, years"),
+        ),
+    ],
+    ids=["empty rows", "tabs", "decimal commas", "sep=", "a comma in the header"],
+)  # fmt: skip
+def test_what_a_spreadsheet_saves_is_read_and_said(
+    content: str, remarks: tuple[str, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "data.csv"
+    path.write_bytes(content.encode("utf-8-sig"))
+    made = import_files([path], tmp_path / "in")
+    assert made.attempts == 2
+    assert seconds_of(tmp_path / "in") == [0.51, 0.7, 0.2, 0.3, 0.4, 1.1]
+    assert len(made.remarks) == len(remarks)
+    assert all(what in said for what, said in zip(remarks, made.remarks, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("0.51", "1_0", "data.csv:2: reaction must be a number, and this is the text '1_0'"),
+        ("0.51", "nan", "reaction must be a number"),
+        ("0.51", "\u0661", "reaction must be a number"),
+        ("0.51", "-1", "reaction must be a number of at least 0"),
+        ("trial1", "Trial1", "data.csv:2: there is no layout 'Trial1' in the record; did you mean"),
+        ("push_LOWERLEFT", "push_l0", "'push_l0' names a lever by its role, which rooms deal anew"),
+        ("reaction", "time", "data.csv:4: time is 0.2, and was 0.7 before; it is seconds since"),
+    ],
+)
+def test_what_is_nearly_right_is_refused_with_what_was_meant(
+    old: str, new: str, what: str, tmp_path: Path
+) -> None:
+    assert what in refused("\n".join(TIMED).replace(old, new), tmp_path)
+
+
+def screens(
+    elapsed: tuple[int, ...] = (1000, 2000, 3000, 4000, 5000, 6000),
+) -> list[dict[str, Any]]:
+    """What jsPsych says of six screens, with an instruction before them."""
+    names = TIMED[0].split(",")
+    found: list[dict[str, Any]] = [{"trial_type": "instructions", "rt": 900, "time_elapsed": 900}]
+    for row, passed in zip(ROWS, elapsed, strict=True):
+        values: dict[str, Any] = dict(zip(names, row.split(","), strict=True))
+        values |= {"rt": round(1000 * float(values.pop("reaction"))), "time_elapsed": passed}
+        found.append({"trial_type": "html-button-response", **values})
+    return found
+
+
+def test_the_table_of_jspsych_says_what_its_json_says(tmp_path: Path) -> None:
+    pd.DataFrame(screens()).to_csv(tmp_path / "data.csv", index=False, quoting=csv.QUOTE_ALL)
+    (tmp_path / "data.json").write_text(json.dumps(screens()))
+    (tmp_path / "jatos.txt").write_text(json.dumps(screens()) + "\n")
+    tables = []
+    for name in ("data.csv", "data.json", "jatos.txt"):
+        made = import_files([tmp_path / name], tmp_path / name.replace(".", "_"))
+        assert (made.attempts, made.remarks) == (2, ())
+        assert seconds_of(tmp_path / name.replace(".", "_")) == [0.51, 0.7, 0.2, 0.3, 0.4, 1.1]
+        tables.append(Store(tmp_path / name.replace(".", "_")).record()[0].drop(["experiment"]))
+    assert tables[0].equals(tables[1])
+    assert tables[1].equals(tables[2])
+
+
+def test_time_goes_on_where_a_page_was_loaded_again(tmp_path: Path) -> None:
+    path = tmp_path / "data.json"
+    path.write_text(json.dumps(screens((1000, 2000, 3000, 500, 900, 1500))))
+    import_files([path], tmp_path / "in")
+    times = Store(tmp_path / "in").record()[0]["wall_time"].to_pylist()
+    assert times == pytest.approx([3.0, 4.5])
+
+
+@pytest.mark.parametrize(
+    "hide",
+    [
+        lambda row: {"trialdata": row},
+        lambda row: {"response": {"answers": [row]}},
+        lambda row: {"response": json.dumps(row)},
+    ],
+)
+def test_an_action_that_is_hidden_is_named(hide: Any, tmp_path: Path) -> None:
+    content = json.dumps([hide(row) for row in screens()])
+    assert "the action stands within '" in refused(content, tmp_path, "data.json")
+
+
+def test_other_encodings_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "data.csv"
+    path.write_bytes("\n".join(TIMED).encode("utf-16"))
+    with pytest.raises(OpenLockError, match=r"is not UTF-8 \(it is UTF-16\); save it as UTF-8"):
+        import_files([path], tmp_path / "in")
+
+
+def test_what_an_experiment_runs_is_said_before_it_is_read(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("def paid(step, cost):\n    return step.reward * 0\n")
+    (tmp_path / "data.csv").write_text("\n".join(TIMED))
+    (tmp_path / "own.yaml").write_text(
+        "name: own\ntitle: Own\nconditions: [CE3]\n"
+        "learners: [{learner: random, reward: mine:paid, subjects: 1}]\n"
+    )
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "causal_openlock",
+            *["import", "data.csv", "-o", "in", "--from", "own.yaml"],
+        ],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "mine" in done.stdout.partition("in written")[0]

@@ -1,0 +1,43 @@
+"""The text of a file of data, perhaps compressed."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from pathlib import Path
+
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.decoding import decoded
+
+MOST_BYTES, MOST_LINES = 128 << 20, 1_000_000
+"""Of a file, unpacked: what is read is held in memory, a few hundred bytes for each line."""
+
+
+def read_text(path: Path) -> str:
+    """The text of a file, perhaps compressed by gzip.
+
+    Raises:
+        OpenLockError: If it cannot be read, or is no text.
+    """
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES or content.count(b"\n") > MOST_LINES:
+            raise OpenLockError(
+                f"{path} has more than {MOST_BYTES >> 20} MB or {MOST_LINES:,} lines; import it in "
+                "parts, and read the results together"
+            )
+        return decoded(content)
+    except UnicodeDecodeError as error:
+        raise OpenLockError(f"{path} is not UTF-8 ({error.reason}); save it as UTF-8") from None
+    except (OSError, EOFError, zlib.error) as error:
+        why = getattr(error, "strerror", None) or "it is no whole gzip file"
+        raise OpenLockError(f"{path} cannot be read ({why}); give a file of CSV or JSON") from None
+
+
+def is_json(path: Path) -> bool:
+    """Whether a file is to be read as JSON: it is called so, or begins as a list of jsPsych.
+
+    Servers call what they have collected as they like; JATOS says ``.txt``.
+    """
+    return path.suffix == ".json" or read_text(path).lstrip()[:1] in ("[", "{")
