@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.json_text import each_once
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -123,7 +124,7 @@ def read_json(content: bytes) -> dict[str, Any]:
     """
     check(content, IN_JSON)
     try:
-        data = json.loads(content)
+        data = json.loads(content, object_pairs_hook=each_once)
         del data["sha256"]
     except (ValueError, TypeError, KeyError, RecursionError):
         raise ChecksumError("it is no JSON, or holds something else") from None

@@ -15,6 +15,7 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.folder_lock import FolderLock
 from causal_openlock.files.atomic import sweep, write_bytes
 from causal_openlock.files.checksums import IN_JSON, ChecksumError, check, json_bytes
+from causal_openlock.files.json_text import each_once
 
 T = TypeVar("T")
 
@@ -60,7 +61,7 @@ def kept_fit(
     try:
         content = path.read_bytes()
         check(content, IN_JSON)
-        return read(json.loads(content, parse_constant=_number))
+        return read(json.loads(content, parse_constant=_number, object_pairs_hook=each_once))
     except ChecksumError as error:
         raise StoreError(f"{path}: this is no fit ({error}); {remedy}") from None
     except (ValueError, OSError, TypeError, LookupError, RecursionError):

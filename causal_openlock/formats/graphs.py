@@ -36,6 +36,7 @@ import numpy as np
 
 from causal_openlock.errors import OpenLockError, SchemaError
 from causal_openlock.files.atomic import write_text
+from causal_openlock.files.json_text import DoubledKeyError, each_once
 from causal_openlock.files.yaml_file import MAX_BYTES, read_text
 from causal_openlock.formats.dot import dagitty_text, dot_text, parse_graph
 from causal_openlock.formats.one_line import one_line, parse_line
@@ -256,29 +257,19 @@ _NODE_LINK = 'write one with networkx.node_link_data(graph, edges="edges") and j
 def _read_node_link(text: str, name: str) -> Schema:
     remedy = _NODE_LINK
     try:
-        data = json.loads(text, object_pairs_hook=_each_once)
+        data = json.loads(text, object_pairs_hook=each_once)
         edges = "edges" if "edges" in data else "links"
         _check_node_link(data, edges)
         graph = nx.node_link_graph(data, data.get("directed", True), False, edges=edges)
     except SchemaError:
         raise
+    except DoubledKeyError as error:
+        raise SchemaError(f"this is no node-link graph: {error}; take one out") from None
     except KeyError as error:
         raise _no_graph("node-link", f"the key {error} is missing", remedy) from None
     except _UNREADABLE as error:
         raise _no_graph("node-link", error, remedy) from None
     return schema_of_graph(graph, "node-link", name)
-
-
-def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The object of a JSON text, in which no key may be there twice."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise SchemaError(
-            f"this is no node-link graph: the key {twice!r} is there twice; take one out"
-        )
-    return found
 
 
 def _check_node_link(data: Any, edges: str) -> None:

@@ -19,6 +19,7 @@ from typing import Any
 
 from causal_openlock.errors import StoreError
 from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.json_text import each_once
 
 Entry = dict[str, Any]
 
@@ -136,7 +137,7 @@ def _checked(line: bytes) -> bytes | None:
 
 def _parse(text: bytes) -> Entry | None:
     try:
-        entry = json.loads(text)
+        entry = json.loads(text, object_pairs_hook=each_once)
     except (ValueError, RecursionError):
         return None
     return entry if isinstance(entry, dict) else None

@@ -14,6 +14,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
+from causal_openlock.files.json_text import parse_json
 from causal_openlock.render.words import Wording
 
 Fault = Literal["malformed", "refused", "out of range", "cut off"]
@@ -184,7 +185,7 @@ def _argument(call: dict[str, Any]) -> str | None:
     try:
         found = function["arguments"]
         for _ in range(2):  # JSON in text, or once more in text, or read already
-            found = json.loads(found) if isinstance(found, str) else found
+            found = parse_json(found) if isinstance(found, str) else found
         action = found["action"]
     except (KeyError, TypeError, ValueError, RecursionError):
         return None
@@ -224,7 +225,7 @@ def read_structure(reply: Message, words: Wording, nodes: Sequence[str]) -> list
     try:
         said = without_thoughts(_text(reply)) or ""
         fenced = re.fullmatch(r"```(?:json)?\s*(.*?)\s*```", said, re.DOTALL)
-        pairs = json.loads(fenced[1] if fenced else said)["enables"]
+        pairs = parse_json(fenced[1] if fenced else said)["enables"]
         named = [[known[pair["cause"]], known[pair["effect"]]] for pair in pairs]
     except (KeyError, TypeError, ValueError, RecursionError):
         return None

@@ -27,8 +27,9 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.errors import NotAvailableError
+from causal_openlock.files.json_text import parse_json
 from learners.language.answers import plainly
-from learners.language.reply import Reply, is_whole, plain, read_json
+from learners.language.reply import Reply, is_whole, plain
 
 FOLDER, BUDGET = "OPENLOCK_LLM_REPLAY", "OPENLOCK_LLM_BUDGET"
 """Environment variables: they decide nothing about results, so they are no parameters."""
@@ -93,7 +94,7 @@ class Replay:
 
     def _take(self, line: bytes) -> None:
         try:
-            kept = read_json(line)
+            kept = parse_json(line)
             key, reply = kept["key"], plain(kept["reply"])
             whole = isinstance(key, str) and is_whole(reply)
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError):

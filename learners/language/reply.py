@@ -6,7 +6,6 @@ way before it is used.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -39,19 +38,6 @@ def plain(value: Any, secrets: Sequence[str] = (), levels: int = DEEPEST) -> Any
     if isinstance(value, list):
         return [plain(one, secrets, levels - 1) for one in value]
     return {plain(name, secrets): plain(one, secrets, levels - 1) for name, one in value.items()}
-
-
-def read_json(text: str | bytes) -> Any:
-    """The content of a JSON text; what is no number there, such as NaN, is a fault.
-
-    Raises:
-        ValueError, RecursionError: If it is none.
-    """
-
-    def refuse(constant: str) -> None:
-        raise ValueError(f"{constant} is no JSON")
-
-    return json.loads(text, parse_constant=refuse)
 
 
 def was_cut(sizes: Sequence[tuple[int, int]]) -> bool:

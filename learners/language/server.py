@@ -27,8 +27,9 @@ import httpx2
 import openai
 
 from causal_openlock.errors import NotAvailableError, in_short
+from causal_openlock.files.json_text import parse_json
 from learners.language.answers import plainly
-from learners.language.reply import Reply, is_whole, plain, read_json
+from learners.language.reply import Reply, is_whole, plain
 
 OPENAI = "https://api.openai.com/v1"
 KEY, TRUSTED, HEADERS = "OPENAI_API_KEY", "OPENAI_BASE_URL", "OPENAI_CUSTOM_HEADERS"
@@ -95,7 +96,7 @@ def _status(status: int, content: bytes) -> int:
     if status != 200:
         return status
     try:
-        said = read_json(content)
+        said = parse_json(content)
     except (ValueError, RecursionError):
         return status
     if not isinstance(said, dict) or not said.get("error") or said.get("choices"):
@@ -180,7 +181,7 @@ class Server:
                 raw = await self._asked(request)
                 latency = time.perf_counter() - began
                 text = raw.http_response.content.decode("utf-8", "replace")
-                said = plain(read_json(text), self._secrets)
+                said = plain(parse_json(text), self._secrets)
                 choice, usage = said["choices"][0], said.get("usage") or {}
                 reply = {
                     "message": dict(choice["message"]),

@@ -20,6 +20,7 @@ from pydantic import Field
 
 from causal_openlock.errors import LearnerError
 from causal_openlock.files.atomic import replacing
+from causal_openlock.files.json_text import parse_json
 from causal_openlock.files.state import HEADER, Archive, StateError, open_archive
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.world.room import PAPER_POSITIONS
@@ -106,7 +107,7 @@ def trained_actions(path: Path | str) -> int:
 def _about(archive: Archive) -> Any:
     if archive.sizes.get("about", 0) > _MOST_ABOUT:
         raise StateError("its description is too long")
-    return json.loads(str(archive.read("about")))
+    return parse_json(str(archive.read("about")))
 
 
 def _weights(archive: Archive, name: str, shape: tuple[int, ...]) -> Any:

@@ -237,6 +237,7 @@ def test_an_attempt_of_ours_that_came_to_something_else_is_named(own: Path, tmp_
         ("data.json", "[{", "data.json:1 (entry 1): this is no JSON; is the file whole?"),
         ("data.json", '[\n{"a": 1},\n{"b": 2}', "does not end; is the file whole?"),
         ("data.json", "[1, 2]", "this is no list of entries"),
+        ("data.json", '[{"action": 1, "action": 2}]', "the key 'action' is there twice; take one"),
         ("data.json", '[{"a":1},\n{"action":3}]', "data.json:2 (entry 2): condition is missing"),
         ("data.json", "[" * 5000, "this is no list"),
     ],

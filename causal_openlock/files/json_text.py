@@ -1,0 +1,44 @@
+"""JSON as it is read here: an object that has a key twice is refused.
+
+Python keeps the last of two, other readers the first; a person who wrote both meant one.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+
+class DoubledKeyError(ValueError):
+    """A key that is twice in one object; the message names it."""
+
+
+def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An ``object_pairs_hook`` for :mod:`json` that refuses doubled keys.
+
+    Raises:
+        DoubledKeyError: If a key is there twice.
+    """
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise DoubledKeyError(f"the key {twice!r} is there twice")
+    return found
+
+
+def parse_json(text: str | bytes) -> Any:
+    """The content of a JSON text.
+
+    >>> parse_json('{"levers": 3}')
+    {'levers': 3}
+
+    Raises:
+        ValueError: If it is no JSON, or holds what is none, such as NaN, or a key twice.
+        RecursionError: If it is nested too deeply.
+    """
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is no JSON")
+
+    return json.loads(text, parse_constant=refuse, object_pairs_hook=each_once)
