@@ -46,8 +46,8 @@ from causal_openlock.fitting.actions import Fitted, fit_table, fits_of
 from causal_openlock.fitting.kept import fit_of, keep_fit
 from causal_openlock.fitting.search import Range, bundled_search, read_search
 from causal_openlock.fitting.study import Candidate, Fit, Plan, _keep, _opened
-from causal_openlock.formats.graphs import FORMATS, export_schema, read_schema_as
-from causal_openlock.formats.schema_file import bundled_schemas, find_schema, read_schema
+from causal_openlock.formats.finding import bundled_schemas, find_schema
+from causal_openlock.formats.graphs import FORMATS, export_schema, read_schema
 from causal_openlock.importing.folder import import_files
 from causal_openlock.play.people import People
 from causal_openlock.play.reactions import read_reactions
@@ -197,7 +197,7 @@ def _graph(name: str, share: int, more: Sequence[str]) -> Reader:
     corpus = [export_schema(one, name).encode() for one in bundled_schemas().values()]
     corpus += [one.encode() for one in more]
     place = f"graph{FORMATS[name].suffixes[0]}"
-    return _yaml(name, share, corpus, place, read_schema_as)
+    return _yaml(name, share, corpus, place, read_schema)
 
 
 FOREIGN = {

@@ -14,7 +14,7 @@ import numpy as np
 from measure import Measurement, Row, Target, in_turns, stopwatch
 
 import causal_openlock
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import Pose
 from causal_openlock.render.panel import draw

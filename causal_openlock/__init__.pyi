@@ -8,10 +8,10 @@ from .formats.declared import schema as schema
 from .formats.graphs import export_schema as export_schema
 from .formats.graphs import import_schema as import_schema
 from .formats.graphs import to_bayesian_network as to_bayesian_network
-from .formats.schema_file import bundled_schemas as bundled_schemas
-from .formats.schema_file import find_schema as find_schema
-from .formats.schema_file import read_schema as read_schema
-from .formats.schema_file import write_schema as write_schema
+from .formats.finding import bundled_schemas as bundled_schemas
+from .formats.finding import find_schema as find_schema
+from .formats.graphs import read_schema as read_schema
+from .formats.graphs import write_schema as write_schema
 from .world.fsm import FSM as FSM
 from .world.fsm import compile_schema as compile_schema
 from .world.randomness import Streams as Streams

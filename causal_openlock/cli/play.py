@@ -81,7 +81,7 @@ def play(
     """Let people play, in a browser; people in a folder that exists go on where they were."""
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.protocol import Condition, find_protocol
-    from causal_openlock.formats.schema_file import find_schema
+    from causal_openlock.formats.finding import find_schema
     from causal_openlock.play.people import People
     from causal_openlock.play.server import PlayServer
 

@@ -28,7 +28,8 @@ def list_schemas() -> None:
     from rich.table import Table
 
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.formats.schema_file import bundled_schemas, read_schema
+    from causal_openlock.formats.finding import bundled_schemas
+    from causal_openlock.formats.graphs import read_schema
 
     table = Table("schema", "levers", "solutions", "actions", "title", box=None, pad_edge=False)
     found = bundled_schemas()
@@ -160,13 +161,13 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Write a schema in another format; files in these formats but bif can be given, too."""
-    from causal_openlock.formats.graphs import export_schema, write_schema_as
+    from causal_openlock.formats.graphs import export_schema, write_schema
 
     schema = _read(name)
     if out is not None:
         if out.exists() and not force:
             raise OpenLockError(f"{out} exists already; choose another name, or pass --force")
-        write_schema_as(schema, out, format)
+        write_schema(schema, out, format)
         say(f"{out} written")
     else:
         say(export_schema(schema, format or "yaml"), end="")
@@ -204,10 +205,6 @@ _GUIDE = """\
 
 
 def _read(name: str) -> Schema:
-    from causal_openlock.formats.graphs import read_schema_as
-    from causal_openlock.formats.schema_file import find_schema
+    from causal_openlock.formats.finding import find_schema
 
-    path = Path(name)
-    if path.suffix not in ("", ".yaml", ".yml") and path.is_file():
-        return read_schema_as(path)
     return find_schema(name)

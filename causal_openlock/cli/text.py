@@ -26,7 +26,7 @@ def text(
 
     from causal_openlock.experiment.protocol import Condition, find_protocol
     from causal_openlock.experiment.session import Session
-    from causal_openlock.formats.schema_file import find_schema
+    from causal_openlock.formats.finding import find_schema
     from causal_openlock.render.words import Wording, feedback, room_now
 
     session = Session(

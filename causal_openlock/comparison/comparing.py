@@ -37,7 +37,7 @@ from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.experiment.worker import Watching
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.world.rewards import RewardForm
 from causal_openlock.world.schema import Schema
 

@@ -27,8 +27,6 @@ from importlib.metadata import Distribution, EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
-import numpy as np
-
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.session_code import is_of_session, session_source
@@ -42,6 +40,7 @@ from causal_openlock.files.module_source import (
     look_beside,
     module_source,
 )
+from causal_openlock.files.validation import plain
 from causal_openlock.wording import nearest
 
 ENTRY_POINTS = "causal_openlock.learners"
@@ -263,10 +262,8 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
             raise LearnerError(
                 f"the learner {name} has no parameter {key!r}; {nearest(str(key), known)}"
             )
-        if isinstance(value, np.generic):
-            value = value.item()
         try:
-            text = to_json(value, inf_nan_mode="constants")
+            text = to_json(plain(value), inf_nan_mode="constants")
             kind = TypeAdapter(hints[key], config={"allow_inf_nan": False})
             values[key] = kind.validate_json(text, strict=True)
         except PydanticSerializationError:

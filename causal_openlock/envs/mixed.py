@@ -10,11 +10,12 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
+from causal_openlock.envs.settings import Recreatable, plain_arguments
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.errors import OpenLockError
 
 
-class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
+class MixedRoomsEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
     """The rooms of a transfer or of a whole comparison, as one environment.
 
     Args:
@@ -60,6 +61,10 @@ class MixedRoomsEnv(gymnasium.Env[NDArray[np.int8], int]):
         self.action_space = self._rooms[0].action_space
         self._whole_trial = rooms[0].get("episode") == "trial"
         self._room: OpenLockEnv | None = None
+
+    def _as_plain(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        rooms = zip(given["rooms"], self._rooms, strict=True)
+        return {**given, "rooms": [plain_arguments(one, room.settings) for one, room in rooms]}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -11,12 +12,13 @@ from gymnasium import spaces
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
 from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
-from causal_openlock.files.validation import whole_number
-from causal_openlock.world.rewards import RewardForm, find_reward
+from causal_openlock.files.validation import plain, whole_number
+from causal_openlock.world.rewards import RewardForm, RewardFunction, find_reward, form_of
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
+from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
-    from causal_openlock.world.schema import Schema
+    from gymnasium.envs.registration import EnvSpec
 
 ATTEMPT_LIMIT = 30
 RENDER_SIZE, RENDER_SIZES = 600, (32, 4320)
@@ -49,7 +51,8 @@ class Settings:
         action_limit: int | None,
         positions: int | None,
     ) -> None:
-        from causal_openlock.formats.schema_file import find_schema, schema_from_dict
+        from causal_openlock.formats.finding import find_schema
+        from causal_openlock.formats.schema_file import schema_from_dict
 
         schema = schema_from_dict(schema) if isinstance(schema, Mapping) else find_schema(schema)
         if not isinstance(layout, str | Mapping | Layout):
@@ -103,6 +106,47 @@ class Settings:
     def action_space(self) -> spaces.Discrete[Any]:
         """``Discrete(2P + 1)``: 15 actions in the paper's room."""
         return spaces.Discrete(2 * self.positions + 1)
+
+
+class Recreatable:
+    """An environment whose ``spec`` is plain data, whatever objects it was made with.
+
+    So Gymnasium can write the spec as JSON, and make the environment again from that.
+    """
+
+    settings: Settings
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How Gymnasium has made this environment; None if it has not."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, made: EnvSpec | None) -> None:
+        if made is not None:
+            made = replace(made, kwargs=self._as_plain(made.kwargs))
+        self._spec = made
+
+    def _as_plain(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        return plain_arguments(given, self.settings)
+
+
+def plain_arguments(given: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
+    """Arguments of an environment as plain data, of which it can be made again."""
+    found = dict(given)
+    for name, value in given.items():
+        if isinstance(value, Schema):
+            found[name] = value.as_dict()
+        elif isinstance(value, Layout):
+            found |= {name: value.as_mapping(settings.schema), "positions": settings.positions}
+        elif isinstance(value, RewardFunction):
+            found[name] = form_of(value)
+        elif isinstance(value, os.PathLike):
+            found[name] = os.fspath(value)
+        else:
+            found[name] = plain(value)
+    return found
 
 
 def check_render_size(size: int) -> int:

@@ -16,6 +16,7 @@ from causal_openlock.envs.settings import (
     ATTEMPT_LIMIT,
     RENDER_SIZE,
     Episode,
+    Recreatable,
     Settings,
     check_render_size,
 )
@@ -97,7 +98,7 @@ class _Bodies:
         }
 
 
-class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
+class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
     """One room as a Gymnasium environment.
 
     Args:
@@ -151,29 +152,29 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         render_console: bool = False,
         reveal: bool = False,
     ) -> None:
-        self._settings = Settings(
+        self.settings = Settings(
             schema, layout, reward, episode, attempt_limit, action_limit, positions
         )
-        self.observation_space = self._settings.observation_space
-        self.action_space = self._settings.action_space
+        self.observation_space = self.settings.observation_space
+        self.action_space = self.settings.action_space
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise OpenLockError(f"render_mode is ansi or rgb_array, not {render_mode!r}")
         self.render_mode = render_mode
         self._render_size = check_render_size(render_size)
         self._render_console = render_console
         self._reveal = reveal
-        self._listed = _Listed(self._settings)
+        self._listed = _Listed(self.settings)
         self._bodies = _Bodies(self._listed) if physics else None
         # For each layout, its observation at each row and the listed action for each action.
         self._layouts: dict[Layout, tuple[list[NDArray[np.int8]], list[int]]] = {}
         self._actions = self._listed.tables.actions
         self._columns, self._failed = self._listed.tables.columns, self._listed.tables.failed
-        self._whole_trial = self._settings.whole_trial
-        self._stochastic = not self._settings.schema.deterministic
+        self._whole_trial = self.settings.whole_trial
+        self._stochastic = not self.settings.schema.deterministic
         # Whether the reward of every action has to be evaluated again.
-        self._surprising = physics or self._settings.reward.depends_on_everything
-        self._depends_on_repeats = self._settings.reward.depends_on_repeats
-        self._depends_on_found = self._settings.reward.depends_on_found
+        self._surprising = physics or self.settings.reward.depends_on_everything
+        self._depends_on_repeats = self.settings.reward.depends_on_repeats
+        self._depends_on_found = self.settings.reward.depends_on_found
         # Row of the room; after the end of an episode its complement, which is negative.
         self._row = -1
         self._new_trial_due = True
@@ -201,7 +202,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         return self._observations[0].copy(), self._info(0)
 
     def _begin_trial(self) -> None:
-        layout = self._settings.draw_layout(self.np_random)
+        layout = self.settings.draw_layout(self.np_random)
         if layout not in self._layouts:
             tables = self._listed.tables
             if len(self._layouts) * tables.rows >= KEPT_ROWS:
@@ -213,9 +214,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._observations, self._same_action = self._layouts[layout]
         if self._bodies is not None:
             self._bodies.enter(layout)
-        self._attempts_left = self._settings.attempt_limit
+        self._attempts_left = self.settings.attempt_limit
         self._found: set[int] = set()
-        self._solutions_left = len(self._settings.schema.solutions)
+        self._solutions_left = len(self.settings.schema.solutions)
         self._new_trial_due = False
 
     def step(self, action: int) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
@@ -259,7 +260,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
 
     def _judge(self, row: int, action: int, after: int) -> float:
         """The reward where it depends on the past or on the simulation."""
-        found = np.zeros((1, len(self._settings.schema.solutions)), dtype=bool)
+        found = np.zeros((1, len(self.settings.schema.solutions)), dtype=bool)
         found[0, list(self._found)] = True
         paid = self._listed.rewards.judge(
             np.array([row]),
@@ -318,7 +319,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
 
     def _describe(self) -> dict[str, Any]:
         """What learners must not see, in immutable values."""
-        schema = self._settings.schema
+        schema = self.settings.schema
         return {
             "schema": schema.name,
             "layout": tuple(self._layout.as_mapping(schema).items()),
@@ -372,7 +373,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             raise ResetNeeded("call reset() before render()")
         row = self._row if self._row >= 0 else ~self._row
         seen = self._observations[row]
-        positions = self._settings.positions
+        positions = self.settings.positions
         if self.render_mode == "ansi":
             from causal_openlock.render.room import room_text
 

@@ -19,7 +19,7 @@ from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
-from causal_openlock.envs.settings import ATTEMPT_LIMIT
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, Recreatable
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
@@ -32,7 +32,7 @@ LONGEST = 4000
 """Characters of an observation or an action."""
 
 
-class OpenLockTextEnv(gymnasium.Env[str, str]):
+class OpenLockTextEnv(Recreatable, gymnasium.Env[str, str]):
     """One room in words; an episode is a trial.
 
     Args:
@@ -79,6 +79,7 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
         self._env = OpenLockEnv(
             schema, layout, reward, "trial", attempt_limit, action_limit, positions
         )
+        self.settings = self._env.settings
         (bits,) = self._env.observation_space.shape or ()
         self._story, self._informs, self.render_mode = story, information, render_mode
         self._positions = bits // 2 - 1

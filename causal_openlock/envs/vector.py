@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Settings
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, Episode, Recreatable, Settings
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
 from causal_openlock.world.batch import RoomBatch, Spare
@@ -31,7 +31,7 @@ All layouts of the paper's rooms are far below it, and ten rooms of twelve lever
 """
 
 
-class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
+class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
     """Many rooms at once, each with its own trial.
 
     Episodes end and begin as in :class:`OpenLockEnv`. A room whose episode has ended is reset by
@@ -50,6 +50,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         physics: False; only a single room has bodies.
         reveal: Whether ``info["latent"]`` holds, for analysis, the ``tables`` of all rooms and the
             ``row`` of each, ``[num_envs]``.
+        max_episode_steps: None; the room's own limits end an episode.
 
     Raises:
         OpenLockError: If the arguments do not fit together.
@@ -79,7 +80,13 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         render_mode: str | None = None,
         physics: bool = False,
         reveal: bool = False,
+        max_episode_steps: int | None = None,
     ) -> None:
+        if max_episode_steps is not None:
+            raise OpenLockError(
+                "many rooms at once have no max_episode_steps; give attempt_limit, or make them "
+                'with vectorization_mode="sync"'
+            )
         if physics:
             raise OpenLockError(
                 "many rooms at once are not simulated; use OpenLockEnv(physics=True), or the same "
@@ -88,7 +95,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         if render_mode is not None:
             raise OpenLockError("many rooms at once are not drawn; use OpenLockEnv to see one")
         settings = Settings(schema, layout, reward, episode, attempt_limit, action_limit, positions)
-        self._settings = settings
+        self.settings = settings
         self.num_envs = num_envs
         self.render_mode = None
         self._reveal = reveal
@@ -177,13 +184,13 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         )
         left[which] = self._solutions
         found_count[which] = 0
-        attempts_left[which] = self._settings.attempt_limit
+        attempts_left[which] = self.settings.attempt_limit
         self._left, self._found_count = _read_only(left), _read_only(found_count)
         self._attempts_left = _read_only(attempts_left)
 
     def _draw_rooms(self, many: int) -> NDArray[np.int64]:
         """``[many]`` rooms for new trials; each layout is stacked only once."""
-        settings = self._settings
+        settings = self.settings
         if settings.layout is not None:
             return np.repeat(self._stacked([settings.layout]), many)
         levers, positions = len(settings.schema.levers), settings.positions
@@ -206,7 +213,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         """Make new tables with only the rooms in use: there can be very many layouts."""
         old, batch = self._tables, self._batch
         used, which = np.unique(batch.room, return_inverse=True)
-        self._tables = RoomTables(self._settings.positions)
+        self._tables = RoomTables(self.settings.positions)
         self._codes, self._rooms = _NONE, _NONE
         moment = batch.row - old.start[batch.room]
         batch.room[:] = self._stacked([old.rooms[room].layout for room in used])[which]
@@ -216,7 +223,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         self._kept_choices = max(KEPT_CHOICES, 2 * stacked)
 
     def _stacked(self, layouts: list[Layout]) -> NDArray[np.int64]:
-        settings = self._settings
+        settings = self.settings
         return self._tables.add(
             [(settings.schema, layout, settings.action_limit) for layout in layouts]
         )

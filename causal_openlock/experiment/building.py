@@ -47,10 +47,10 @@ from causal_openlock.experiment.protocol import (
     plan,
 )
 from causal_openlock.files.module_source import look_beside
-from causal_openlock.files.validation import sentence
+from causal_openlock.files.validation import plain, sentence
 from causal_openlock.files.yaml_file import Document, Where
 from causal_openlock.formats.declared import schema
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.wording import joined
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.world.room import Layout
@@ -438,10 +438,9 @@ def make_experiment(
 
 
 def _settings(**values: Any) -> ExperimentFile:
-    """Settings of an experiment, checked as those of a file; NumPy's integers are integers."""
-    plain = {name: int(v) if isinstance(v, np.integer) else v for name, v in values.items()}
+    """Settings of an experiment, checked as those of a file."""
     anything = {"name": "comparison", "conditions": ["CC4"], "learners": ["random"]}
-    return _checked(ExperimentFile, {**anything, **plain})
+    return _checked(ExperimentFile, {**anything, **values})
 
 
 def _checked(model: type[Model], values: Mapping[str, Any]) -> Model:
@@ -451,7 +450,7 @@ def _checked(model: type[Model], values: Mapping[str, Any]) -> Model:
         ExperimentError: With the first value that does not fit.
     """
     try:
-        return model.model_validate(values)
+        return model.model_validate(plain(values))
     except ValidationError as error:
         raise ExperimentError(sentence(error.errors(include_url=False)[0], model)) from None
 

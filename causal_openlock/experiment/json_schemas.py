@@ -11,10 +11,11 @@ import json
 from causal_openlock.experiment import file_format
 from causal_openlock.files.atomic import write_text
 from causal_openlock.formats import schema_file
+from causal_openlock.formats.finding import bundled
 
 if __name__ == "__main__":
     schemas, experiments = schema_file.json_schema(), file_format.json_schema()
     for kind, made in (("schemas", schemas), ("experiments", experiments)):
-        path = schema_file.bundled(kind) / "schema.json"
+        path = bundled(kind) / "schema.json"
         write_text(path, json.dumps(made, indent=2) + "\n")
         print(path)

@@ -31,6 +31,8 @@ from typing import Any, Literal
 import numpy as np
 
 from causal_openlock.errors import FileError, LayoutError, OpenLockError, ProtocolError
+from causal_openlock.files.validation import whole_number
+from causal_openlock.formats.finding import SUFFIXES
 from causal_openlock.wording import nearest
 from causal_openlock.world.room import Layout, positions_for, published_layouts
 from causal_openlock.world.schema import NAME, Schema
@@ -40,7 +42,6 @@ PAPER_ACTION_LIMIT = 3
 MAX_ACTION_LIMIT = int(ACTIONS_LEFT)
 PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
 LayoutSource = Literal["published", "random"]
-YAML = (".yaml", ".yml")
 
 
 def default_action_limit(schema: Schema) -> int:
@@ -98,8 +99,17 @@ class Protocol:
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)
-            if isinstance(value, int) and not isinstance(value, bool) and value < 1:
-                raise ProtocolError(f"{one.name} of protocol {self.name} must be at least 1")
+            if one.type == "int" or (one.name == "action_limit" and value is not None):
+                try:
+                    number = whole_number(value, f"{one.name} of protocol {self.name}", 1)
+                except OpenLockError as error:
+                    raise ProtocolError(str(error)) from None
+                object.__setattr__(self, one.name, number)
+        if not isinstance(self.stop_when_solved, bool):
+            raise ProtocolError(
+                f"protocol {self.name}: stop_when_solved must be true or false, and this is "
+                f"{self.stop_when_solved!r}"
+            )
         if self.action_limit is not None and self.action_limit > MAX_ACTION_LIMIT:
             raise ProtocolError(
                 f"action_limit of protocol {self.name} must be at most {MAX_ACTION_LIMIT}"
@@ -269,7 +279,7 @@ class Condition:
         """The baseline ``A`` or the transfer ``A-B`` over schemas A and B.
 
         Args:
-            name: One or two schemas, by name or by the path of a ``.yaml`` file: ``CC4``,
+            name: One or two schemas, by name or by the path of a file: ``CC4``,
                 ``CC3-CC4``, ``CC3-my/vault.yaml``. A path may have dashes in it; a file of the
                 whole name comes first.
             find: Finds a schema by name or path.
@@ -281,7 +291,7 @@ class Condition:
         dashes = [index for index, sign in enumerate(name) if sign == "-"]
         missing: tuple[int, OpenLockError] | None = None
         for parts in ((name,), *((name[:dash], name[dash + 1 :]) for dash in dashes)):
-            if not all(NAME.fullmatch(part) or part.endswith(YAML) for part in parts):
+            if not all(NAME.fullmatch(part) or part.lower().endswith(SUFFIXES) for part in parts):
                 continue
             schemas: list[Schema] = []
             try:
@@ -304,8 +314,7 @@ class Condition:
             raise missing[1]
         raise ProtocolError(
             f"{name!r} is not a condition; write one schema for a baseline (CC4) or two for a "
-            "transfer (CC3-CC4); a schema file is given by its path "
-            "(CC3-my/vault.yaml)"
+            "transfer (CC3-CC4); a file is given by its path (CC3-my/vault.yaml)"
         )
 
     @property

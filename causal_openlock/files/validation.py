@@ -42,6 +42,21 @@ def described(value: Any) -> str:
     return "nothing" if value is None else str(value)[:40]
 
 
+def plain(value: Any) -> Any:
+    """A value from Python as a file has it: NumPy's numbers and arrays, and tuples, are plain.
+
+    >>> plain({"levers": ("A", "B"), "subjects": np.int64(3)})
+    {'levers': ['A', 'B'], 'subjects': 3}
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {plain(key): plain(held) for key, held in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(held) for held in value]
+    return value
+
+
 def whole_number(value: Any, name: str, least: int = 0) -> int:
     """An argument that has to be a whole number; NumPy's are.
 

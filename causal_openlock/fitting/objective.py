@@ -38,7 +38,7 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.fitting.search import Kind
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import BoolArray
 

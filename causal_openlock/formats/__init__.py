@@ -1,10 +1,11 @@
 """Schemas as text.
 
 =============== ===================================================================================
-``schema_file`` YAML in and out, with the line of every fault; schemas by name.
+``schema_file`` YAML in and out, with the line of every fault.
 ``one_line``    A schema as one line: ``A -> B, C; B | C -> door``.
 ``declared``    A schema from any of these, a graph or edges, in Python.
 ``graphs``      All formats (``FORMATS``): JSON, GML, DOT, DAGitty, BIF; networks of pgmpy.
+``finding``     Schemas by name or by a path of any of these formats; those of the package.
 ``dot``         The text of DOT and DAGitty.
 =============== ===================================================================================
 """

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import networkx as nx
 
 from causal_openlock.errors import OpenLockError, SchemaError
-from causal_openlock.formats.graphs import FORMATS, read_schema_as, schema_of_graph
+from causal_openlock.formats.finding import find_schema
+from causal_openlock.formats.graphs import schema_of_graph
 from causal_openlock.formats.one_line import parse_line
-from causal_openlock.formats.schema_file import find_schema, schema_from_dict
+from causal_openlock.formats.schema_file import schema_from_dict
 from causal_openlock.wording import nearest
 from causal_openlock.world.schema import Gate, Schema
 
@@ -64,7 +64,10 @@ def schema(
                 "gates, strengths and inert go with a graph or edges; a text has them in it, as in "
                 "A & B (0.8) -> door; inert C"
             )
-        found = _found(source)
+        if isinstance(source, str) and "->" in source:
+            found = parse_line(source)
+        else:
+            found = find_schema(source)
     elif isinstance(source, Mapping) and {"levers", "edges"} <= source.keys():
         if gates or strengths or inert:
             raise OpenLockError("gates, strengths and inert go into the declaration itself")
@@ -77,17 +80,6 @@ def schema(
             graph.graph["inert"] = inert
         found = schema_of_graph(graph, "networkx", "schema")
     return found if name is None else schema_from_dict({**found.as_dict(), "name": name})
-
-
-def _found(source: str | os.PathLike[str] | Schema) -> Schema:
-    if isinstance(source, str) and "->" in source:
-        return parse_line(source)
-    suffixes = {suffix for format in FORMATS.values() for suffix in format.suffixes}
-    if not isinstance(source, Schema):
-        suffix = Path(source).suffix.lower()
-        if suffix in suffixes and suffix not in FORMATS["yaml"].suffixes:
-            return read_schema_as(Path(source))
-    return find_schema(source)
 
 
 def _graph(source: Any) -> nx.DiGraph:

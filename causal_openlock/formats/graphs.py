@@ -40,7 +40,12 @@ from causal_openlock.files.json_text import DoubledKeyError, each_once
 from causal_openlock.files.yaml_file import MAX_BYTES, read_text
 from causal_openlock.formats.dot import dagitty_text, dot_text, parse_graph
 from causal_openlock.formats.one_line import one_line, parse_line
-from causal_openlock.formats.schema_file import parse_schema, read_schema, schema_from_dict
+from causal_openlock.formats.schema_file import (
+    parse_schema,
+    read_schema_file,
+    schema_from_dict,
+    write_schema_file,
+)
 from causal_openlock.wording import nearest
 from causal_openlock.world.fsm import FloatArray, gate_chance
 from causal_openlock.world.schema import DOOR, NAME, Gate, Schema
@@ -109,25 +114,34 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
     return chosen.read(text, name)
 
 
-def write_schema_as(schema: Schema, path: Path | str, format: str | None = None) -> None:
+def write_schema(schema: Schema, path: Path | str, format: str | None = None) -> None:
     """Write a schema to a file; by default its suffix gives the format.
 
+    In a schema file that is there already only what changed is rewritten; comments, order and
+    spelling of the rest stay.
+
     Raises:
-        OpenLockError: If the format is unknown or the file cannot be written.
+        OpenLockError: If the format is unknown, the file cannot be written, or it is a schema file
+            that has faults, which stays unchanged.
     """
-    write_text(path, export_schema(schema, format or _format_of(path)))
+    chosen = _format(format or _format_of(path)).name
+    if chosen == "yaml":
+        write_schema_file(schema, path)
+    else:
+        write_text(path, export_schema(schema, chosen))
 
 
-def read_schema_as(path: Path | str, format: str | None = None) -> Schema:
+def read_schema(path: Path | str, format: str | None = None) -> Schema:
     """Read a schema from a file; by default its suffix gives the format and its name the name.
 
     Raises:
+        FileError: With line, column and remedy of every fault of a schema file.
         OpenLockError: If the file cannot be read or holds no schema; the text begins with its path.
     """
     path = Path(path)
     chosen = format or _format_of(path)
     if chosen == "yaml":
-        return read_schema(path)
+        return read_schema_file(path)
     text = read_text(path)
     stem = path.stem.replace("-", "_").replace(" ", "_")
     try:

@@ -17,25 +17,22 @@ Its form is the pydantic model :class:`SchemaFile`, also the source of the JSON 
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping
-from functools import cache
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, WrapValidator
 from pydantic_core import PydanticCustomError
 
-from causal_openlock.errors import FileError, OpenLockError, SchemaError
+from causal_openlock.errors import FileError, SchemaError
 from causal_openlock.files.atomic import write_text
-from causal_openlock.files.validation import StrictModel, described, sentence
+from causal_openlock.files.validation import StrictModel, described, plain, sentence
 from causal_openlock.files.yaml_file import (
     Document,
     parse_document,
     read_document,
     rewritten,
 )
-from causal_openlock.wording import nearest
 from causal_openlock.world.schema import MAX_LEVERS, NAME, Gate, Schema
 
 PACKAGE = Path(__file__).parents[1]
@@ -147,7 +144,7 @@ class SchemaFile(StrictModel):
         )
 
 
-def read_schema(path: Path | str) -> Schema:
+def read_schema_file(path: Path | str) -> Schema:
     """Read a schema file.
 
     Raises:
@@ -172,7 +169,7 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
         SchemaError: If the data are no schema.
     """
     try:
-        return SchemaFile.model_validate(dict(data)).schema_()
+        return SchemaFile.model_validate(plain(data)).schema_()
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         raise SchemaError(sentence(fault, SchemaFile), fault["loc"]) from None
@@ -186,7 +183,7 @@ def _schema_of(document: Document) -> Schema:
         raise document.error(error.at, str(error)) from None
 
 
-def write_schema(schema: Schema, path: Path | str) -> None:
+def write_schema_file(schema: Schema, path: Path | str) -> None:
     """Write a schema file.
 
     If the file already holds a schema, only what changed is rewritten; comments, order and spelling
@@ -194,14 +191,9 @@ def write_schema(schema: Schema, path: Path | str) -> None:
 
     Raises:
         FileError: If there is already a file, with faults; it stays unchanged.
-        OpenLockError: If the file cannot be written, or is none of YAML by its suffix.
+        OpenLockError: If the file cannot be written.
     """
     path = Path(path)
-    if path.suffix.lower() not in YAML_SUFFIXES:
-        raise OpenLockError(
-            f"{path}: write_schema writes YAML; end the name with .yaml, or write "
-            'export_schema(schema, "dot") for another format'
-        )
     if not path.exists():
         write_text(path, schema.to_yaml())
         return
@@ -215,80 +207,6 @@ def write_schema(schema: Schema, path: Path | str) -> None:
     except FileError:
         faithful = False
     write_text(path, text if faithful else schema.to_yaml())
-
-
-# -- where schemas are found --------------------------------------------------------------------
-
-
-def bundled(kind: str) -> Path:
-    """A folder of files that come with the package: ``schemas``, ``experiments`` or ``notebooks``.
-
-    In a checkout it is beside the package, in an installed wheel inside it.
-    """
-    inside = PACKAGE / "bundled" / kind
-    return inside if inside.is_dir() else PACKAGE.parent / kind
-
-
-YAML_SUFFIXES = (".yaml", ".yml")
-
-
-def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = ()) -> Schema:
-    """A schema by name or path.
-
-    Args:
-        name: A path that ends in ``.yaml`` or ``.yml``, the name of a file ``NAME.yaml`` in one of
-            the folders searched, or a schema, which is returned as it is.
-        beside: Folders to search first, such as that of the experiment, then the working
-            directory; then a folder ``schemas`` in each of them, and last the bundled schemas.
-
-    Raises:
-        FileError: If the file has faults.
-        OpenLockError: If there is no such schema; the message names the nearest.
-
-    Example:
-        >>> find_schema("CC4").title
-        'Common cause, four levers'
-    """
-    if isinstance(name, Schema):
-        return name
-    text = os.fspath(name)
-    folders = [*map(Path, beside), Path()]
-    if text.endswith((".yaml", ".yml")):
-        for folder in folders:
-            if _is_file(folder / text):
-                return read_schema(folder / text)
-        return read_schema(text)
-    collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
-    for folder in [*folders, *collections]:
-        if _is_file(folder / f"{text}.yaml"):
-            # In a checkout, the working directory may be where the bundled schemas are.
-            if folder.absolute() == collections[-1] and NAME.fullmatch(text):
-                return _bundled_schema(text)
-            return read_schema(folder / f"{text}.yaml")
-    known = {path.stem for folder in collections for path in folder.glob("*.yaml")}
-    raise OpenLockError(
-        f"there is no schema {text!r}; {nearest(text, known)}, or give the path of a .yaml file"
-    )
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # an invalid name
-        return False
-
-
-@cache
-def _bundled_schema(name: str) -> Schema:
-    return read_schema(bundled("schemas") / f"{name}.yaml")
-
-
-def bundled_schemas() -> dict[str, Schema]:
-    """The schemas that come with the package by name, the paper's four first."""
-    names = sorted(path.stem for path in bundled("schemas").glob("*.yaml"))
-    paper = ["CC3", "CE3", "CC4", "CE4"]
-    ordered = [*paper, *(name for name in names if name not in paper)]
-    return {name: _bundled_schema(name) for name in ordered}
 
 
 def json_schema() -> dict[str, Any]:

@@ -23,7 +23,7 @@ from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.digest import digest
-from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.importing.actions import ActionEntry
 from causal_openlock.importing.checking import Checked, play_again
 from causal_openlock.importing.jspsych import jspsych_actions

@@ -337,6 +337,17 @@ def find_reward(reward: RewardForm) -> RewardFunction:
     return Reward("+".join(terms), terms)
 
 
+def form_of(reward: RewardFunction) -> str | dict[str, Any]:
+    """The description of a reward as plain data, from which :func:`find_reward` makes it.
+
+    >>> form_of(find_reward({"terms": ["basic"], "open": 5})), form_of(find_reward("paper"))
+    ({'terms': ['basic'], 'open': 5.0}, 'paper')
+    """
+    if PRESETS.get(reward.name) == reward or not isinstance(reward, Reward):
+        return reward.name
+    return {"terms": list(reward.terms), **_given_weights(reward, reward.terms)}
+
+
 def _weighted(description: Mapping[str, Any]) -> Reward:
     """A reward with changed weights; a weight of a term that it does not have adds the term."""
     given = dict(description)

@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import Pose
 from causal_openlock.render.panel import draw

@@ -31,7 +31,7 @@ from causal_openlock.contract.learner import View
 from causal_openlock.errors import ExperimentError, Interrupted, OpenLockError, in_short
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.state import read_state, write_state
-from causal_openlock.formats.schema_file import bundled
+from causal_openlock.formats.finding import bundled
 from causal_openlock.world.fsm import BoolArray
 from learners.meta.file import TrainingFile, read_training
 from learners.meta.rooms import MetaRooms

@@ -34,7 +34,7 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError, ProtocolError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.schema_file import bundled_schemas, find_schema
+from causal_openlock.formats.finding import bundled_schemas, find_schema
 from causal_openlock.world.room import Layout, Room
 from causal_openlock.world.schema import DOOR, Gate, Schema
 from learners.bayes import Bayes

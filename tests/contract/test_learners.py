@@ -27,7 +27,7 @@ from causal_openlock.contract.registry import (
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.schema_file import bundled_schemas, find_schema
+from causal_openlock.formats.finding import bundled_schemas, find_schema
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators

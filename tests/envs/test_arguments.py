@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
-from causal_openlock import OpenLockError
+from causal_openlock import Layout, OpenLockError, find_reward, find_schema
 from causal_openlock.envs import MixedRoomsEnv, OpenLockEnv, OpenLockVectorEnv
 
 
@@ -93,3 +95,58 @@ def test_a_process_that_has_not_imported_the_package_makes_rooms() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "(16,)" in done.stdout
+
+
+def made_anew(env: Any) -> Any:
+    """The environment that Gymnasium makes of the JSON of another one's spec."""
+    return gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+
+
+@pytest.mark.parametrize(
+    ("kind", "arguments"),
+    [
+        ("OpenLock", {"schema": find_schema("CE4"), "attempt_limit": np.int64(7)}),
+        ("OpenLock", {"layout": Layout((0, 8, 3), 9), "reward": find_reward("paper")}),
+        ("OpenLock", {"reward": find_reward({"terms": ["basic"], "open": 5})}),
+        ("OpenLockText", {"schema": find_schema("CE3"), "story": "levers"}),
+        ("MixedRooms", {"rooms": ({"schema": find_schema("CC3")}, {"schema": "CE3"})}),
+    ],
+)
+def test_what_was_made_with_objects_is_made_again_from_json(
+    kind: str, arguments: dict[str, Any]
+) -> None:
+    env = gymnasium.make(f"causal_openlock/{kind}-v0", **arguments)
+    again = made_anew(env)
+    assert again.spec.to_json() == env.spec.to_json()
+    first, second = env.reset(seed=3)[0], again.reset(seed=3)[0]
+    assert np.array_equal(first, second)
+    for action in [0, 5, 3, 2, 6, 1] * 2 if kind == "OpenLock" else ():
+        before, after = env.step(action), again.step(action)
+        assert np.array_equal(before[0], after[0])
+        assert before[1:4] == after[1:4]
+        if before[2] or before[3]:
+            env.reset(), again.reset()
+
+
+def test_a_batch_says_that_its_limits_are_the_rooms_own() -> None:
+    with pytest.raises(OpenLockError, match="no max_episode_steps; give attempt_limit"):
+        gymnasium.make_vec("causal_openlock/OpenLock-v0", num_envs=2, max_episode_steps=5)
+    made = gymnasium.make_vec("causal_openlock/OpenLock-v0", num_envs=2, schema=find_schema("CE3"))
+    assert '"CE3"' in made.spec.to_json()
+
+
+def test_workers_of_stable_baselines_make_rooms(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    (tmp_path / "train.py").write_text(
+        "import gymnasium\n"
+        "from stable_baselines3.common.vec_env import SubprocVecEnv\n"
+        "def room():\n"
+        "    return gymnasium.make('causal_openlock:causal_openlock/OpenLock-v0', schema='CC3')\n"
+        "if __name__ == '__main__':\n"
+        "    rooms = SubprocVecEnv([room, room], start_method='forkserver')\n"
+        "    print(rooms.reset().shape)\n"
+        "    rooms.close()\n"
+    )
+    words = [sys.executable, "train.py"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "(2, 16)" in done.stdout

@@ -22,7 +22,8 @@ from causal_openlock.experiment.protocol import (
     find_protocol,
     plan,
 )
-from causal_openlock.formats.schema_file import bundled_schemas, find_schema, write_schema
+from causal_openlock.formats.finding import bundled_schemas, find_schema
+from causal_openlock.formats.graphs import write_schema
 from causal_openlock.world.room import Layout
 from causal_openlock.world.schema import Schema
 
@@ -326,10 +327,19 @@ def test_unknown_names_are_told_their_nearest() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"attempt_limit": 0}, "attempt_limit of protocol mine must be at least 1"),
-        ({"baseline_trials": 0}, "baseline_trials of protocol mine must be at least 1"),
-        ({"test_loops": -2}, "test_loops of protocol mine must be at least 1"),
-        ({"action_limit": 0}, "action_limit of protocol mine must be at least 1"),
+        (
+            {"attempt_limit": 0},
+            "attempt_limit of protocol mine must be a whole number of",
+        ),
+        (
+            {"baseline_trials": 0},
+            "baseline_trials of protocol mine must be a whole number of",
+        ),
+        ({"test_loops": -2}, "test_loops of protocol mine must be a whole number of"),
+        ({"action_limit": 0}, "action_limit of protocol mine must be a whole number of"),
+        ({"attempt_limit": 2.5}, "must be a whole number of at least 1, and this is 2.5"),
+        ({"attempt_limit": "3"}, "must be a whole number of at least 1, and this is '3'"),
+        ({"stop_when_solved": "yes"}, "stop_when_solved must be true or false"),
         ({"action_limit": 64}, "action_limit of protocol mine must be at most 63"),
         ({"layouts": "own"}, "layouts are published or random, not 'own'"),
     ],

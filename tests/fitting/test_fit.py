@@ -59,7 +59,7 @@ from causal_openlock.fitting.search import (
     search_space,
 )
 from causal_openlock.fitting.study import FILE, Plan, fit
-from causal_openlock.formats.schema_file import bundled, find_schema
+from causal_openlock.formats.finding import bundled, find_schema
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams

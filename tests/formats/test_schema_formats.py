@@ -8,6 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import networkx as nx
 import numpy as np
 import pytest
@@ -15,16 +16,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from causal_openlock.errors import OpenLockError, SchemaError
+from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.protocol import Condition
 from causal_openlock.formats.declared import schema
+from causal_openlock.formats.finding import bundled_schemas, find_schema
 from causal_openlock.formats.graphs import (
     FORMATS,
     export_schema,
     import_schema,
-    read_schema_as,
+    read_schema,
     to_bayesian_network,
-    write_schema_as,
+    write_schema,
 )
-from causal_openlock.formats.schema_file import bundled_schemas, schema_from_dict, write_schema
+from causal_openlock.formats.schema_file import schema_from_dict
 from causal_openlock.testing import schemas
 from causal_openlock.world.schema import DOOR, Gate, Schema
 
@@ -95,12 +99,12 @@ def test_files_are_known_by_their_suffix(tmp_path, format: str) -> None:
     schema = BUNDLED["two_keys"]
     for suffix in FORMATS[format].suffixes:
         path = tmp_path / f"lock{suffix}"
-        write_schema_as(schema, path)
+        write_schema(schema, path)
         assert path.read_text(encoding="utf-8") == export_schema(schema, format)
         if FORMATS[format].read:
-            assert read_schema_as(path) == schema
+            assert read_schema(path) == schema
             other = path.rename(path.with_suffix(".txt"))
-            assert read_schema_as(other, format) == schema
+            assert read_schema(other, format) == schema
 
 
 # -- files from elsewhere -------------------------------------------------------------------------
@@ -118,7 +122,7 @@ def test_a_graph_from_elsewhere_gets_the_defaults(tmp_path) -> None:
     for suffix, text in texts.items():
         path = tmp_path / f"my-lock{suffix}"
         path.write_text(text)
-        assert read_schema_as(path) == expected, suffix
+        assert read_schema(path) == expected, suffix
     links = nx.node_link_data(graph, edges="links")
     assert import_schema(json.dumps(links), "node-link", "my_lock") == expected
 
@@ -260,7 +264,7 @@ def test_unknown_formats_name_the_nearest(tmp_path) -> None:
     with pytest.raises(OpenLockError, match="did you mean node-link"):
         import_schema("", "nodelink")
     with pytest.raises(OpenLockError, match=r"suffix '\.gmll'.*did you mean \.gml"):
-        write_schema_as(schema, tmp_path / "a.gmll")
+        write_schema(schema, tmp_path / "a.gmll")
     with pytest.raises(OpenLockError, match=r"bif can only be written.*node-link"):
         import_schema(export_schema(schema, "bif"), "bif")
     assert not list(tmp_path.iterdir())
@@ -268,13 +272,13 @@ def test_unknown_formats_name_the_nearest(tmp_path) -> None:
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path) -> None:
     with pytest.raises(OpenLockError, match=r"none\.gml: cannot be read"):
-        read_schema_as(tmp_path / "none.gml")
+        read_schema(tmp_path / "none.gml")
     (tmp_path / "bad.dot").write_text("digraph {")
     with pytest.raises(SchemaError, match=r"bad\.dot: line 1"):
-        read_schema_as(tmp_path / "bad.dot")
+        read_schema(tmp_path / "bad.dot")
     (tmp_path / "bytes.dot").write_bytes(b"\xff\xfe")
     with pytest.raises(OpenLockError, match="UTF-8"):
-        read_schema_as(tmp_path / "bytes.dot")
+        read_schema(tmp_path / "bytes.dot")
     with pytest.raises(SchemaError, match="more than the"):
         import_schema(" " * 300_000, "dot")
 
@@ -388,7 +392,7 @@ def test_dot_says_in_which_direction_an_edge_goes(
 ) -> None:
     path = tmp_path / "one.dot"
     path.write_text(text, encoding="utf-8")
-    assert {*read_schema_as(path).graph.edges} == edges
+    assert {*read_schema(path).graph.edges} == edges
 
 
 @pytest.mark.parametrize(
@@ -463,9 +467,14 @@ def test_what_a_schema_file_holds_is_a_schema_in_python_too(tmp_path: Path) -> N
     assert schema(data).levers == ("B", "A")
     with pytest.raises(OpenLockError, match="go into the declaration"):
         schema(data, inert=["A"])
-    with pytest.raises(OpenLockError, match=r"write_schema writes YAML; end the name with \.yaml"):
-        write_schema(schema(data), tmp_path / "one.dot")
-    assert not [*tmp_path.iterdir()]
+    assert schema({**data, "levers": ("B", "A"), "edges": {"A": ("door",), "B": ["A"]}}).levers == (
+        "B",
+        "A",
+    )
+    strengths = {"A": {"door": {"strength": np.float32(0.5)}}, "B": np.array(["A"])}
+    assert schema({**data, "levers": np.array(["B", "A"]), "edges": strengths}).strengths(
+        "door"
+    ) == (0.5,)
 
 
 @pytest.mark.parametrize("digits", ["0x" + "f" * 5000, "1" * 5000, "-" + "9" * 5000])
@@ -473,4 +482,21 @@ def test_a_number_of_thousands_of_digits_is_a_sentence(tmp_path: Path, digits: s
     path = tmp_path / "one.yaml"
     path.write_text(f"name: one\nlevers: [A]\nedges: {{A: {{door: {{strength: {digits}}}}}}}\n")
     with pytest.raises(OpenLockError, match=r"one\.yaml:3:\d+: this number has 5,00\d digits"):
-        read_schema_as(path)
+        read_schema(path)
+
+
+@pytest.mark.parametrize("suffix", [".dot", ".GV", ".gml", ".dagitty", ".json", ".yml"])
+def test_every_format_is_read_wherever_a_schema_is_named(tmp_path: Path, suffix: str) -> None:
+    own, path = schema("A -> B; B -> door; C -> door", name="mine"), tmp_path / f"mine{suffix}"
+    write_schema(own, path)
+    edges = {*own.graph.edges}
+    assert {*read_schema(path).graph.edges} == edges
+    assert {*find_schema(path.name, [tmp_path]).graph.edges} == edges
+    assert {*schema(path).graph.edges} == edges
+    room = gymnasium.make("causal_openlock/OpenLock-v0", schema=str(path)).unwrapped
+    assert {*room.settings.schema.graph.edges} == edges
+    for name in (f"{path}", f"CC3-{path}"):
+        found = Condition.named(name, find_schema)
+        assert {*found.schemas[-1].graph.edges} == edges
+    made = make_experiment([str(path)], ["oracle"], subjects=2)
+    assert {*made.conditions[0].schemas[0].graph.edges} == edges

@@ -15,7 +15,7 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.world.fsm import compile_schema as machine
 from causal_openlock.world.schema import Gate, Schema
 from support.checkpoints import same

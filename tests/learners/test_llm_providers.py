@@ -13,7 +13,7 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, NotAvailableError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.render.words import Wording
 from causal_openlock.world.room import Layout
 from learners.language.answers import read_answer, read_structure

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.world.fsm import compile_schema
 from causal_openlock.world.room import Layout, Room

@@ -17,7 +17,7 @@ from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.files import atomic
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.play import log, people
 from causal_openlock.play.forgetting import forget_person
 from causal_openlock.play.log import Log

@@ -23,7 +23,7 @@ from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.play.person import LEARNER
 from causal_openlock.play.reactions import read_reactions
 from causal_openlock.play.refusals import OutOfTurn, TooManyPeople, UnknownPerson

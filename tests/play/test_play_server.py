@@ -16,7 +16,7 @@ import pytest
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.store import Store
-from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.play.reactions import read_reactions
 from causal_openlock.play.server import MOST_BYTES, PlayServer
 from causal_openlock.world.reference import room_facts

@@ -11,7 +11,7 @@ import pytest
 
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.store import Store
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.play.game import Game
 from causal_openlock.play.log import Log
 from causal_openlock.play.reactions import read_reactions

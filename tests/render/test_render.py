@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.physics.geometry import RoomGeometry
 from causal_openlock.render.arrange import CLEARANCE, LABEL, RADIUS, arrange, distance_to_node
 from causal_openlock.render.graph import draw_schema, save_schema_figure, schema_text

@@ -8,7 +8,7 @@ import pytest
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.render.words import STORIES, Counters, Wording, feedback, room_now
 from causal_openlock.world.room import Layout
 

@@ -7,7 +7,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.physics.geometry import DOOR_SWING, RoomGeometry
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import Pose

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from causal_openlock.play.people import People
 from support.waiting import HANGS
 

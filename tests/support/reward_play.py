@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from causal_openlock.envs import OpenLockEnv
-from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.room import Layout

@@ -12,7 +12,7 @@ import pandas as pd
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.schema_file import bundled_schemas, find_schema
+from causal_openlock.formats.finding import bundled_schemas, find_schema
 from causal_openlock.world.randomness import Streams
 from causal_openlock.world.room import Layout
 from causal_openlock.world.schema import Schema

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.testing import schemas
 from causal_openlock.world.fsm import FSM, NO_SOLUTION, compile_schema, unroll
 from causal_openlock.world.schema import DOOR, Gate, Schema

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from causal_openlock.errors import LayoutError
-from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.testing import layouts, schemas
 from causal_openlock.world.room import (
     PAPER_POSITIONS,

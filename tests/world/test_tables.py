@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.testing import schemas
 from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.reward_table import RewardTable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from causal_openlock.formats.schema_file import find_schema
+from causal_openlock.formats.finding import find_schema
 from learners.meta.file import read_training
 from learners.meta.random_schemas import behaviour
 from learners.meta.rooms import Distribution

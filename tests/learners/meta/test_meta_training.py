@@ -17,7 +17,7 @@ from causal_openlock.errors import FileError, LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.state import write_state
-from causal_openlock.formats.schema_file import bundled, find_schema
+from causal_openlock.formats.finding import bundled, find_schema
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
 from causal_openlock.world.schema import Schema

@@ -26,7 +26,7 @@ import pandas as pd
 
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
-from causal_openlock.formats.schema_file import bundled_schemas
+from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.world import reference
 from causal_openlock.world.fsm import BoolArray
 

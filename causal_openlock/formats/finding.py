@@ -1,0 +1,85 @@
+"""Where schemas are found: by name in folders and in the package, or in a file of any format."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+from causal_openlock.errors import OpenLockError
+from causal_openlock.formats.graphs import FORMATS, read_schema
+from causal_openlock.wording import nearest
+from causal_openlock.world.schema import NAME, Schema
+
+PACKAGE = Path(__file__).parents[1]
+SUFFIXES = tuple(suffix for format in FORMATS.values() for suffix in format.suffixes)
+"""Of files that a schema can be read from or written to."""
+
+
+def bundled(kind: str) -> Path:
+    """A folder of files that come with the package: ``schemas``, ``experiments`` or ``notebooks``.
+
+    In a checkout it is beside the package, in an installed wheel inside it.
+    """
+    inside = PACKAGE / "bundled" / kind
+    return inside if inside.is_dir() else PACKAGE.parent / kind
+
+
+def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = ()) -> Schema:
+    """A schema by name or path.
+
+    Args:
+        name: The path of a file of any format (``.yaml``, ``.dot``, ``.gml``), the name of a file
+            ``NAME.yaml`` in one of the folders searched, or a schema, which is returned as it is.
+        beside: Folders to search first, such as that of the experiment, then the working
+            directory; then a folder ``schemas`` in each of them, and last the bundled schemas.
+
+    Raises:
+        FileError, SchemaError: If the file has faults.
+        OpenLockError: If there is no such schema; the message names the nearest.
+
+    Example:
+        >>> find_schema("CC4").title
+        'Common cause, four levers'
+    """
+    if isinstance(name, Schema):
+        return name
+    text = os.fspath(name)
+    folders = [*map(Path, beside), Path()]
+    if text.lower().endswith(SUFFIXES):
+        for folder in folders:
+            if _is_file(folder / text):
+                return read_schema(folder / text)
+        return read_schema(text)
+    collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
+    for folder in [*folders, *collections]:
+        if _is_file(folder / f"{text}.yaml"):
+            # In a checkout, the working directory may be where the bundled schemas are.
+            if folder.absolute() == collections[-1] and NAME.fullmatch(text):
+                return _bundled_schema(text)
+            return read_schema(folder / f"{text}.yaml")
+    known = {path.stem for folder in collections for path in folder.glob("*.yaml")}
+    raise OpenLockError(
+        f"there is no schema {text!r}; {nearest(text, known)}, or give the path of a .yaml file"
+    )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # an invalid name
+        return False
+
+
+@cache
+def _bundled_schema(name: str) -> Schema:
+    return read_schema(bundled("schemas") / f"{name}.yaml")
+
+
+def bundled_schemas() -> dict[str, Schema]:
+    """The schemas that come with the package by name, the paper's four first."""
+    names = sorted(path.stem for path in bundled("schemas").glob("*.yaml"))
+    paper = ["CC3", "CE3", "CC4", "CE4"]
+    ordered = [*paper, *(name for name in names if name not in paper)]
+    return {name: _bundled_schema(name) for name in ordered}
