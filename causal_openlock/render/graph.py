@@ -70,10 +70,12 @@ def save_schema_figure(schema: Schema, path: Path | str) -> None:
 
     path = path_of_picture(path)
     suffix = path.suffix.lower()
-    figure: Any = draw_schema(schema).figure
     dates: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     settings: Any = {"svg.fonttype": "none", "svg.hashsalt": schema.name, "pdf.fonttype": 42}
-    with mpl.rc_context(settings), replacing(path) as file:
+    with mpl.rc_context(), replacing(path) as file:
+        mpl.rcdefaults()  # not those of a matplotlibrc, which may ask for a LaTeX that is not there
+        mpl.rcParams.update(settings)
+        figure: Any = draw_schema(schema).figure
         figure.savefig(file, format=suffix[1:], dpi=200, metadata=dates.get(suffix))
 
 

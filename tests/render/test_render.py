@@ -7,6 +7,7 @@ import math
 import re
 from itertools import combinations
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -171,6 +172,13 @@ def test_figures_are_saved_by_suffix_and_alike_each_time(tmp_path, suffix: str) 
     save_schema_figure(BUNDLED["two_of_four"], path)
     assert path.read_bytes() == first
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_picture_does_not_follow_settings_of_the_machine(tmp_path) -> None:
+    save_schema_figure(BUNDLED["CC3"], tmp_path / "plain.svg")
+    with mpl.rc_context({"text.usetex": True, "font.size": 30, "figure.dpi": 33}):
+        save_schema_figure(BUNDLED["CC3"], tmp_path / "same.svg")
+    assert (tmp_path / "plain.svg").read_bytes() == (tmp_path / "same.svg").read_bytes()
 
 
 def test_the_figure_is_all_inside_the_picture(tmp_path) -> None:
