@@ -29,13 +29,9 @@ EMPTY = "(no answer)"
 """Goes on in place of an answer without a word, since servers refuse empty messages."""
 _CUT = ("length", "max_tokens", "MAX_TOKENS")
 """Why an answer ended that was not at its end."""
-_TAGS = "think|thinking|thought|reasoning"
-_THOUGHT = re.compile(
-    rf"(<(?:{_TAGS})>).*?</(?:{_TAGS})>|(\[THINK\]).*?\[/THINK\]|(◁think▷).*?◁/think▷",
-    re.DOTALL | re.IGNORECASE,
-)
-_OPEN = re.compile(rf"<(?:{_TAGS})>|\[THINK\]|◁think▷|<\|channel\|>", re.IGNORECASE)
-_CLOSED = re.compile(rf".*(?:</(?:{_TAGS})>|\[/THINK\]|◁/think▷)", re.DOTALL | re.IGNORECASE)
+_NAMES = "think|thinking|thought|reasoning"
+_TAG = re.compile(rf"<(/?)(?:{_NAMES})>|\[(/?)THINK\]|◁(/?)think▷|<\|channel\|>", re.IGNORECASE)
+"""The beginning or, with a stroke, the end of a thought."""
 _FINAL = "<|channel|>final<|message|>"
 HOW_IN_TEXT = "Answer with one action at a time, on a last line that holds it and nothing else."
 
@@ -113,8 +109,16 @@ def without_thoughts(text: str) -> str | None:
     ('Push oak.', None)
     """
     text = text.rpartition(_FINAL)[2]
-    text = _CLOSED.sub("", _THOUGHT.sub("", text))
-    return None if _OPEN.search(text) else text.strip()
+    said: list[str] = []
+    begin, thinking = 0, False
+    for tag in _TAG.finditer(text):
+        ends = "/" in tag.groups()
+        if ends and not thinking:  # the thought began in the prompt
+            said.clear()
+        elif not ends and not thinking:
+            said.append(text[begin : tag.start()])
+        begin, thinking = tag.end(), not ends
+    return None if thinking else "".join([*said, text[begin:]]).strip()
 
 
 def acting(words: Wording, action: int, tools: bool) -> Message:
@@ -224,8 +228,8 @@ def read_structure(reply: Message, words: Wording, nodes: Sequence[str]) -> list
     known = dict(zip(words.nodes, nodes, strict=True))
     try:
         said = without_thoughts(_text(reply)) or ""
-        fenced = re.fullmatch(r"```(?:json)?\s*(.*?)\s*```", said, re.DOTALL)
-        pairs = parse_json(fenced[1] if fenced else said)["enables"]
+        fenced = said.removeprefix("```json").removeprefix("```").removesuffix("```")
+        pairs = parse_json(fenced)["enables"]
         named = [[known[pair["cause"]], known[pair["effect"]]] for pair in pairs]
     except (KeyError, TypeError, ValueError, RecursionError):
         return None

@@ -600,6 +600,8 @@ def test_an_answer_to_which_enables_which_that_cannot_be_read_is_none() -> None:
     words, nodes = Wording("levers", ("oak", "elm"), (0, 1)), ("P0", "P1", "door")
     for said in (
         "[" * 100_000,
+        "<think>" * 14_000,
+        "```" + " " * 100_000 + "x",
         "no",
         "[]",
         '{"enables": [{"cause": "oak", "effect": "moon"}]}',
