@@ -76,7 +76,7 @@ class Table:
         tables = [
             cls(path, one, _header(content, one), int(bool(said)), content) for one in possible
         ]
-        known = [one for one in tables if one.is_own or {*NEEDED} <= {*one.header}]
+        known = [one for one in tables if one.is_own or not one.missing]
         # Of a table that is none, the reading with most columns is the one to speak of.
         return known[0] if known else max(tables, key=lambda one: len(one.header))
 
@@ -84,6 +84,16 @@ class Table:
     def is_own(self) -> bool:
         """Whether it has the columns of a record."""
         return {*record_schema().names} <= {*self.header}
+
+    @property
+    def is_of_jspsych(self) -> bool:
+        """Whether it has columns of jsPsych's own."""
+        return bool(OWN & {*self.header})
+
+    @property
+    def missing(self) -> list[str]:
+        """The columns that it lacks for a table of actions; jsPsych's may be one subject's."""
+        return [name for name in NEEDED[self.is_of_jspsych :] if name not in self.header]
 
     def remarks(self) -> list[str]:
         """What was made of it that its writer should know, a sentence each."""
@@ -93,7 +103,7 @@ class Table:
                 f"columns are separated by {SEPARATORS[self.separator]}, and 0,5 is read as 0.5"
             )
         known = {*NEEDED, *COLUMNS, *CLAIMS}
-        if not self.is_own and not OWN & {*self.header}:
+        if not self.is_own and not self.is_of_jspsych:
             unknown = [name for name in self.header if name and name not in known]
             said += [f"passed over: {', '.join(unknown)}"] if unknown else []
         return [f"{self.path}: {one}" for one in said]
@@ -158,15 +168,14 @@ def table_actions(table: Table) -> Iterator[ActionEntry]:
         for place, values in table.rows():
             yield from _attempt(place, values)
         return
-    of_jspsych = bool(OWN & {*header})
-    if missing := [name for name in NEEDED[of_jspsych:] if name not in header]:
+    if missing := table.missing:
         next(table.rows(), None)  # says what is wrong with a header that is no CSV
         found = f"found: {', '.join(header)}; rename the column" if header else "it is empty"
         raise head.fault(
             f"there is no column {missing[0]}; {found}: a table of actions has "
             f"{', '.join(NEEDED)}, and an export of this project the columns of a record"
         )
-    if of_jspsych:
+    if table.is_of_jspsych:
         yield from screen_actions(table.rows(), table.path.stem)
     else:
         yield from _plain(table)

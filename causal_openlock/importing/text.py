@@ -36,8 +36,13 @@ def read_text(path: Path) -> str:
 
 
 def is_json(path: Path) -> bool:
-    """Whether a file is to be read as JSON: it is called so, or begins as a list of jsPsych.
+    """Whether a file is to be read as JSON: it is called so, or its text begins so.
 
     Servers call what they have collected as they like; JATOS says ``.txt``.
+
+    Raises:
+        OpenLockError: If its name does not say, and it cannot be read.
     """
-    return path.suffix == ".json" or read_text(path).lstrip()[:1] in ("[", "{")
+    if path.suffix == ".json" or ".csv" in path.suffixes:
+        return path.suffix == ".json"
+    return read_text(path).lstrip()[:1] in ("[", "{")

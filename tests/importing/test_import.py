@@ -527,6 +527,9 @@ def test_the_table_of_jspsych_says_what_its_json_says(tmp_path: Path) -> None:
         tables.append(Store(tmp_path / name.replace(".", "_")).record()[0].drop(["experiment"]))
     assert tables[0].equals(tables[1])
     assert tables[1].equals(tables[2])
+    alone = pd.DataFrame(screens()).drop(columns="subject")
+    alone.to_csv(tmp_path / "anna.csv", index=False, sep=";")
+    assert import_files([tmp_path / "anna.csv"], tmp_path / "anna").attempts == 2
 
 
 def test_time_goes_on_where_a_page_was_loaded_again(tmp_path: Path) -> None:
