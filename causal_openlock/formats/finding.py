@@ -61,7 +61,7 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
             return read_schema(folder / f"{text}.yaml")
     known = {path.stem for folder in collections for path in folder.glob("*.yaml")}
     raise OpenLockError(
-        f"there is no schema {text!r}; {nearest(text, known)}, or give the path of a .yaml file"
+        f"there is no schema {text!r}; {nearest(text, known)}, or give the path of a file"
     )
 
 
