@@ -32,6 +32,7 @@ FUZZED = {
     "causal_openlock/fitting/kept.py": "fits",
     "causal_openlock/formats/graphs.py": "dot",
     "causal_openlock/importing/jspsych.py": "imported jsPsych",
+    "causal_openlock/importing/tables.py": "imported CSV",
     "causal_openlock/importing/text.py": "imported CSV",
     "causal_openlock/play/log.py": "logs of people",
     "causal_openlock/play/reactions.py": "reaction times",
