@@ -373,6 +373,7 @@ class Store:
         listed = {
             "learner": {spec.name for spec in experiment.learners},
             "condition": {condition.name for condition in experiment.conditions},
+            "protocol": {spec.protocol.name for spec in experiment.learners},
         }
         there, absent = self._split(experiment)
         tables, made_with = [], []

@@ -27,6 +27,7 @@ from causal_openlock.files.json_text import each_once
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from pyarrow.parquet import ParquetFile
 
 KEY = b"causal_openlock.sha256"
 BLANK = b"0" * 64
@@ -92,10 +93,7 @@ def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table
     check(content, IN_PARQUET)
     try:
         file = pq.ParquetFile(pa.BufferReader(content))
-        groups = [file.metadata.row_group(one) for one in range(file.metadata.num_row_groups)]
-        values = sum(
-            one.column(column).num_values for one in groups for column in range(one.num_columns)
-        )
+        values = _values(file)
         if values > MOST_VALUES:  # a small file can hold very many equal ones
             raise ChecksumError(f"it holds {values:,} values, more than {MOST_VALUES:,}")
         kept = {k: v for k, v in (file.schema_arrow.metadata or {}).items() if k != KEY}
@@ -108,6 +106,20 @@ def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table
         line = re.sub(r"^Could not open Parquet input source '[^']*': ", "", line)
         line = textwrap.shorten(line, 200, placeholder=" …").rstrip(".")
         raise ChecksumError(line or type(error).__name__) from None
+
+
+def _values(file: ParquetFile) -> int:
+    """How many values a file holds, those within lists counted."""
+    about, columns = file.metadata, range(len(file.schema))
+    lists = [one for one in columns if file.schema.column(one).max_repetition_level]
+    if not lists or not about.num_rows:
+        return int(about.num_rows * len(columns))
+    # Only then may metadata of columns be looked at: where they are malformed, scanning raises, and
+    # looking ends the process.
+    file.scan_contents([file.schema.column(one).path for one in lists])
+    groups = [about.row_group(one) for one in range(about.num_row_groups)]
+    within = sum(group.column(one).num_values for group in groups for one in lists)
+    return int(within + about.num_rows * (len(columns) - len(lists)))
 
 
 def json_bytes(data: Mapping[str, Any]) -> bytes:

@@ -69,7 +69,10 @@ def scores_on_record(material: Material) -> OnRecord:
             gone = known[stale].drop_duplicates(SUBJECT)["learner"].value_counts(sort=False)
             notes.append(PROSE.sentence("stale", subjects=gone.to_dict()))
         parts.append(known[~stale][COLUMNS])
-    found = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+    found = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=COLUMNS)
+    if apart := [str(name) for name, own in found.groupby("learner") if not _compared(own)]:
+        notes.append(PROSE.sentence("apart", names=apart))
+        found = found[~found["learner"].isin(apart)]
     if found.empty:
         return OnRecord(None, tuple(notes))
 
@@ -85,3 +88,9 @@ def scores_on_record(material: Material) -> OnRecord:
     order = found["learner"].map({name: place for place, name in enumerate(names)})
     found = found.loc[order.sort_values(kind="stable").index]
     return OnRecord(Scores(found.reset_index(drop=True), choices), tuple(notes))
+
+
+def _compared(actions: pd.DataFrame) -> bool:
+    """Whether some subject is scored by all learners that score any."""
+    by_whom = actions.groupby(SUBJECT)["scored"].nunique()
+    return bool(by_whom.max() == actions["scored"].nunique())

@@ -72,7 +72,10 @@ def read_scores(path: Path) -> pd.DataFrame:
                 f"{path} was made by an earlier version (it has no column {missing[0]}), so it is "
                 "not known of which actions it is; score the subjects again"
             )
-        return _checked(table.select(COLUMNS).cast(score_schema()))
+        table = table.select(COLUMNS).replace_schema_metadata(None)
+        if not table.schema.equals(score_schema()):
+            raise ValueError("its columns are of other types")
+        return _checked(table)
     except FileNotFoundError:
         raise
     except (OSError, ValueError, TypeError, LookupError, ChecksumError) as error:

@@ -227,9 +227,17 @@ def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
         subjects, with its interval ``worse_low`` and ``worse_high`` and the ``p`` of a paired test
         (NaN of the best, and where one cannot do what was done); and ``best_of``, for how many
         subjects none is better.
+
+    Raises:
+        OpenLockError: If no subject was scored by all of them.
     """
     wide = subjects.pivot_table(index=SUBJECT, columns="scored", values="bits", observed=True)
     wide = wide[list(dict.fromkeys(subjects["scored"]))].dropna()
+    if wide.empty:
+        raise OpenLockError(
+            "none of these subjects was scored by all of these learners; score all subjects with "
+            "the same learners"
+        )
     means = wide.mean().sort_values(kind="stable")
     best = means.index[0]
     rows = []

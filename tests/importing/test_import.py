@@ -425,6 +425,17 @@ def test_a_small_file_of_very_many_values_is_refused_before_they_are_read(
     monkeypatch.setattr("causal_openlock.files.checksums.MOST_VALUES", 4999)
     with pytest.raises(ChecksumError, match="it holds 5,000 values, more than 4,999"):
         read_table(content)
+    within = table_bytes(pa.table({"x": pa.array([[1] * 5000]), "y": pa.array([2])}))
+    with pytest.raises(ChecksumError, match="it holds 5,001 values, more than 4,999"):
+        read_table(within)
+
+    # Malformed metadata of a column end the process where they are looked at before it is scanned.
+    def malformed(*_: object) -> None:
+        raise OSError("histogram size mismatch")
+
+    monkeypatch.setattr("pyarrow.parquet.ParquetFile.scan_contents", malformed)
+    with pytest.raises(ChecksumError, match="histogram size mismatch"):
+        read_table(within)
 
 
 def test_screens_without_an_action_are_passed_over_and_hidden_actions_named(

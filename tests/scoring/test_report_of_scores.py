@@ -23,7 +23,7 @@ from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.scoring.failures import failures, worst_attempts
-from causal_openlock.scoring.score_table import PLAYED
+from causal_openlock.scoring.score_table import PLAYED, read_scores, write_scores
 from causal_openlock.scoring.scores import (
     BY_SUBJECT,
     FOLDER,
@@ -181,6 +181,25 @@ def test_scores_of_other_actions_are_left_out_and_named(folder: Path, tmp_path: 
     moved = digests_of(record.to_pandas(), replace(declared, conditions=(
         replace(declared.conditions[0], name="CC3"),)))  # fmt: skip
     assert not {*moved[PLAYED]} & {*digests_of(record.to_pandas(), experiment)[PLAYED]}
+
+
+def test_subjects_that_different_learners_scored_are_not_compared(
+    folder: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(folder, tmp_path / "own")
+    path = tmp_path / "own" / FOLDER / "actions.parquet"
+    actions = read_scores(path)
+    first = (actions["learner"] != "win_stay") | (
+        (actions["subject"] < 3) == (actions["scored"] == "random")
+    )
+    write_scores(path, actions[first])
+    results = ol.open_results(tmp_path / "own")
+    (shown,) = sections_of(results, [OURS])
+    said = " ".join(shown.text)
+    assert "Scores of the subjects of win_stay are left out: none of these" in said
+    assert "Of thompson, 6 subjects with" in said
+    with pytest.raises(OpenLockError, match="score all subjects with the same learners"):
+        _ = Scores(actions[first]).of("win_stay").ranking
 
 
 def test_scores_that_do_not_say_of_what_they_are_are_left_out(folder: Path, tmp_path: Path) -> None:
