@@ -47,17 +47,16 @@ def screen_actions(
         unnamed: The subject of screens that name none.
 
     Raises:
-        ImportFault: If a screen has values that cannot be.
+        ImportFault: If a screen has values that cannot be, or all actions are hidden in others.
     """
     before: dict[str, tuple[float, float]] = {}
+    hidden: tuple[Place, str] | None = None
+    acts = False
     for place, screen in screens:
         given = {name: value for name, value in screen.items() if value not in (None, "")}
         if "action" not in given:
-            if within := _within(given):
-                raise place.fault(
-                    f"the action stands within {within!r}; write what is in it next to the other "
-                    "values of the screen"
-                )
+            if not hidden and (within := _within(given)):
+                hidden = place, within
             continue
         row = {"subject": unnamed, **given}
         for name, meaning in _MILLISECONDS.items():
@@ -69,7 +68,14 @@ def screen_actions(
             passed = passed + last if one.time < last else passed
             before[one.subject] = one.time, passed
             one = replace(one, time=one.time + passed)
+        acts = True
         yield one
+    if hidden and not acts:
+        place, within = hidden
+        raise place.fault(
+            f"the action stands within {within!r}; write what is in it next to the other values of "
+            "the screen"
+        )
 
 
 def _within(value: Any, depth: int = 0) -> str | None:

@@ -560,8 +560,11 @@ def test_time_goes_on_where_a_page_was_loaded_again(tmp_path: Path) -> None:
     ],
 )
 def test_an_action_that_is_hidden_is_named(hide: Any, tmp_path: Path) -> None:
-    content = json.dumps([hide(row) for row in screens()])
-    assert "the action stands within '" in refused(content, tmp_path, "data.json")
+    hidden = [hide(row) for row in screens()]
+    assert "the action stands within '" in refused(json.dumps(hidden), tmp_path, "data.json")
+    path = tmp_path / "mixed.json"
+    path.write_text(json.dumps([hidden[1], *screens()]))
+    assert import_files([path], tmp_path / "mixed").attempts == 2
 
 
 def test_other_encodings_are_named(tmp_path: Path) -> None:
