@@ -64,7 +64,7 @@ def kept_fit(
         return read(json.loads(content, parse_constant=_number, object_pairs_hook=each_once))
     except ChecksumError as error:
         raise StoreError(f"{path}: this is no fit ({error}); {remedy}") from None
-    except (ValueError, OSError, TypeError, LookupError, RecursionError):
+    except (ValueError, OSError, TypeError, LookupError, ArithmeticError, RecursionError):
         raise StoreError(f"{path}: this is no fit; {remedy}") from None
 
 

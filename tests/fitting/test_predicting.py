@@ -109,6 +109,8 @@ def test_mistakes_are_explained(folder: Path, tmp_path: Path) -> None:
         read_fit(changed(whole, tmp_path / "part", done=[]))
     with pytest.raises(StoreError, match="this is no fit"):
         read_fit(changed(whole, tmp_path / "spoiled", subjects=3))
+    with pytest.raises(StoreError, match="this is no fit"):
+        read_fit(changed(whole, tmp_path / "endless", folds=float("inf")))
     (first, *_) = json.loads((whole / FILE).read_text())["done"]
     for name, wrong in (("nll", float("nan")), ("chosen", dict.fromkeys(first["chosen"], 99.0))):
         with pytest.raises(StoreError, match="this is no fit"):
