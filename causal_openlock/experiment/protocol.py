@@ -41,6 +41,8 @@ from causal_openlock.world.tables import ACTIONS_LEFT
 PAPER_ACTION_LIMIT = 3
 MAX_ACTION_LIMIT = int(ACTIONS_LEFT)
 PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
+MOST_CHARACTERS = 9000
+"""Of a condition: two paths are never longer."""
 LayoutSource = Literal["published", "random"]
 
 
@@ -288,6 +290,8 @@ class Condition:
             ProtocolError: If it has another form.
             OpenLockError: If there is no such schema, or its file has faults.
         """
+        if len(name) > MOST_CHARACTERS:
+            raise ProtocolError(f"{name[:40]!r}... is no condition: {len(name):,} characters")
         dashes = [index for index, sign in enumerate(name) if sign == "-"]
         missing: tuple[int, OpenLockError] | None = None
         for parts in ((name,), *((name[:dash], name[dash + 1 :]) for dash in dashes)):

@@ -6,6 +6,7 @@ Python keeps the last of two, other readers the first; a person who wrote both m
 from __future__ import annotations
 
 import json
+from collections import Counter
 from typing import Any
 
 
@@ -21,8 +22,7 @@ def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """
     found = dict(pairs)
     if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
+        ((twice, _),) = Counter(name for name, _ in pairs).most_common(1)
         raise DoubledKeyError(f"the key {twice!r} is there twice")
     return found
 

@@ -45,6 +45,10 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
     """
     if isinstance(name, Schema):
         return name
+    if not isinstance(name, str | os.PathLike):
+        raise OpenLockError(
+            f"a schema is given by its name, the path of a file or a Schema, not by {name!r}"
+        )
     text = os.fspath(name)
     folders = [*map(Path, beside), Path()]
     if text.lower().endswith(SUFFIXES):

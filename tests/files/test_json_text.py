@@ -19,6 +19,9 @@ DOUBLED = fill_in(b'{"a": 1, "a": 2, "sha256": "%b"}' % BLANK, IN_JSON)
 def test_a_doubled_key_is_named() -> None:
     with pytest.raises(DoubledKeyError, match="the key 'b' is there twice"):
         parse_json('{"a": {"b": 1, "b": 1}}')
+    many = ",".join(f'"a{number}":0' for number in range(50_000))
+    with pytest.raises(DoubledKeyError, match="'b' is there twice"):  # in no time
+        parse_json(f'{{{many},"b":1,"b":2}}')
     with pytest.raises(ValueError, match="NaN is no JSON"):
         parse_json("[NaN]")
 

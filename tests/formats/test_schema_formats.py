@@ -500,3 +500,11 @@ def test_every_format_is_read_wherever_a_schema_is_named(tmp_path: Path, suffix:
         assert {*found.schemas[-1].graph.edges} == edges
     made = make_experiment([str(path)], ["oracle"], subjects=2)
     assert {*made.conditions[0].schemas[0].graph.edges} == edges
+
+
+@pytest.mark.parametrize("name", [3, None, ["CC3"]])
+def test_what_names_no_schema_is_refused_in_a_sentence(name: Any) -> None:
+    with pytest.raises(OpenLockError, match="a schema is given by its name, the path of a file"):
+        find_schema(name)
+    with pytest.raises(OpenLockError, match="a schema is given by its name"):
+        gymnasium.make("causal_openlock/OpenLock-v0", schema=name)
