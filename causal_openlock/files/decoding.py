@@ -5,7 +5,7 @@ What is in another encoding is refused with its name, never guessed at: a wrong 
 
 from __future__ import annotations
 
-_MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}
+_MARKS = {b"\xff\xfe\0\0": "UTF-32", b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}
 """Byte order marks of other encodings; Excel's "Unicode text" is UTF-16."""
 
 
@@ -18,6 +18,7 @@ def decoded(content: bytes) -> str:
     Raises:
         UnicodeDecodeError: If it is not UTF-8; its ``reason`` is for people.
     """
-    if other := _MARKS.get(content[:2]):
-        raise UnicodeDecodeError("utf-8", content, 0, 2, f"it is {other}")
+    for mark, other in _MARKS.items():
+        if content.startswith(mark):
+            raise UnicodeDecodeError("utf-8", content, 0, len(mark), f"it is {other}")
     return content.decode("utf-8").removeprefix("\ufeff")

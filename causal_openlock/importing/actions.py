@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -129,6 +129,24 @@ def action_entry(place: Place, row: Mapping[str, Any]) -> ActionEntry:
         reaction=seconds(place, "reaction", given.get("reaction")),
         time=seconds(place, "time", given.get("time")),
     )
+
+
+def in_order(entries: Iterable[ActionEntry]) -> Iterator[ActionEntry]:
+    """The same actions, unless the time of a subject runs backwards.
+
+    Raises:
+        ImportFault: If it does.
+    """
+    before: dict[str, float] = {}
+    for one in entries:
+        if one.time is not None:
+            if one.time < before.get(one.subject, 0.0):
+                raise one.place.fault(
+                    f"time is {one.time:g}, and was {before[one.subject]:g} before; it is seconds "
+                    "since the subject began, and rows are in the order of time"
+                )
+            before[one.subject] = one.time
+        yield one
 
 
 def text(place: Place, name: str, value: Any) -> str:

@@ -18,13 +18,18 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.files.json_text import DoubledKeyError, each_once
-from causal_openlock.importing.actions import ActionEntry, Place, action_entry, seconds
+from causal_openlock.importing.actions import (
+    ActionEntry,
+    Place,
+    action_entry,
+    in_order,
+    seconds,
+)
 from causal_openlock.importing.text import read_text
 
 OWN = frozenset({"trial_type", "time_elapsed"})
 """What jsPsych says of every screen; a table with one of these columns is its own."""
 _BETWEEN = re.compile(r"[\s,]*")
-_MILLISECONDS = {"rt": "reaction", "time_elapsed": "time"}
 _DEPTH = 3
 
 
@@ -34,7 +39,7 @@ def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
     Raises:
         OpenLockError: If it is no JSON, not whole, or an entry is none.
     """
-    return screen_actions(_entries(path), path.stem)
+    return in_order(screen_actions(_entries(path), path.stem))
 
 
 def screen_actions(
@@ -49,25 +54,25 @@ def screen_actions(
     Raises:
         ImportFault: If a screen has values that cannot be, or all actions are hidden in others.
     """
-    before: dict[str, tuple[float, float]] = {}
+    before: dict[str, tuple[float, float]] = {}  # of time_elapsed, and the time when it began
     hidden: tuple[Place, str] | None = None
     acts = False
     for place, screen in screens:
-        given = {name: value for name, value in screen.items() if value not in (None, "")}
+        # Its tables say "null" of what is null.
+        given = {name: value for name, value in screen.items() if value not in (None, "", "null")}
         if "action" not in given:
             if not hidden and (within := _within(given)):
                 hidden = place, within
             continue
         row = {"subject": unnamed, **given}
-        for name, meaning in _MILLISECONDS.items():
-            if name in given:
-                row.setdefault(meaning, seconds(place, name, given[name], 1e-3))
+        row.setdefault("reaction", seconds(place, "rt", given.get("rt"), 1e-3))
+        elapsed = seconds(place, "time_elapsed", given.get("time_elapsed"), 1e-3)
+        if elapsed is not None:
+            last, began = before.get(str(row["subject"]), (0.0, 0.0))
+            began += last if elapsed < last else 0.0
+            before[str(row["subject"])] = elapsed, began
+            row.setdefault("time", elapsed + began)
         one = replace(action_entry(place, row), named="subject" in given)
-        if one.time is not None:
-            last, passed = before.get(one.subject, (0.0, 0.0))
-            passed = passed + last if one.time < last else passed
-            before[one.subject] = one.time, passed
-            one = replace(one, time=one.time + passed)
         acts = True
         yield one
     if hidden and not acts:

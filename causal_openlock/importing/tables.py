@@ -12,6 +12,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from causal_openlock.importing.actions import (
     ActionEntry,
     Place,
     action_entry,
+    in_order,
     number,
     seconds,
     text,
@@ -35,13 +37,14 @@ from causal_openlock.importing.text import read_text
 
 NEEDED = ("subject", "condition", "trial", "attempt", "action")
 """The columns that a table of actions has to have."""
-SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "strokes"}
 _NUMBERS = ("solution", "solutions_found", "solutions")
 _TRUTHS = ("unlocked", "opened", "new_solution")
 _DECIMALS = ("reaction", "time", "wall_time", "reward", "rt", "time_elapsed")
-_COMMA = re.compile(r"\d+,\d+", re.ASCII)
-_SAID = re.compile(r"sep=(.)\r?\n")
+_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
+_SAID = re.compile(r"\"?sep=([,;|\t])\"?(?:\r\n?|\n)", re.IGNORECASE)
 """The first line by which a spreadsheet is told what separates columns."""
+_EMPTY = re.compile(r"(?:[^\S\n]*\n)*")
 
 
 @dataclass(frozen=True)
@@ -71,11 +74,11 @@ class Table:
         """
         content = read_text(path)
         said = _SAID.match(content)
-        content = content[said.end() :] if said else content
-        possible = (said[1],) if said and said[1] in SEPARATORS else tuple(SEPARATORS)
-        tables = [
-            cls(path, one, _header(content, one), int(bool(said)), content) for one in possible
-        ]
+        begin = _EMPTY.match(content, said.end() if said else 0).end()  # type: ignore[union-attr]
+        skipped = len(content[:begin].splitlines())
+        content = content[begin:]
+        possible = (said[1],) if said else tuple(SEPARATORS)
+        tables = [cls(path, one, _header(content, one), skipped, content) for one in possible]
         known = [one for one in tables if one.is_own or not one.missing]
         # Of a table that is none, the reading with most columns is the one to speak of.
         return known[0] if known else max(tables, key=lambda one: len(one.header))
@@ -119,10 +122,12 @@ class Table:
         )
         try:
             next(reader, None)
+            begins = reader.line_num + 1  # a cell may have several lines
             for row in reader:
+                place = Place(self.path, begins + self.skipped)
+                begins = reader.line_num + 1
                 if not any(map(str.strip, row)):
                     continue
-                place = Place(self.path, reader.line_num + self.skipped)
                 if len(row) != len(self.header):
                     raise place.fault(
                         f"there are {len(row)} cells and {len(self.header)} columns; is the file "
@@ -152,7 +157,7 @@ def _header(content: str, separator: str) -> tuple[str, ...]:
         row = next(csv.reader(io.StringIO(content, newline=""), delimiter=separator), [])
     except csv.Error:
         return ()
-    return tuple(map(str.strip, row))
+    return tuple(" ".join(cell.split()) for cell in row)
 
 
 def table_actions(table: Table) -> Iterator[ActionEntry]:
@@ -162,8 +167,8 @@ def table_actions(table: Table) -> Iterator[ActionEntry]:
         OpenLockError: If it is none of the forms, or a row is none.
     """
     header, head = table.header, Place(table.path, 1 + table.skipped)
-    if twice := {name for name in header if name and header.count(name) > 1}:
-        raise head.fault(f"the column {min(twice)} is there twice; remove one")
+    if twice := [name for name, times in Counter(header).items() if name and times > 1]:
+        raise head.fault(f"the column {twice[0]} is there twice; remove one")
     if table.is_own:
         for place, values in table.rows():
             yield from _attempt(place, values)
@@ -176,24 +181,9 @@ def table_actions(table: Table) -> Iterator[ActionEntry]:
             f"{', '.join(NEEDED)}, and an export of this project the columns of a record"
         )
     if table.is_of_jspsych:
-        yield from screen_actions(table.rows(), table.path.stem)
+        yield from in_order(screen_actions(table.rows(), table.path.stem))
     else:
-        yield from _plain(table)
-
-
-def _plain(table: Table) -> Iterator[ActionEntry]:
-    """The actions in a table with a row for each; a subject's time does not run backwards."""
-    before: dict[str, float] = {}
-    for place, values in table.rows():
-        one = action_entry(place, values)
-        if one.time is not None:
-            if one.time < before.get(one.subject, 0.0):
-                raise place.fault(
-                    f"time is {one.time:g}, and was {before[one.subject]:g} before; it is seconds "
-                    "since the subject began, and rows are in the order of time"
-                )
-            before[one.subject] = one.time
-        yield one
+        yield from in_order(action_entry(place, values) for place, values in table.rows())
 
 
 def experiment_of(table: Table) -> tuple[str, int] | None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gzip
 import zlib
+from codecs import BOM_UTF8
 from pathlib import Path
+from typing import BinaryIO
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.decoding import decoded
@@ -20,7 +22,7 @@ def read_text(path: Path) -> str:
         OpenLockError: If it cannot be read, or is no text.
     """
     try:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        with _opened(path) as file:
             content = file.read(MOST_BYTES + 1)
         if len(content) > MOST_BYTES or content.count(b"\n") > MOST_LINES:
             raise OpenLockError(
@@ -39,10 +41,17 @@ def is_json(path: Path) -> bool:
     """Whether a file is to be read as JSON: it is called so, or its text begins so.
 
     Servers call what they have collected as they like; JATOS says ``.txt``.
-
-    Raises:
-        OpenLockError: If its name does not say, and it cannot be read.
     """
-    if path.suffix == ".json" or ".csv" in path.suffixes:
-        return path.suffix == ".json"
-    return read_text(path).lstrip()[:1] in ("[", "{")
+    try:
+        with _opened(path) as file:
+            begins = file.read(1024)
+    except (OSError, EOFError, zlib.error):
+        begins = b""  # whoever reads it says what is wrong
+    return path.suffix.lower() == ".json" or begins.removeprefix(BOM_UTF8).lstrip()[:1] in (
+        b"[",
+        b"{",
+    )
+
+
+def _opened(path: Path) -> BinaryIO | gzip.GzipFile:
+    return gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")

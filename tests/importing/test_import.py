@@ -474,6 +474,8 @@ def seconds_of(folder: Path) -> list[float]:
             "\n".join(TIMED).replace(",", ";").replace("0.", "0,").replace("1.1", "1,1"),
             ("separated by semicolons, and 0,5 is read as 0.5",),
         ),
+        ("\n \n" + "\n".join(TIMED), ()),
+        ('"SEP=|"\r' + "\n".join(TIMED).replace(",", "|"), ("separated by strokes",)),
         ("sep=;\r\n" + "\r\n".join(TIMED).replace(",", ";"), ("separated by semicolons",)),
         (
             TIMED[0].replace(",", ";") + ';"age, years"\n'
@@ -481,7 +483,7 @@ def seconds_of(folder: Path) -> list[float]:
             ("separated by semicolons", "passed over: age, years"),
         ),
     ],
-    ids=["empty rows", "tabs", "decimal commas", "sep=", "a comma in the header"],
+    ids=["empty rows", "tabs", "decimal commas", "empty first", "SEP", "sep", "comma in header"],
 )  # fmt: skip
 def test_what_a_spreadsheet_saves_is_read_and_said(
     content: str, remarks: tuple[str, ...], tmp_path: Path
@@ -504,6 +506,9 @@ def test_what_a_spreadsheet_saves_is_read_and_said(
         ("0.51", "-1", "reaction must be a number of at least 0"),
         ("trial1", "Trial1", "data.csv:2: there is no layout 'Trial1' in the record; did you mean"),
         ("push_LOWERLEFT", "push_l0", "'push_l0' names a lever by its role, which rooms deal anew"),
+        ("0.51", '"0\n\n1"', "data.csv:2: reaction must be a number"),
+        ("anna,CE3,1,1,push_door", '"\n\n",CE3,1,1,push_door', "data.csv:4: subject is missing"),
+        ("push_UPPERRIGHT", '"\nx"', "data.csv:3: there is no action"),
         ("reaction", "time", "data.csv:4: time is 0.2, and was 0.7 before; it is seconds since"),
     ],
 )
@@ -536,6 +541,13 @@ def test_the_table_of_jspsych_says_what_its_json_says(tmp_path: Path) -> None:
         assert (made.attempts, made.remarks) == (2, ())
         assert seconds_of(tmp_path / name.replace(".", "_")) == [0.51, 0.7, 0.2, 0.3, 0.4, 1.1]
         tables.append(Store(tmp_path / name.replace(".", "_")).record()[0].drop(["experiment"]))
+    text = (tmp_path / "data.csv").read_text().replace('""', '"null"')
+    (tmp_path / "nulls.csv").write_text(text)
+    assert import_files([tmp_path / "nulls.csv"], tmp_path / "nulls").attempts == 2
+    (tmp_path / "called.CSV").write_text(json.dumps(screens()))
+    assert import_files([tmp_path / "called.CSV"], tmp_path / "called").attempts == 2
+    (tmp_path / "packed.CSV.GZ").write_bytes(gzip.compress(text.encode()))
+    assert import_files([tmp_path / "packed.CSV.GZ"], tmp_path / "packed").attempts == 2
     assert tables[0].equals(tables[1])
     assert tables[1].equals(tables[2])
     alone = pd.DataFrame(screens()).drop(columns="subject")
@@ -569,9 +581,24 @@ def test_an_action_that_is_hidden_is_named(hide: Any, tmp_path: Path) -> None:
 
 def test_other_encodings_are_named(tmp_path: Path) -> None:
     path = tmp_path / "data.csv"
-    path.write_bytes("\n".join(TIMED).encode("utf-16"))
-    with pytest.raises(OpenLockError, match=r"is not UTF-8 \(it is UTF-16\); save it as UTF-8"):
-        import_files([path], tmp_path / "in")
+    for name in ("UTF-16", "UTF-32"):
+        path.write_bytes("\n".join(TIMED).encode(name))
+        with pytest.raises(OpenLockError, match=rf"is not UTF-8 \(it is {name}\); save it as"):
+            import_files([path], tmp_path / "in")
+
+
+def test_a_long_header_is_read_in_no_time(tmp_path: Path) -> None:
+    wide = ",".join(f"c{number}" for number in range(50_000))
+    assert "is the file whole?" in refused(f"{TIMED[0]},{wide}\na,b\n", tmp_path)
+
+
+def test_losses_have_a_decimal_comma_too(own: Path, tmp_path: Path) -> None:
+    rows = [line.split(",") for line in own.read_text().splitlines()]
+    path = tmp_path / "own.csv"
+    table = pd.read_csv(own, dtype=str)
+    table["reward"] = table["reward"].str.replace(".", ",")
+    table.to_csv(path, sep=";", index=False)
+    assert import_files([path], tmp_path / "in").attempts == len(rows) - 1
 
 
 def test_what_an_experiment_runs_is_said_before_it_is_read(tmp_path: Path) -> None:
