@@ -9,8 +9,9 @@ import pytest
 
 from causal_openlock import Condition, Layout, find_schema, ideal_attempts, waste
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.waste import wasted
+from causal_openlock.analysis.results.waste import WORTH, wasted
 from causal_openlock.belief.observer import Observer, observer_of
+from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.world.schema import Schema
 from support.fabricated_records import table, trial_rows
@@ -109,3 +110,24 @@ def test_what_cannot_be_judged_is_left_out() -> None:
     material = Material.of(table(rows), stored(experiment))
     assert waste(material).empty
     assert wasted(waste(material)).empty
+
+
+def test_a_schema_that_play_leads_out_of_reach_is_left_out_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    material = played("random", "CC3", "CE3")
+    whole = waste(material)
+    trial, asked = Observer.trial, []
+
+    def out_of_reach(self: Observer, *given: object) -> object:
+        asked.append(self)
+        if self is observer_of(find_schema("CC3"), 3) and asked.count(self) == 2:
+            raise TooLargeError("more than 20,000 states")
+        return trial(self, *given)
+
+    monkeypatch.setattr(Observer, "trial", out_of_reach)
+    left = waste(material)
+    expected = whole[whole["schema"] == "CE3"].reset_index(drop=True)
+    assert not left.empty
+    assert (left[WORTH] == expected[WORTH]).all(axis=None)
+    assert set(left["schema"]) == {"CE3"}

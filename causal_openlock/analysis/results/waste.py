@@ -23,7 +23,7 @@ from causal_openlock.world.room import Layout, positions_for
 from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
-    from causal_openlock.belief.observer import Observer
+    from causal_openlock.belief.observer import Observer, Worth
 
 _TRIAL = [*CELL, *SUBJECT, *VISIT]
 _ROOM = ["schema", "layout"]
@@ -57,22 +57,30 @@ def waste(results: Material) -> pd.DataFrame:
         - ``useless``: how many actions were known to be: sure to change nothing, or at a moment at
           which nothing in the rest of the attempt could help any more.
     """
+    from causal_openlock.belief.placements import TooLargeError
+
     columns = [*_TRIAL, *_ROOM, "attempt", "actions"]
     table = results.record.select(columns).to_pandas().sort_values([*_TRIAL, "attempt"])
     table = table.reset_index(drop=True)
     observers = _observers(results)
     actions = table.pop("actions").map(np.ndarray.tolist)
-    parts, rows = [], []
+    worth: dict[Observer, dict[int, Worth]] = {one: {} for one, _ in observers.values()}
     for key, own in table.groupby([*_TRIAL, *_ROOM], observed=True, sort=False).groups.items():
         known = observers.get((key[0], key[1], key[-2]))
         placed = known and _placed(known[1], key[-1])
-        if not known or placed is None:
+        # Play that leads the observer out of reach leaves out all rooms of its schema, whose other
+        # trials are no fair sample.
+        if not known or placed is None or known[0] not in worth:
             continue
-        worths = known[0].trial(placed, actions.loc[own].tolist())
-        parts += worths
-        rows += own[: len(worths)].tolist()
-    found = pd.DataFrame(parts, columns=WORTH, index=rows)
-    joined = table.loc[rows].join(found).sort_index().reset_index(drop=True)
+        try:
+            worths = known[0].trial(placed, actions.loc[own].tolist())
+        except TooLargeError:
+            del worth[known[0]]
+        else:
+            worth[known[0]].update(zip(own, worths, strict=False))
+    rows = {row: one for of_schema in worth.values() for row, one in of_schema.items()}
+    found = pd.DataFrame([*rows.values()], columns=WORTH, index=[*rows])
+    joined = table.loc[[*rows]].join(found).sort_index().reset_index(drop=True)
     learner = pd.Categorical(joined["learner"], list(results.learners))
     return joined.drop(columns="layout").assign(learner=learner)
 
