@@ -65,7 +65,7 @@ def played(schema: Any) -> dict[str, Any]:
     from causal_openlock.belief import sampling
     from causal_openlock.belief.planning import Planner
     from causal_openlock.experiment.protocol import PROTOCOLS
-    from learners.bayes import Bayes
+    from openlock_learners.bayes import Bayes
 
     counts = {"structures": 0, "states": 0}
     distance, look = sampling.distance, Planner._look

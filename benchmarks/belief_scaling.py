@@ -65,7 +65,7 @@ def measure() -> Iterator[Cost]:
     from causal_openlock import Condition, Session, find_schema
     from causal_openlock.belief.beliefs import Belief
     from causal_openlock.experiment.protocol import PROTOCOLS
-    from learners.bayes import Bayes, BayesParameters
+    from openlock_learners.bayes import Bayes, BayesParameters
 
     for name, noise in (("CC3", 0.0), ("CC4", 0.0), ("noisy_CC3", 0.5)):
         session = Session(Condition.named(name, find_schema), PROTOCOLS["human"], 1)

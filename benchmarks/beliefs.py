@@ -73,7 +73,7 @@ def _whole_subjects(repeats: int) -> Row:
 def _play(subjects: int) -> dict[str, Any]:
     from causal_openlock import Condition, Session, find_schema
     from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS
-    from learners.bayes import Bayes
+    from openlock_learners.bayes import Bayes
 
     conditions = [Condition.named(name, find_schema) for name in PAPER_CONDITIONS]
     rounds, trials, began = [], 0, time.perf_counter()
@@ -233,7 +233,7 @@ def _plans(repeats: int) -> Iterator[Row]:
     from causal_openlock import Condition, Session, find_schema
     from causal_openlock.belief.planning import Objective, Planner, Situation
     from causal_openlock.experiment.protocol import PROTOCOLS
-    from learners.bayes import Bayes
+    from openlock_learners.bayes import Bayes
 
     session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 1, seed=SEED)
     learner = Bayes()

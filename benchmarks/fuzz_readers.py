@@ -54,12 +54,12 @@ from causal_openlock.play.reactions import read_reactions
 from causal_openlock.play.recruiting import RECRUITED
 from causal_openlock.render.words import Wording
 from causal_openlock.scoring.scores import ACTIONS, FOLDER
-from learners.language.answers import read_answer, read_structure
-from learners.language.replay import Replay
-from learners.meta.file import TrainingFile, read_training
-from learners.meta.training import MetaTraining, resume
-from learners.networks.network_file import read_network, write_network
-from learners.networks.recurrent_policy import Sizes, make_policy
+from openlock_learners.language.answers import read_answer, read_structure
+from openlock_learners.language.replay import Replay
+from openlock_learners.meta.file import TrainingFile, read_training
+from openlock_learners.meta.training import MetaTraining, resume
+from openlock_learners.networks.network_file import read_network, write_network
+from openlock_learners.networks.recurrent_policy import Sizes, make_policy
 
 ROOT = Path(__file__).parents[1]
 PLAYED = ROOT / "docs" / "example_play"

@@ -111,7 +111,7 @@ def _warm_up(_: int) -> float:
 
 def _ours(attempts: int = ATTEMPTS, subjects: int = SUBJECTS, device: Any = "cpu") -> float:
     from causal_openlock import Condition, Protocol, Session, find_schema
-    from learners.ddqn import DDQN, DDQNParameters
+    from openlock_learners.ddqn import DDQN, DDQNParameters
 
     condition = Condition.named("CC4", find_schema)
     protocol = Protocol("benchmark", attempt_limit=attempts, stop_when_solved=False)

@@ -34,7 +34,7 @@ from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.teacher_forcing import score_actions
-from learners.bayes import Bayes
+from openlock_learners.bayes import Bayes
 
 SHORT = ol.Protocol("short", 6, stop_when_solved=True, baseline_trials=1)
 LAPSE = 0.2

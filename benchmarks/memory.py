@@ -51,7 +51,7 @@ def _play(attempt_limit: int) -> dict[str, int]:
 
     from causal_openlock import Condition, Session, find_schema
     from causal_openlock.experiment.protocol import PROTOCOLS
-    from learners.random import RandomLearner
+    from openlock_learners.random import RandomLearner
 
     condition = Condition.named("CC4", find_schema)
     human = PROTOCOLS["human"]

@@ -16,7 +16,7 @@ from measure import Measurement, Row, Target, in_turns, stopwatch
 from causal_openlock import Condition, OpenLockEnv, Session, find_schema
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.world.room import published_layouts
-from learners.random import RandomLearner
+from openlock_learners.random import RandomLearner
 
 SUBJECTS, SUBJECTS_IN_THE_LOOP = 4096, 64
 HUMAN = PROTOCOLS["human"]

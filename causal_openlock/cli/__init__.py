@@ -31,8 +31,9 @@ from causal_openlock.cli import (
     text,
 )
 from causal_openlock.cli.terminal import complain, say, warn_in_a_line, write_anything
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.files.escaping import require_utf8
+from causal_openlock.files.plugins import COMMANDS, registered
 from causal_openlock.version import __version__
 
 app = typer.Typer(
@@ -65,6 +66,23 @@ for _command in (
 ):
     app.command()(_command)
 app.command("import")(importing.import_)
+
+
+def _add_registered() -> None:
+    """Add the commands that packages register: functions, or Typer apps of several commands."""
+    for name, entry in registered(COMMANDS).items():
+        try:
+            command = entry.load()
+        except Exception as error:  # a package of somebody else can fail in any way
+            say(f"warning: the command {name} cannot be loaded: {in_short(error)}", error=True)
+            continue
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command(name)(command)
+
+
+_add_registered()
 
 
 def _version(wanted: bool) -> None:

@@ -19,14 +19,14 @@ from __future__ import annotations
 
 import inspect
 import json
-import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
-from functools import cache, lru_cache
-from importlib.metadata import Distribution, EntryPoint, entry_points
+from functools import cache
+from importlib.metadata import Distribution, EntryPoint
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
+from causal_openlock.contract.former_names import FORMER_PACKAGE, PACKAGE, TOOLKIT
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.session_code import is_of_session, session_source
@@ -40,46 +40,18 @@ from causal_openlock.files.module_source import (
     look_beside,
     module_source,
 )
+from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.files.validation import plain
 from causal_openlock.wording import nearest
-
-ENTRY_POINTS = "causal_openlock.learners"
-TOOLKIT = "causal-openlock"
-"""The package that the learners of the toolkit come with."""
 
 
 def registry() -> Mapping[str, EntryPoint]:
     """Every installed learner by name; this loads none of them.
 
     Raises:
-        LearnerError: If two packages register the same name.
+        OpenLockError: If two packages register the same name.
     """
-    return _registry(tuple((place, _changed(place)) for place in sys.path))
-
-
-@lru_cache(maxsize=2)
-def _registry(places: tuple[tuple[str, int], ...]) -> dict[str, EntryPoint]:
-    """As :func:`registry`: read once for as long as nothing is installed in any of the places."""
-    found: dict[str, EntryPoint] = {}
-    for entry in entry_points(group=ENTRY_POINTS):
-        other = found.setdefault(entry.name, entry)
-        if other.value != entry.value:
-            raise LearnerError(
-                f"the learner {entry.name!r} is registered twice, as {_origin(other)} and as "
-                f"{_origin(entry)}; uninstall one of these packages or rename its learner"
-            )
-    return dict(sorted(found.items()))
-
-
-def _changed(place: str) -> int:
-    try:
-        return Path(place).stat().st_mtime_ns
-    except OSError:
-        return 0
-
-
-def _origin(entry: EntryPoint) -> str:
-    return f"{entry.value} by {entry.dist.name}" if entry.dist else entry.value
+    return registered(LEARNERS)
 
 
 def _package(name: str) -> Distribution | None:
@@ -162,7 +134,7 @@ def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
         if not MODULE_AND_NAME.fullmatch(name):
             raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
         look_beside()
-        entry = EntryPoint(name, name, ENTRY_POINTS)
+        entry = EntryPoint(name, name, LEARNERS)
     else:
         known = registry()
         if name not in known:
@@ -175,16 +147,22 @@ def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
         loaded = entry.load()
     except Exception as error:  # a module can fail in any way while it is imported
         meant = misspelt(entry, error, "class", _is_learner) if name == entry.value else None
-        raise LearnerError(
-            meant
-            or f"the learner {name!r} ({entry.value}) cannot be imported: "
+        message = meant or (
+            f"the learner {name!r} ({entry.value}) cannot be imported: "
             f"{type(error).__name__}: {error}"
-        ) from error
+        )
+        if isinstance(error, ModuleNotFoundError) and _is_in(error.name or "", FORMER_PACKAGE):
+            message += f"; the bundled learners are in the package {PACKAGE} now"
+        raise LearnerError(message) from error
     if not (isinstance(loaded, type) and issubclass(loaded, Learner | OneSubjectLearner)):
         raise LearnerError(
             f"the learner {name!r} ({entry.value}) is no subclass of Learner or OneSubjectLearner"
         )
     return loaded
+
+
+def _is_in(module: str, package: str) -> bool:
+    return f"{module}.".startswith(f"{package}.")
 
 
 def _is_learner(value: Any) -> bool:

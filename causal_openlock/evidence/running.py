@@ -45,6 +45,9 @@ from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.world.fsm import BoolArray
 
+OUR_OWN = {"python": (), "causal-openlock": ("-m", "causal_openlock")}
+"""Commands that run with the interpreter that runs the study: by name, its options."""
+
 
 def run_study(study: Study, results: Path, watched: Watched, anew: bool = False) -> None:
     """Run what is missing of a study, and keep what was measured, even if it is stopped.
@@ -127,8 +130,8 @@ def _train(study: Study, networks: Networks, part: Part, results: Path, watched:
     out.parent.mkdir(parents=True, exist_ok=True)
     file = study.training_files[part.trained]
     words = networks.words(file=str(file), seed=str(part.seed), out=str(out))
-    if words[0] == "python":
-        words[0] = sys.executable
+    if words[0] in OUR_OWN:
+        words[:1] = [sys.executable, *OUR_OWN[words[0]]]
     about = f"{part.trained}, seed {part.seed}"
     log = out.with_suffix(".log")
     watched.say(f"training {about}; its progress is in {log}")

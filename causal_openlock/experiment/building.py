@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from causal_openlock.contract.former_names import present_name
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.registry import (
@@ -340,10 +341,10 @@ def as_learner(learner: LearnerForm) -> LearnerFile:
     Raises:
         LearnerError: If it is none of these forms, or a class that no worker can find by its name.
     """
-    if isinstance(learner, LearnerFile):
-        return learner
     if isinstance(learner, str):
-        return LearnerFile(learner=learner)
+        learner = LearnerFile(learner=learner)
+    if isinstance(learner, LearnerFile):
+        return learner.model_copy(update={"learner": present_name(learner.learner)})
     kind, parameters = learner, None
     if not isinstance(learner, type):
         kind, parameters = type(learner), getattr(learner, "parameters", None)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from causal_openlock.contract.former_names import in_identities
 from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
@@ -22,7 +23,7 @@ from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted
 from causal_openlock.world.rewards import RewardFunction
 
-RANDOM_CLASS = "learners.random:RandomLearner"
+RANDOM_CLASS = "openlock_learners.random:RandomLearner"
 
 _NOTES = ("prior_attempts", "informed")  # of a learner's origin: they follow from its code
 
@@ -281,7 +282,8 @@ class Experiment:
 
 def _deciding(learner: dict[str, Any]) -> dict[str, Any]:
     """What of a learner's description its results depend on, and identities are made of."""
-    return {key: value for key, value in learner.items() if key not in _NOTES}
+    decides = {key: value for key, value in learner.items() if key not in _NOTES}
+    return {**decides, "class": in_identities(learner["class"])}
 
 
 def _digest(data: Any) -> str:

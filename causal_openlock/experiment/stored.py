@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 from pydantic import Discriminator, Field, Tag, ValidationError
 
+from causal_openlock.contract.former_names import present_class, present_name
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import OpenLockError, RewardError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec, Origin
@@ -191,14 +192,18 @@ class _Learner(StrictModel):
         reward = self.reward
         return LearnerSpec(
             name=self.name,
-            learner=self.learner,
+            learner=present_name(self.learner),
             parameters=self.parameters,
             protocol=self.protocol,
             reward=reward if isinstance(reward, AuthorsReward) else reward.built(),
             subjects=self.subjects,
             cell_size=self.cell_size,
             recorded=Origin(
-                self.class_, self.package, self.material, self.prior_attempts, self.informed
+                present_class(self.class_, self.package),
+                self.package,
+                self.material,
+                self.prior_attempts,
+                self.informed,
             ),
         )
 

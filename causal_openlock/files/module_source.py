@@ -16,8 +16,12 @@ from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 
-TOOLKIT = Path(__file__).resolve().parents[2]
-"""The folder that the toolkit's own packages are in, installed or as a checkout."""
+_INSTALLED_IN = Path(__file__).resolve().parents[2]
+TOOLKIT = tuple(
+    _INSTALLED_IN / name
+    for name in ("causal_openlock", "openlock_learners", "learners/openlock_learners")
+)
+"""The toolkit's own packages; in a checkout the learners are in a folder of their own."""
 MODULE_AND_NAME = re.compile(r"\w+(\.\w+)*:\w+(\.\w+)*")
 
 
@@ -66,10 +70,9 @@ def is_installed(source: Path) -> bool:
 
 def is_users_own(source: Path) -> bool:
     """Whether a source file is neither installed nor one of the toolkit's."""
-    toolkit = (TOOLKIT / name for name in ("causal_openlock", "learners"))
     # Shared machines have packages in such folders outside the environment.
     installed = {"site-packages", "dist-packages"} & {*source.parts} or is_installed(source)
-    return not (installed or any(map(source.is_relative_to, toolkit)))
+    return not (installed or any(map(source.is_relative_to, TOOLKIT)))
 
 
 def _is_module(path: Path) -> bool:

@@ -246,7 +246,7 @@ class LearnerParameters(FromTheProgram):
         from causal_openlock.contract.registry import learner_class, parameter_table, registry
 
         for name, entry in registry().items():
-            if not entry.value.startswith("learners."):
+            if not entry.value.startswith("openlock_learners."):
                 continue
             single = learner_class(name)
             first = (single.__doc__ or "").split("\n\n")[0]

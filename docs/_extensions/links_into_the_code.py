@@ -24,7 +24,7 @@ LINK = re.compile(
     r"(?P<mark>!?)\[(?P<text>[^\]]*)\]"
     r'\((?P<path>[^)#:\s]+)(?P<heading>#[^)\s]*)?(?P<title>\s+"[^"]*")?\)'
 )
-CODE = ("causal_openlock", "learners")
+CODE = ("causal_openlock", "openlock_learners")
 STUDIES = "evidence/README"
 """The page of all studies."""
 
@@ -50,11 +50,13 @@ def relinked(text: str, page: Path, docs: Path) -> str:
         if not target.exists() or not target.is_relative_to(root):
             return found[0]
         place = target.relative_to(root)
+        # The folder that the package of the learners is in.
+        inside = place.relative_to("learners") if place.is_relative_to("learners") else place
         if target.parent == lessons and re.match(r"\d", target.name):
             # Not as a path: those are followed through links of the file system.
             return f"{{doc}}`{found['text'].strip('`')} </lessons/{target.stem}>`"
-        if target.suffix == ".py" and place.parts[0] in CODE:
-            module = ".".join(place.with_suffix("").parts).removesuffix(".__init__")
+        if target.suffix == ".py" and inside.parts[0] in CODE:
+            module = ".".join(inside.with_suffix("").parts).removesuffix(".__init__")
             return f"{{py:mod}}`{found['text'].strip('`')} <{module}>`"
         if target.is_dir():
             return found["text"]

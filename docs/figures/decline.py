@@ -18,7 +18,7 @@ from causal_openlock import Condition, Session, find_schema
 from causal_openlock.analysis.plots import style
 from causal_openlock.contract.learner import Step
 from causal_openlock.experiment.protocol import PROTOCOLS
-from learners.ddqn import DDQN, DDQNParameters
+from openlock_learners.ddqn import DDQN, DDQNParameters
 
 HERE = Path(__file__).parent
 RATES = (0.001, 0.005)

@@ -113,7 +113,7 @@ def test_expected_random_actions_are_those_of_the_learner(
     shrinks_with: str, after_trial: float | None
 ) -> None:
     pytest.importorskip("torch")
-    from learners.ddqn import DDQN, DDQNParameters
+    from openlock_learners.ddqn import DDQN, DDQNParameters
 
     attempts, limit = 7, 3
     parameters = DDQNParameters(

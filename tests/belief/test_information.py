@@ -19,7 +19,7 @@ def traces() -> list[Trace]:
     condition = Condition.named("CC4", find_schema)
     return [
         trace_trial(
-            create("learners.bayes:Bayes"), condition, PROTOCOLS["human"],
+            create("openlock_learners.bayes:Bayes"), condition, PROTOCOLS["human"],
             trial=1, subject=subject, seed=1, label="bayes",
         )
         for subject in (0, 1)

@@ -20,7 +20,7 @@ from causal_openlock.experiment.expected_cost import Cost, cost_cautions, expect
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.world.schema import Schema
-from learners.bayes import Bayes, BayesParameters
+from openlock_learners.bayes import Bayes, BayesParameters
 
 SIMPLICITY = float(np.log(2.0))
 SIGHT = RoomSight(positions=12, grey=12, solutions=8, action_limit=3)

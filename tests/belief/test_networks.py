@@ -40,7 +40,7 @@ from causal_openlock.testing import schemas
 from causal_openlock.world.fsm import FSM, compile_schema
 from causal_openlock.world.room import Room, position_names
 from causal_openlock.world.schema import DOOR, Gate, Schema
-from learners.bayes import Bayes
+from openlock_learners.bayes import Bayes
 from support.session_play import HUMAN, SCHEMAS, named, one_room
 
 Node = tuple[frozenset[int], int]
@@ -601,7 +601,8 @@ def test_what_cannot_be_set_is_one_sentence() -> None:
 
 def test_beliefs_load_no_pgmpy() -> None:
     code = (
-        "import sys, learners.bayes, causal_openlock.belief.marginals, causal_openlock.belief\n"
+        "import sys, openlock_learners.bayes, causal_openlock.belief\n"
+        "import causal_openlock.belief.marginals\n"
         "print([name for name in ('pgmpy', 'pandas', 'torch') if name in sys.modules])"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

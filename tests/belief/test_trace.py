@@ -37,7 +37,7 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.formats.finding import bundled_schemas, find_schema
 from causal_openlock.world.room import Layout, Room
 from causal_openlock.world.schema import DOOR, Gate, Schema
-from learners.bayes import Bayes
+from openlock_learners.bayes import Bayes
 from support.waiting import HANGS
 
 SEED = 2018
@@ -51,7 +51,7 @@ def traced(
 ) -> Trace:
     condition = Condition.named(name, lambda of: EIGHT if of == "eight" else find_schema(of))
     return trace_trial(
-        learner or create("learners.bayes:Bayes"), condition, protocol,
+        learner or create("openlock_learners.bayes:Bayes"), condition, protocol,
         trial=trial, subject=subject, seed=SEED, label="bayes",
     )  # fmt: skip
 
@@ -103,7 +103,7 @@ def test_beliefs_follow_one_another(name: str) -> None:
 
 def test_the_first_belief_is_the_prior(cc4: Trace) -> None:
     session = Session(Condition.named("CC4", find_schema), HUMAN, [0], seed=SEED, learner="bayes")
-    learner = create("learners.bayes:Bayes")
+    learner = create("openlock_learners.bayes:Bayes")
     assert isinstance(learner, BeliefLearner)
     learner.begin(session.brief)
     learner.act(session.view)
@@ -115,7 +115,7 @@ def test_the_first_belief_is_the_prior(cc4: Trace) -> None:
 
 def test_the_chance_of_what_was_seen_is_what_the_surviving_hypotheses_held(cc4: Trace) -> None:
     session = Session(Condition.named("CC4", find_schema), HUMAN, [0], seed=SEED, learner="bayes")
-    learner = create("learners.bayes:Bayes")
+    learner = create("openlock_learners.bayes:Bayes")
     assert isinstance(learner, BeliefLearner)
     learner.begin(session.brief)
     for action in cc4.actions[:-1]:
@@ -139,7 +139,7 @@ def test_the_gain_expected_is_the_entropy_of_what_could_be_seen(name: str) -> No
 def test_a_traced_subject_does_what_it_does_among_others(name: str, trial: int) -> None:
     condition = Condition.named(name, find_schema)
     session = Session(condition, HUMAN, 3, seed=SEED, learner="bayes")
-    record = session.play(create("learners.bayes:Bayes")).to_pandas()
+    record = session.play(create("openlock_learners.bayes:Bayes")).to_pandas()
     trace = traced(name, trial, subject=2)
     own = record[record["subject"] == 2]
     visits = (own["attempt"] == 1).cumsum()

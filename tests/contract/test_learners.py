@@ -24,7 +24,7 @@ from causal_openlock.contract.registry import (
     parse_parameters,
     registry,
 )
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.finding import bundled_schemas, find_schema
@@ -32,8 +32,8 @@ from causal_openlock.testing import LearnerContract
 from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.room import Layout
-from learners.oracle import Oracle
-from learners.random import RandomLearner
+from openlock_learners.oracle import Oracle
+from openlock_learners.random import RandomLearner
 
 HUMAN = PROTOCOLS["human"]
 LONG = replace(HUMAN, attempt_limit=300, stop_when_solved=False, baseline_trials=3)
@@ -281,7 +281,7 @@ def test_a_name_that_two_packages_register_is_an_error(tmp_path, monkeypatch) ->
     fake_distribution(tmp_path, "one", twin="one:A")
     fake_distribution(tmp_path, "two", twin="two:B")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(LearnerError, match=r"'twin' is registered twice.*uninstall") as raised:
+    with pytest.raises(OpenLockError, match=r"'twin' is registered twice.*uninstall") as raised:
         registry()
     assert "one:A by one" in str(raised.value)
     assert "two:B by two" in str(raised.value)
@@ -299,13 +299,25 @@ def test_the_same_learner_registered_by_two_packages_is_none(tmp_path, monkeypat
     [
         ("randon", "there is no learner 'randon'; did you mean random"),
         ("no_such_module:Learner", "there is no module no_such_module in .*known: "),
-        ("learners.randon:Random", "there is no module learners.randon in .*did you mean random"),
-        ("learners.random.x:Random", "there is no module learners.random.x; known: none"),
-        ("learners.random:Learners", "random.py has no class Learners; .*known: RandomLearner$"),
-        ("learners.random:Streams", "no subclass of Learner or OneSubjectLearner"),
-        ("learners.networks.replay_buffer:np", "no subclass of Learner or OneSubjectLearner"),
+        (
+            "openlock_learners.randon:Random",
+            "there is no module openlock_learners.randon in .*did you mean random",
+        ),
+        (
+            "openlock_learners.random.x:Random",
+            "there is no module openlock_learners.random.x; known: none",
+        ),
+        (
+            "openlock_learners.random:Learners",
+            "random.py has no class Learners; .*known: RandomLearner$",
+        ),
+        ("openlock_learners.random:Streams", "no subclass of Learner or OneSubjectLearner"),
+        (
+            "openlock_learners.networks.replay_buffer:np",
+            "no subclass of Learner or OneSubjectLearner",
+        ),
         (":Learner", "names no learner; write it like my_module:MyLearner"),
-        ("learners.random:", "names no learner; write it like"),
+        ("openlock_learners.random:", "names no learner; write it like"),
         ("a b:C", "names no learner; write it like"),
     ],
 )
@@ -316,9 +328,8 @@ def test_what_is_no_learner_is_one_sentence(name: str, says: str) -> None:
 
 
 def test_a_module_of_the_working_directory_is_found(tmp_path, monkeypatch) -> None:
-    text = (
-        "from learners.random import RandomLearner\nclass Mine(RandomLearner):\n    '''Mine.'''\n"
-    )
+    text = "from openlock_learners.random import RandomLearner\n"
+    text += "class Mine(RandomLearner):\n    '''Mine.'''\n"
     (tmp_path / "beside_the_notebook.py").write_text(text)
     (tmp_path / "does_not_parse.py").write_text("def\n")
     (tmp_path / "fails_at_import.py").write_text("1 / 0\n")
@@ -332,7 +343,8 @@ def test_a_module_of_the_working_directory_is_found(tmp_path, monkeypatch) -> No
 
 
 def test_a_misspelt_name_is_told_apart_from_a_module_that_fails(tmp_path, monkeypatch) -> None:
-    text = "from learners.random import RandomLearner\nclass Persistent(RandomLearner): pass\n"
+    text = "from openlock_learners.random import RandomLearner\n"
+    text += "class Persistent(RandomLearner): pass\n"
     (tmp_path / "my_own_learners.py").write_text(text)
     (tmp_path / "needs_more.py").write_text("import no_such_module_here\n")
     (tmp_path / "needs_itself.py").write_text("import needs_itself\nneeds_itself.Persistent\n")

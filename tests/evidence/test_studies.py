@@ -240,7 +240,13 @@ def test_a_learner_that_is_added_leaves_the_others_as_they_are(root: Path) -> No
 
 
 def test_networks_are_trained_and_each_is_a_unit(tmp_path: Path) -> None:
-    shipped = Path(running.__file__).parents[2] / "learners" / "checkpoints" / "rl2.npz"
+    shipped = (
+        Path(running.__file__).parents[2]
+        / "learners"
+        / "openlock_learners"
+        / "checkpoints"
+        / "rl2.npz"
+    )
     train = tmp_path / "train.py"
     train.write_text(f"import shutil, sys\nshutil.copyfile({str(shipped)!r}, sys.argv[3])\n")
     folder = tmp_path / "evidence" / "networks"

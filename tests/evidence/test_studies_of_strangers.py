@@ -20,7 +20,7 @@ from pathlib import Path
 Path({place!r}).touch()
 
 import numpy as np
-from learners.random import RandomLearner
+from openlock_learners.random import RandomLearner
 
 
 class {name}(RandomLearner):

@@ -43,7 +43,7 @@ from causal_openlock.files.atomic import sweep
 from causal_openlock.files.seal import STATE, seal
 from causal_openlock.files.state import StateError, read_state, write_state
 from causal_openlock.world.fsm import IntArray
-from learners.random import RandomLearner
+from openlock_learners.random import RandomLearner
 from support.checkpoints import same
 from support.command import at_once
 from support.processes import prepared, start_prepared

@@ -15,8 +15,8 @@ from causal_openlock.experiment.protocol import PAPER_CONDITIONS, Condition, Pro
 from causal_openlock.experiment.session import Session
 from causal_openlock.world.room import Layout
 from causal_openlock.world.schema import Schema
-from learners.oracle import Oracle
-from learners.random import RandomLearner
+from openlock_learners.oracle import Oracle
+from openlock_learners.random import RandomLearner
 from support.cc4_in_trial7 import DOOR, L0, L1, L2, L3
 from support.session_play import (
     HUMAN,

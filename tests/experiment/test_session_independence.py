@@ -14,8 +14,8 @@ from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.world.randomness import generators
 from causal_openlock.world.room import Layout, published_layouts
-from learners.oracle import Oracle
-from learners.random import RandomLearner
+from openlock_learners.oracle import Oracle
+from openlock_learners.random import RandomLearner
 from support.cc4_in_trial7 import DOOR
 from support.session_play import HUMAN, Curious, Scripted, named, one_room, play, trials_of
 

@@ -12,7 +12,7 @@ import pytest
 
 from causal_openlock.contract.learner import Brief, Console, InformedLearner, Step, Truth, View
 from causal_openlock.experiment.session import Session
-from learners.oracle import Oracle
+from openlock_learners.oracle import Oracle
 from support.cc4_in_trial7 import WHITE
 from support.session_play import HUMAN, RL, Curious, named, one_room
 

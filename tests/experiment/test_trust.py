@@ -20,7 +20,7 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.files.checksums import json_bytes, read_json
-from learners.networks.network_file import BUNDLED
+from openlock_learners.networks.network_file import BUNDLED
 from support.command import play_here
 
 LEARNER = """
@@ -309,7 +309,12 @@ def test_compare_says_once_which_file_runs_before_it_does(
 
 
 def test_code_of_installed_packages_and_of_this_one_runs_without_a_word(tmp_path: Path) -> None:
-    for name in ("random", "learners.random:RandomLearner", "networkx.classes:Graph", "nowhere:X"):
+    for name in (
+        "random",
+        "openlock_learners.random:RandomLearner",
+        "networkx.classes:Graph",
+        "nowhere:X",
+    ):
         assert file_that_runs(name, tmp_path) is None
     (tmp_path / "parts_of_mine").mkdir()
     (tmp_path / "parts_of_mine" / "__init__.py").write_text("raise SystemExit('it ran')\n")

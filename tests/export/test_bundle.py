@@ -281,7 +281,7 @@ def test_a_learner_that_is_another_now_is_named(made: Path) -> None:
     copy = Store(shutil.copytree(made / "out", made / "copy"))
 
     def change(held: dict[str, Any]) -> None:
-        held["learners"][0]["class"] = "learners.oracle:AnotherOracle"
+        held["learners"][0]["class"] = "openlock_learners.oracle:AnotherOracle"
         held["identity"] = "another"
 
     edit_stored(copy.folder, change)

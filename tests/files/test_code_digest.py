@@ -78,7 +78,8 @@ def test_a_module_of_the_user_that_is_imported_counts(
 
 
 def test_what_is_not_imported_or_not_the_users_does_not_count(folder: Path) -> None:
-    text = "import json, numpy, ruamel.yaml, learners.random\nfrom causal_openlock import Learner\n"
+    text = "import json, numpy, ruamel.yaml, openlock_learners.random\n"
+    text += "from causal_openlock import Learner\n"
     write(folder, {"a_mine.py": text, "a_stranger.py": "", "ruamel/notes.py": "x = 1"})
     assert of("a_mine") == digest(text)  # as it was before modules that are imported counted
     for place in ("libs/a_lib/__init__.py", "site-packages/a_lib/__init__.py"):

@@ -63,7 +63,7 @@ from causal_openlock.formats.finding import bundled, find_schema
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams
-from learners.oracle import Oracle
+from openlock_learners.oracle import Oracle
 from support.figures import KINDS, drawn
 from support.processes import start_prepared
 

@@ -20,7 +20,7 @@ from support.command import at_once, modules_of
 pytest.importorskip("optuna")
 MINE = """\
 from a_fitted_helper import AWAY
-from learners.associative import Associative
+from openlock_learners.associative import Associative
 
 class Mine(Associative):
     @classmethod

@@ -23,8 +23,8 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.testing import schemas
 from causal_openlock.testing.learner_contract import NINE
 from causal_openlock.world.schema import Gate, Schema
-from learners import bayes
-from learners.bayes import Bayes, BayesParameters
+from openlock_learners import bayes
+from openlock_learners.bayes import Bayes, BayesParameters
 from support.session_play import HUMAN, SCHEMAS, named, one_room, play, trials_of
 
 POLICIES = (

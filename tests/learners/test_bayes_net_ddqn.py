@@ -13,8 +13,8 @@ from scipy.stats import chisquare
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.experiment.session import Session
-from learners.bayes_net_ddqn import BayesNetDDQN, BayesNetDDQNParameters
-from learners.ddqn import DDQN, DDQNParameters
+from openlock_learners.bayes_net_ddqn import BayesNetDDQN, BayesNetDDQNParameters
+from openlock_learners.ddqn import DDQN, DDQNParameters
 from support.checkpoints import same
 from support.session_play import HUMAN, Scripted, named, one_room
 

@@ -16,7 +16,7 @@ from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.finding import find_schema
 from causal_openlock.world.room import Layout
-from learners.ddqn import DDQN, DDQNParameters
+from openlock_learners.ddqn import DDQN, DDQNParameters
 from support.checkpoints import kept_and_resumed, same
 from support.plain_ddqn import PlainDDQN, distance, plain_network
 

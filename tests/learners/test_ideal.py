@@ -261,7 +261,7 @@ def test_what_is_equally_good_is_drawn_by_chance():
 @pytest.mark.parametrize("name", ["noisy_CC3", "seven"])
 def test_where_the_optimum_is_out_of_reach_it_plans_ahead(name, monkeypatch):
     monkeypatch.setattr("causal_openlock.belief.optimal.HYPOTHESIS_LIMIT", 100)
-    from learners.ideal import _solver
+    from openlock_learners.ideal import _solver
 
     _solver.cache_clear()
     trials = trials_of(play(create("ideal"), name, subjects=5 if name == "seven" else 40))

@@ -27,10 +27,10 @@ from causal_openlock.export.bundle import write_bundle
 from causal_openlock.formats.finding import find_schema
 from causal_openlock.render.words import Wording
 from causal_openlock.world.room import Layout
-from learners.language import answers
-from learners.language.answers import read_answer, read_structure
-from learners.language.replay import BUDGET, FOLDER, Replay
-from learners.language.server import KEY, TRUSTED
+from openlock_learners.language import answers
+from openlock_learners.language.answers import read_answer, read_structure
+from openlock_learners.language.replay import BUDGET, FOLDER, Replay
+from openlock_learners.language.server import KEY, TRUSTED
 from support.scripted_server import (
     Body,
     Cut,
@@ -68,7 +68,7 @@ def protocol(attempts: int = 2, trials: int = 1) -> Protocol:
 
 def made(url: str, **parameters: Any) -> Any:
     given = {"model": "scripted", "base_url": url, **parameters}
-    return create("learners.llm:LanguageModel", given)
+    return create("openlock_learners.llm:LanguageModel", given)
 
 
 def declared(folder: Path, url: str, subjects: int, **parameters: Any) -> Experiment:
@@ -277,7 +277,7 @@ def test_trouble_that_stays_is_one_sentence_without_the_key(
     with scripted(lambda *_: trouble) as (server, url):
         monkeypatch.setenv(TRUSTED, url)
         given = {"model": "m", "base_url": url, "retries": 1, "seconds": 0.2, "unanswered": 0}
-        learner = create("learners.llm:LanguageModel", given)
+        learner = create("openlock_learners.llm:LanguageModel", given)
         with pytest.raises(LearnerError, match=why or "unanswered") as raised:
             Session(ONE_ROOM, protocol(), 1).play(learner)
     assert server.keys[0] == f"Bearer {SECRET}"
@@ -313,7 +313,7 @@ def test_no_part_of_the_key_is_kept_however_it_comes_back(
     monkeypatch.setenv(KEY, SECRET)
     with scripted(lambda *_: said) as (_, url):
         monkeypatch.setenv(TRUSTED, url)
-        learner = create("learners.llm:LanguageModel", {"model": "m", "base_url": url,
+        learner = create("openlock_learners.llm:LanguageModel", {"model": "m", "base_url": url,
                                                         "unanswered": 0})  # fmt: skip
         with pytest.raises(LearnerError, match=r"unanswered|\[ke|xxx( …)?\)") as raised:
             Session(ONE_ROOM, protocol(), 1).play(learner)
@@ -329,7 +329,7 @@ def test_a_key_that_no_header_can_hold_is_not_shown(
 ) -> None:
     with scripted() as (server, url):
         monkeypatch.setenv(TRUSTED, url)
-        learner = create("learners.llm:LanguageModel", {"model": "m", "base_url": url})
+        learner = create("openlock_learners.llm:LanguageModel", {"model": "m", "base_url": url})
         monkeypatch.setenv(KEY, key)
         with pytest.raises(LearnerError, match="is no key") as raised:
             Session(ONE_ROOM, protocol(), 1).play(learner)
@@ -346,7 +346,8 @@ def test_headers_of_the_environment_go_only_where_it_says(monkeypatch: pytest.Mo
     with scripted() as (server, url):
         monkeypatch.setenv(TRUSTED, url)
         learner = create(
-            "learners.llm:LanguageModel", {"model": "m", "base_url": url, "temperature": 0.5}
+            "openlock_learners.llm:LanguageModel",
+            {"model": "m", "base_url": url, "temperature": 0.5},
         )
         Session(ONE_ROOM, protocol(), 1).play(learner)
     assert set(server.keys) == {SECRET}
@@ -361,12 +362,12 @@ def test_the_key_goes_only_where_the_environment_says(monkeypatch: pytest.Monkey
 def test_there_is_no_server_without_a_key_or_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
     session = Session(ONE_ROOM, protocol(), 1)
     with pytest.raises(LearnerError, match="set OPENAI_API_KEY in the environment"):
-        session.play(create("learners.llm:LanguageModel", {"model": "m"}))
+        session.play(create("openlock_learners.llm:LanguageModel", {"model": "m"}))
     with pytest.raises(LearnerError, match="needs the name of a model"):
-        session.play(create("learners.llm:LanguageModel", {}))
+        session.play(create("openlock_learners.llm:LanguageModel", {}))
     monkeypatch.setenv(TRUSTED, "http://host:99999/v1")
     with pytest.raises(LearnerError, match="in the environment is no address: http://host:99999"):
-        session.play(create("learners.llm:LanguageModel", {"model": "m"}))
+        session.play(create("openlock_learners.llm:LanguageModel", {"model": "m"}))
 
 
 @pytest.mark.parametrize(
@@ -383,7 +384,7 @@ def test_there_is_no_server_without_a_key_or_a_model(monkeypatch: pytest.MonkeyP
 )
 def test_parameters_that_cannot_be(parameters: dict[str, Any], why: str) -> None:
     with pytest.raises(LearnerError, match=why):
-        create("learners.llm:LanguageModel", parameters)
+        create("openlock_learners.llm:LanguageModel", parameters)
 
 
 def test_a_repetition_asks_nobody_and_is_the_same_byte_for_byte(
@@ -396,11 +397,11 @@ def test_a_repetition_asks_nobody_and_is_the_same_byte_for_byte(
     real = builtins.__import__
 
     def absent(name: str, *rest: Any, **named: Any) -> Any:
-        if name.startswith(("openai", "learners.language.server")):
+        if name.startswith(("openai", "openlock_learners.language.server")):
             raise ImportError(name)
         return real(name, *rest, **named)
 
-    monkeypatch.delitem(sys.modules, "learners.language.server")
+    monkeypatch.delitem(sys.modules, "openlock_learners.language.server")
     monkeypatch.setattr(builtins, "__import__", absent)
     server, again, told, _ = play(subjects=3)
     assert not server.asked
@@ -711,7 +712,7 @@ def test_it_goes_nowhere_else_and_takes_no_endless_reply(monkeypatch: pytest.Mon
         with pytest.raises(LearnerError, match="refuses"):
             play(lambda *_: Status(307, "", Location=f"{url}/chat/completions"))
         assert not other.asked
-    monkeypatch.setattr("learners.language.server.LARGEST", 1000)
+    monkeypatch.setattr("openlock_learners.language.server.LARGEST", 1000)
     with pytest.raises(LearnerError, match="too large"):
         play(lambda *_: says("a" * 2000), retries=0)
 

@@ -16,10 +16,10 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.formats.finding import find_schema
 from causal_openlock.render.words import Wording
 from causal_openlock.world.room import Layout
-from learners.language.answers import read_answer, read_structure
-from learners.language.replay import BUDGET, FOLDER, key_of
-from learners.language.reply import was_cut
-from learners.language.server import HEADERS, KEY, TRUSTED, Server
+from openlock_learners.language.answers import read_answer, read_structure
+from openlock_learners.language.replay import BUDGET, FOLDER, key_of
+from openlock_learners.language.reply import was_cut
+from openlock_learners.language.server import HEADERS, KEY, TRUSTED, Server
 from support.scripted_server import Body, Ended, Script, Status, call, choices, says, scripted
 
 CC3 = find_schema("CC3")
@@ -41,7 +41,7 @@ def play(script: Script, path: str = "/v1", **parameters: Any) -> tuple[Any, Any
     """The server, and what was said, as one subject plays an attempt."""
     with scripted(script) as (server, url):
         given = {"model": "m", "base_url": url.removesuffix("/v1") + path, **parameters}
-        learner = create("learners.llm:LanguageModel", given)
+        learner = create("openlock_learners.llm:LanguageModel", given)
         short = Protocol("t", 2, stop_when_solved=True, baseline_trials=1)
         Session(ROOM, short, 1, learner="llm").play(learner)
     return server, learner.account()
@@ -269,7 +269,7 @@ def test_what_runs_here_is_asked_without_a_proxy(monkeypatch: pytest.MonkeyPatch
 def test_a_proxy_that_is_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HTTP_PROXY", "http://me:secret@127.0.0.1:9")
     learner = create(
-        "learners.llm:LanguageModel",
+        "openlock_learners.llm:LanguageModel",
         {"model": "m", "base_url": "http://models.invalid/v1", "retries": 0},
     )
     with pytest.raises(LearnerError, match=r"through the proxy 127.0.0.1:9 of") as told:
@@ -283,7 +283,7 @@ def test_a_socks_proxy_that_cannot_be_used_is_a_sentence(
     def absent(*_: Any, **__: Any) -> None:
         raise ImportError("Using SOCKS proxy, but the 'socksio' package is not installed.")
 
-    monkeypatch.setattr("learners.language.server._Client.__init__", absent)
+    monkeypatch.setattr("openlock_learners.language.server._Client.__init__", absent)
     with pytest.raises(NotAvailableError, match=r"unset ALL_PROXY.* install socksio"):
         Server("http://models.invalid/v1", 1.0, 0, 1)
 
@@ -291,7 +291,7 @@ def test_a_socks_proxy_that_cannot_be_used_is_a_sentence(
 def test_an_address_may_have_a_version_and_no_key() -> None:
     seen: list[str] = []
     make: Callable[[str], Any] = lambda url: create(  # noqa: E731
-        "learners.llm:LanguageModel", {"model": "m", "base_url": url}
+        "openlock_learners.llm:LanguageModel", {"model": "m", "base_url": url}
     )
     for wrong in ("http://x/v1?key=sk-1", "http://x/v1?api-version=1&sig=2"):
         with pytest.raises(LearnerError, match="put a key in OPENAI_API_KEY"):

@@ -16,10 +16,10 @@ from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.finding import find_schema
 from causal_openlock.world.room import Layout
-from learners.networks.perception import Perception
-from learners.networks.recurrent_q import RecurrentDoubleQ, StackedRecurrentNetwork
-from learners.networks.sequence_buffer import Sequences
-from learners.recurrent import Recurrent, RecurrentParameters
+from openlock_learners.networks.perception import Perception
+from openlock_learners.networks.recurrent_q import RecurrentDoubleQ, StackedRecurrentNetwork
+from openlock_learners.networks.sequence_buffer import Sequences
+from openlock_learners.recurrent import Recurrent, RecurrentParameters
 from support.checkpoints import kept_and_resumed, same
 from support.plain_recurrent import PlainNetwork, PlainRecurrent
 

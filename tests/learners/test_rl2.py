@@ -21,10 +21,10 @@ from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.finding import bundled, find_schema
-from learners.meta.file import TrainingFile, read_training
-from learners.networks.network_file import BUNDLED, read_network, write_network
-from learners.networks.recurrent_policy import Sizes, make_policy
-from learners.rl2 import RL2, RL2Parameters
+from openlock_learners.meta.file import TrainingFile, read_training
+from openlock_learners.networks.network_file import BUNDLED, read_network, write_network
+from openlock_learners.networks.recurrent_policy import Sizes, make_policy
+from openlock_learners.rl2 import RL2, RL2Parameters
 from support.small_policies import weights_of
 
 PROTOCOL = Protocol("t", attempt_limit=12, stop_when_solved=False, baseline_trials=3)

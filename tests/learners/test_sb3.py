@@ -21,7 +21,7 @@ from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.finding import find_schema
 from causal_openlock.world.room import Layout
-from learners.sb3 import StableBaselines
+from openlock_learners.sb3 import StableBaselines
 from support.waiting import HANGS
 
 sb3 = pytest.importorskip("stable_baselines3")

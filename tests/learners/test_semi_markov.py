@@ -11,7 +11,7 @@ from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.formats.finding import find_schema
 from causal_openlock.world.room import Layout
-from learners.ddqn import DDQN, SemiMarkovDDQN, SemiMarkovDDQNParameters
+from openlock_learners.ddqn import DDQN, SemiMarkovDDQN, SemiMarkovDDQNParameters
 
 CC4 = find_schema("CC4")
 ROOM = Condition("room", (Trials(CC4, (Layout.of(CC4, "trial7"),)),))

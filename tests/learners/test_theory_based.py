@@ -14,9 +14,9 @@ from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.session import Session
 from causal_openlock.fitting.objective import joined, score
-from learners.theory.chains import chains_of
-from learners.theory.schemas import edit_distances, schemas_of
-from learners.theory_based import TheoryBased
+from openlock_learners.theory.chains import chains_of
+from openlock_learners.theory.schemas import edit_distances, schemas_of
+from openlock_learners.theory_based import TheoryBased
 from support.session_play import HUMAN, named, one_room, play
 
 PLAIN = {"beliefs": "mean", "local_gain": 1.0, "global_gain": 2.0, "schema_gain": 1.0,

@@ -9,8 +9,8 @@ import pytest
 
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.session import Session
-from learners.theory.draws import DRAWS, AttemptDraws, Moment, RoomDraws
-from learners.theory_based import TheoryBased
+from openlock_learners.theory.draws import DRAWS, AttemptDraws, Moment, RoomDraws
+from openlock_learners.theory_based import TheoryBased
 from support.session_play import HUMAN, one_room
 
 PLAIN = {"beliefs": "mean", "local_gain": 1.0}

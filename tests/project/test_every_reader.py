@@ -37,7 +37,7 @@ FUZZED = {
     "causal_openlock/play/log.py": "logs of people",
     "causal_openlock/play/reactions.py": "reaction times",
     "causal_openlock/scoring/score_table.py": "scores",
-    "learners/language/replay.py": "replies of models",
+    "learners/openlock_learners/language/replay.py": "replies of models",
 }
 """The line of ``benchmarks/fuzz_readers.py`` that reaches a module's readers."""
 
@@ -70,7 +70,7 @@ NOT = {
     "causal_openlock/render/video.py": "the film that was just made",
     "causal_openlock/world/reference/__init__.py": "files of the package",
     "causal_openlock/world/reward_code.py": "a module of the user, which is run",
-    "learners/rl2.py": "a digest of any content",
+    "learners/openlock_learners/rl2.py": "a digest of any content",
 }
 """Why spoiled files are not given to other modules that read."""
 

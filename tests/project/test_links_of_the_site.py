@@ -38,13 +38,13 @@ STUDY = DOCS / "evidence" / "bayes" / "README.md"
         (PAGE, '[here](decisions.md "why")', '[here](decisions.md "why")'),
         (
             PAGE,
-            "[`ddqn.py`](../learners/ddqn.py)",
-            "{py:mod}`ddqn.py <learners.ddqn>`",
+            "[`ddqn.py`](../learners/openlock_learners/ddqn.py)",
+            "{py:mod}`ddqn.py <openlock_learners.ddqn>`",
         ),
         (
             PAGE,
-            '[`ddqn.py`](../learners/ddqn.py "its code")',
-            "{py:mod}`ddqn.py <learners.ddqn>`",
+            '[`ddqn.py`](../learners/openlock_learners/ddqn.py "its code")',
+            "{py:mod}`ddqn.py <openlock_learners.ddqn>`",
         ),
         (STUDY, "[the claims](study.yaml)", "[the claims](/evidence/bayes/study.yaml)"),
         (STUDY, "[rules](../README.md#verdicts)", "[rules](/evidence/README.md#verdicts)"),

@@ -16,9 +16,9 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.scoring.inverse_binomial import TERMS, Draws, Tally, expected_rest
 from causal_openlock.scoring.teacher_forcing import score_actions
-from learners.associative import Associative
-from learners.theory_based import TheoryBased
-from learners.win_stay import WinStay
+from openlock_learners.associative import Associative
+from openlock_learners.theory_based import TheoryBased
+from openlock_learners.win_stay import WinStay
 
 SHORT = ol.Protocol("short", 6, stop_when_solved=True, baseline_trials=2)
 LEARNERS = ["win_stay", "associative", "theory_based", "posterior_sampling"]

@@ -24,7 +24,7 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.scoring.scores import by_subject, ranking
 from causal_openlock.scoring.teacher_forcing import score_actions
-from learners.ddqn import DDQN
+from openlock_learners.ddqn import DDQN
 
 SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)
 LEARNERS = [
@@ -138,7 +138,7 @@ def test_lapses_bound_what_an_action_can_cost(played: Played) -> None:
 def test_what_are_no_probabilities_is_refused(
     played: Played, monkeypatch: pytest.MonkeyPatch, wrong: object
 ) -> None:
-    monkeypatch.setattr("learners.random.RandomLearner.probabilities", lambda *_: wrong)
+    monkeypatch.setattr("openlock_learners.random.RandomLearner.probabilities", lambda *_: wrong)
     with pytest.raises(LearnerError, match="the probabilities of random are no array of 15"):
         score_actions(*played, spec("random", "random"))
 
@@ -151,7 +151,7 @@ def test_a_learner_that_fails_in_the_place_of_a_subject_is_named(
 
     for name in ("probabilities", "learn", "begin"):
         with monkeypatch.context() as broken:
-            broken.setattr(f"learners.random.RandomLearner.{name}", fails)
+            broken.setattr(f"openlock_learners.random.RandomLearner.{name}", fails)
             with pytest.raises(
                 LearnerError, match=r"the learner random failed .* KeyError: 'beliefs'"
             ):
@@ -162,7 +162,7 @@ def test_a_learner_that_fails_in_the_place_of_a_subject_is_named(
 def test_a_number_of_draws_that_is_none_is_named(
     played: Played, monkeypatch: pytest.MonkeyPatch, size: object
 ) -> None:
-    monkeypatch.setattr("learners.random.RandomLearner.sample_size", lambda _: size)
+    monkeypatch.setattr("openlock_learners.random.RandomLearner.sample_size", lambda _: size)
     with pytest.raises(LearnerError, match="the sample_size of random is no array"):
         score_actions(*played, spec("random", "random"))
 

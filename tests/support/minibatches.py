@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from learners.networks.replay_buffer import Batch
+from openlock_learners.networks.replay_buffer import Batch
 
 
 def minibatch(

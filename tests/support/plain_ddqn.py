@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from learners.ddqn import DDQNParameters
-from learners.networks.double_q import StackedMLP
+from openlock_learners.ddqn import DDQNParameters
+from openlock_learners.networks.double_q import StackedMLP
 
 
 def plain_network(stack: StackedMLP, agent: int) -> nn.Sequential:

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from learners.networks.recurrent_cells import StackedGRU
-from learners.networks.recurrent_q import StackedRecurrentNetwork
-from learners.recurrent import RecurrentParameters
+from openlock_learners.networks.recurrent_cells import StackedGRU
+from openlock_learners.networks.recurrent_q import StackedRecurrentNetwork
+from openlock_learners.recurrent import RecurrentParameters
 
 CELL_PARAMETERS = {
     "weight_ih": "input_weight",

@@ -17,10 +17,10 @@ IMPORTED = [
     "torch",
     "causal_openlock.experiment.runner",
     "causal_openlock.experiment.worker",
-    "learners.bayes",
-    "learners.ideal",
-    "learners.networks.double_q_compiled",
-    "learners.recurrent",
+    "openlock_learners.bayes",
+    "openlock_learners.ideal",
+    "openlock_learners.networks.double_q_compiled",
+    "openlock_learners.recurrent",
 ]
 _get_context: Any = multiprocessing.get_context
 

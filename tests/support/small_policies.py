@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from learners.networks.recurrent_policy import RecurrentPolicy, Sizes
+from openlock_learners.networks.recurrent_policy import RecurrentPolicy, Sizes
 
 TINY = Sizes(lever=5, room=6, reader=7)
 WIDTH = 16 + 15 + 2 + 4

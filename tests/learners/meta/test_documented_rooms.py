@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 from causal_openlock.formats.finding import find_schema
-from learners.meta.file import read_training
-from learners.meta.random_schemas import behaviour
-from learners.meta.rooms import Distribution
+from openlock_learners.meta.file import read_training
+from openlock_learners.meta.random_schemas import behaviour
+from openlock_learners.meta.rooms import Distribution
 from support.places import ROOT
 
 TRAININGS = ROOT / "experiments" / "meta_training"

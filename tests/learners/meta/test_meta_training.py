@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,13 @@ import torch
 from causal_openlock.contract.learner import Step
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv
-from causal_openlock.errors import FileError, LearnerError
+from causal_openlock.errors import (
+    ExperimentError,
+    FileError,
+    Interrupted,
+    LearnerError,
+    OpenLockError,
+)
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.state import write_state
@@ -21,11 +28,12 @@ from causal_openlock.formats.finding import bundled, find_schema
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
 from causal_openlock.world.schema import Schema
-from learners.meta.file import TrainingFile, excluded_places, read_training
-from learners.meta.random_schemas import behaviour, random_schemas
-from learners.meta.rooms import Distribution, MetaRooms
-from learners.meta.training import MetaTraining, main
-from learners.networks.network_file import read_network
+from openlock_learners.meta.command import train
+from openlock_learners.meta.file import TrainingFile, excluded_places, read_training
+from openlock_learners.meta.random_schemas import behaviour, random_schemas
+from openlock_learners.meta.rooms import Distribution, MetaRooms
+from openlock_learners.meta.training import MetaTraining
+from openlock_learners.networks.network_file import read_network
 from support.checkpoints import same
 from support.small_policies import rng
 
@@ -198,9 +206,9 @@ def test_an_interrupted_training_ends_with_the_same_weights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, whole, parts = small(tmp_path), tmp_path / "whole.npz", tmp_path / "parts.npz"
-    assert main([str(file), "--out", str(whole)]) == 0
+    train(file, whole)
 
-    monkeypatch.setattr("learners.meta.training.LOG_EVERY", 0.0)
+    monkeypatch.setattr("openlock_learners.meta.training.LOG_EVERY", 0.0)
     update = MetaTraining.update
 
     def interrupted(self: MetaTraining) -> dict[str, float]:
@@ -209,11 +217,13 @@ def test_an_interrupted_training_ends_with_the_same_weights(
         return update(self)
 
     monkeypatch.setattr(MetaTraining, "update", interrupted)
-    assert main([str(file), "--out", str(parts)]) == 130
+    with pytest.raises(Interrupted):
+        train(file, parts)
     assert not parts.exists()
-    assert main([str(file), "--out", str(parts), "--seed", "9"]) == 2  # not the same training
+    with pytest.raises(ExperimentError, match="left from a training by another file"):
+        train(file, parts, seed=9)
     monkeypatch.setattr(MetaTraining, "update", update)
-    assert main([str(file), "--out", str(parts)]) == 0
+    train(file, parts)
     one, other = (read_network(path)[0].state_dict() for path in (whole, parts))
     assert same(dict(one), dict(other))
     assert sorted(path.name for path in tmp_path.iterdir()) == [
@@ -224,7 +234,7 @@ def test_an_interrupted_training_ends_with_the_same_weights(
 @pytest.mark.parametrize("kind", ["levers", "flat"])
 def test_a_trained_network_plays(tmp_path: Path, kind: str) -> None:
     out = tmp_path / "net.npz"
-    assert main([str(small(tmp_path, 96, kind)), "--out", str(out)]) == 0
+    train(small(tmp_path, 96, kind), out)
     assert np.array(1e-310) / 10 > 0  # denormal numbers are there again
     session = Session(Condition.named("CC3", find_schema), PROTOCOL, 3)
     assert session.play(create("rl2", {"checkpoint": str(out)})).num_rows == 3 * 3 * 12
@@ -275,10 +285,8 @@ def test_a_spoiled_state_of_a_training_is_one_sentence(
     for spoiled in ([], {"file": 1}, {**state, "fresh": np.ones(3)}, {**state, "trainer": {}}):
         with left.open("wb") as file:
             write_state(file, spoiled)
-        assert main([str(path), "--out", str(tmp_path / "net.npz")]) == 2
-        said = capsys.readouterr().err
-        assert "net.npz.training" in said
-        assert "remove it" in said
+        with pytest.raises(ExperimentError, match=r"net\.npz\.training .*remove it"):
+            train(path, tmp_path / "net.npz")
 
 
 def test_a_fault_in_the_file_has_its_line(tmp_path: Path) -> None:
@@ -302,6 +310,6 @@ def test_what_does_not_fit_is_one_sentence_and_no_training(
 ) -> None:
     path = small(tmp_path)
     path.write_text(path.read_text().replace(was, now))
-    assert main([str(path), "--out", str(tmp_path / "net.npz")]) == 2
-    assert says in capsys.readouterr().err
+    with pytest.raises(OpenLockError, match=re.escape(says)):
+        train(path, tmp_path / "net.npz")
     assert not list(tmp_path.glob("net*"))

@@ -10,11 +10,11 @@ import pytest
 import torch
 from torch import Tensor
 
-import learners.networks.double_q
-from learners.networks.cuda_graph import Captured
-from learners.networks.double_q import StackedDoubleQ
-from learners.networks.double_q_compiled import CompiledDoubleQ
-from learners.networks.replay_buffer import Batch
+import openlock_learners.networks.double_q
+from openlock_learners.networks.cuda_graph import Captured
+from openlock_learners.networks.double_q import StackedDoubleQ
+from openlock_learners.networks.double_q_compiled import CompiledDoubleQ
+from openlock_learners.networks.replay_buffer import Batch
 from support.minibatches import minibatch
 
 SIZES = [16, 12, 12, 15]
@@ -36,7 +36,7 @@ def test_fixed_shapes_give_the_same_numbers(
     optimizer: str, many: int, large: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a table that is smaller and larger than a minibatch, and too large to be judged whole."""
-    monkeypatch.setattr(learners.networks.double_q, "LARGE_TABLE", large)
+    monkeypatch.setattr(openlock_learners.networks.double_q, "LARGE_TABLE", large)
     rng = np.random.default_rng(0)
     qs = [
         kind(

@@ -10,10 +10,10 @@ import pytest
 import torch
 from torch import nn
 
-import learners.networks.double_q
-from learners.networks.double_q import StackedDoubleQ, StackedMLP, find_device
-from learners.networks.double_q_compiled import CompiledDoubleQ
-from learners.networks.replay_buffer import Batch
+import openlock_learners.networks.double_q
+from openlock_learners.networks.double_q import StackedDoubleQ, StackedMLP, find_device
+from openlock_learners.networks.double_q_compiled import CompiledDoubleQ
+from openlock_learners.networks.replay_buffer import Batch
 from support.minibatches import minibatch
 from support.plain_ddqn import distance, plain_network
 
@@ -155,7 +155,7 @@ def test_the_gradient_is_the_one_that_autograd_finds(
 ) -> None:
     """Every transition by itself, in networks as users of torch write them."""
     if large:
-        monkeypatch.setattr(learners.networks.double_q, "LARGE_TABLE", 0)
+        monkeypatch.setattr(openlock_learners.networks.double_q, "LARGE_TABLE", 0)
     rng = np.random.default_rng(0)
     q = StackedDoubleQ(PAPER_SIZES, generators(3), 1e-3, 0.8, None, loss)
     q.target.parameters.mul_(1.1)

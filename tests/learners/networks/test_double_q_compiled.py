@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 import torch
 
-from learners.ddqn import double_q_class
-from learners.networks import double_q_kernels as kernels
-from learners.networks.denormals import denormals_flushed
-from learners.networks.double_q import StackedDoubleQ
-from learners.networks.double_q_compiled import CompiledDoubleQ
-from learners.networks.replay_buffer import Batch
+from openlock_learners.ddqn import double_q_class
+from openlock_learners.networks import double_q_kernels as kernels
+from openlock_learners.networks.denormals import denormals_flushed
+from openlock_learners.networks.double_q import StackedDoubleQ
+from openlock_learners.networks.double_q_compiled import CompiledDoubleQ
+from openlock_learners.networks.replay_buffer import Batch
 from support.checkpoints import same
 
 AGENTS = 4
@@ -272,6 +272,8 @@ def test_a_cpu_is_given_compiled_code_and_a_gpu_torch() -> None:
 
 
 def test_numba_is_imported_only_when_a_learner_begins() -> None:
-    code = "import sys, learners.ddqn; print({'numba', 'torch', 'scipy'} & set(sys.modules))"
+    code = (
+        "import sys, openlock_learners.ddqn; print({'numba', 'torch', 'scipy'} & set(sys.modules))"
+    )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "set()"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from learners.networks.ppo import (
+from openlock_learners.networks.ppo import (
     PPO,
     PPOSettings,
     Rollout,
@@ -17,7 +17,7 @@ from learners.networks.ppo import (
     log_prob,
     sample_actions,
 )
-from learners.networks.recurrent_policy import RecurrentPolicy, make_policy
+from openlock_learners.networks.recurrent_policy import RecurrentPolicy, make_policy
 from support.small_policies import TINY, WIDTH, random_inputs, rng, weights_of
 
 

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from learners.networks.replay_buffer import ObservationTable, PrioritisedReplayBuffer, ReplayBuffer
+from openlock_learners.networks.replay_buffer import (
+    ObservationTable,
+    PrioritisedReplayBuffer,
+    ReplayBuffer,
+)
 from support.checkpoints import same
 
 

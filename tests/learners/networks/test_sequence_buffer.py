@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learners.networks.sequence_buffer import SequenceBuffer
+from openlock_learners.networks.sequence_buffer import SequenceBuffer
 
 
 @settings(max_examples=60, deadline=None)

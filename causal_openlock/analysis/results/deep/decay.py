@@ -200,7 +200,7 @@ def random_actions(
     Args:
         parameters: With ``epsilon_start``, ``epsilon_min``, ``epsilon_decay``,
             ``epsilon_decays_with`` and ``epsilon_after_trial``, as of
-            :class:`learners.ddqn.DDQNParameters`.
+            :class:`openlock_learners.ddqn.DDQNParameters`.
         attempts: Attempts in a trial.
         action_limit: Actions in an attempt.
     """

@@ -1,0 +1,56 @@
+"""What packages register: learners, commands, topics of a report, references.
+
+Each kind has a group of entry points. Any package can add to it, and what comes with the toolkit is
+registered in the same way, so the core knows no guest by name::
+
+    [project.entry-points."causal_openlock.learners"]
+    mine = "my_package:MyLearner"
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+from causal_openlock.errors import OpenLockError
+
+LEARNERS = "causal_openlock.learners"
+COMMANDS = "causal_openlock.commands"
+
+
+def registered(group: str) -> Mapping[str, EntryPoint]:
+    """Return what is registered in a group by name, sorted; this loads none of it.
+
+    Raises:
+        OpenLockError: If two packages register the same name.
+    """
+    return _registered(group, tuple((place, _changed(place)) for place in sys.path))
+
+
+@lru_cache(maxsize=16)
+def _registered(group: str, places: tuple[tuple[str, int], ...]) -> dict[str, EntryPoint]:
+    """As :func:`registered`: read once for as long as nothing is installed in any of the places."""
+    found: dict[str, EntryPoint] = {}
+    for entry in entry_points(group=group):
+        other = found.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            kind = group.rpartition(".")[2].removesuffix("s")
+            raise OpenLockError(
+                f"the {kind} {entry.name!r} is registered twice, as {_origin(other)} and as "
+                f"{_origin(entry)}; uninstall one of these packages or rename its {kind}"
+            )
+    return dict(sorted(found.items()))
+
+
+def _changed(place: str) -> int:
+    try:
+        return Path(place).stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def _origin(entry: EntryPoint) -> str:
+    return f"{entry.value} by {entry.dist.name}" if entry.dist else entry.value

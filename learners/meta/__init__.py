@@ -1,9 +1,0 @@
-"""Meta-training: how the network of ``rl2`` was made, from random schemas.
-
-================== ================================================================================
-``training``       The training; ``python -m learners.meta.training``.
-``file``           What is declared of it in YAML (``experiments/meta_training/``).
-``rooms``          The rooms that it draws, thousands at once.
-``random_schemas`` The schemas that it draws.
-================== ================================================================================
-"""

@@ -1,0 +1,244 @@
+"""The Bayesian structure learner: active causal learning by expected information gain.
+
+It holds a posterior over the causal structures of the room (:mod:`causal_openlock.belief`), chooses
+the most valuable action, and updates the posterior with what it observes. What it learns about
+*schemas* is carried into the next room; which lever does what is learned in each room. It perceives
+what every subject perceives and knows nothing else about roles, schemas or solutions.
+
+The policy is a parameter:
+
+* ``solve_and_learn``: expected information gain over the rest of the attempt, plus ``beta`` times
+  the probability of a new solution. Within a few hundredths of an attempt of the optimum.
+* ``solve``: the probability of a new solution alone.
+* ``learn_attempt``, ``learn_action``: expected information gain alone, over the attempt or of the
+  next action; an unlocked door is opened at the end.
+* ``thompson``: Thompson sampling. Draw a hypothesis from the posterior, carry out a solution of it.
+* ``random_consistent``: carry out a random solution that some hypothesis still allows.
+
+Bounded rationality is off by default: decision noise, lapses, forgetting (of everything, or of
+failures alone), the expectation that levers act on the door themselves, and a strong prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Annotated, Any, ClassVar, Literal
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from pydantic import Field
+
+from causal_openlock.belief.belief_learner import BeliefLearner
+from causal_openlock.belief.beliefs import Belief, Beliefs
+from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, TABLE_BYTES
+from causal_openlock.belief.hypotheses import Space
+from causal_openlock.belief.intentions import Intention, Intentions, courses, drawn_solutions
+from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.planning import (
+    TIE,
+    Objective,
+    Planner,
+    Situation,
+    sample_solution,
+    thinned,
+)
+from causal_openlock.belief.sampling import DRAWS, LISTED_CAUSES, ROUNDS
+from causal_openlock.belief.structures import Hypotheses, behaviour_bytes
+from causal_openlock.contract.learner import Brief, Step, View
+from causal_openlock.contract.parameters import Count, Share
+from causal_openlock.experiment.expected_cost import Cost
+from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.randomness import Streams, pick
+from causal_openlock.world.schema import Schema
+from openlock_learners.networks.checkpointed import Checkpointed
+
+Policy = Literal[
+    "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
+]
+_PLANS: WeakKeyDictionary[Space, dict[Any, FloatArray]] = WeakKeyDictionary()
+"""Plans made in this process; subjects with the same posterior share them."""
+MOST_PLANS = 50_000
+SAMPLINGS, SAMPLINGS_A_SOLUTION = 8, 1.5
+"""How often hypotheses are sampled in a trial with many levers (measured), for the estimate."""
+SECONDS_A_NODE = 2e-6
+"""Seconds to check a structure, for each lever (measured)."""
+COPIES = 4
+ALMOST_NOTHING = 1e-6
+
+
+@dataclass(frozen=True)
+class BayesParameters(Prior):
+    """Prior, policy, and bounds of rationality."""
+
+    policy: Annotated[Policy, "how it picks actions"] = "solve_and_learn"
+    beta: Annotated[float, Field(ge=0), "worth of a new solution, in bits of information"] = 3.0
+    planned: Annotated[Count, "most hypotheses that a plan takes into account"] = 4000
+    temperature: Annotated[
+        float, Field(ge=0), "softmax noise of decisions, in bits; 0 takes the best"
+    ] = 0.0
+    lapse: Annotated[Share, "share of actions that are random"] = 0.0
+
+
+class Bayes(Checkpointed, BeliefLearner):
+    """Acts on a posterior over the causal structure of the room."""
+
+    Parameters = BayesParameters
+    parameters: BayesParameters
+    checkpointed: ClassVar = {
+        "beliefs": "beliefs",
+        "draws": "_draws",
+        "intended": "_plans",
+        "tried": "_tried",
+    }
+
+    @classmethod
+    def expected_cost(cls, parameters: BayesParameters, schema: Schema, action_limit: int) -> Cost:
+        """What a room costs: repeated sampling of hypotheses, and tables to compare them."""
+        levers = len(schema.levers)
+        if levers <= FREE_FORM_LEVERS:
+            return Cost(0.1, "every structure is listed")
+        large = levers > LISTED_CAUSES + 1
+        looked_at = parameters.effort if large else ROUNDS * DRAWS // 3
+        times = SAMPLINGS + SAMPLINGS_A_SOLUTION * len(schema.solutions)
+        work = f"about {times:.0f} times {looked_at:,} structures of {levers} levers are looked at"
+        seconds = times * looked_at * SECONDS_A_NODE * levers
+        many = min(parameters.hypothesis_limit * behaviour_bytes(levers, action_limit), TABLE_BYTES)
+        return Cost(seconds, work, COPIES * many / 1e6)
+
+    def begin(self, brief: Brief) -> None:
+        """Set the priors before the first room."""
+        self.brief = brief
+        choices, samples = zip(*(g.spawn(2) for g in brief.generators), strict=True)
+        self._draws = Streams(choices, width=3)
+        self.beliefs = Beliefs(brief, self.parameters, samples)
+        self._plans: list[tuple[int, ...] | None] = [None] * brief.subjects
+        self._tried = [0] * brief.subjects
+        self._intentions: dict[int, Intentions] = {}
+        self._objectives = {
+            "solve_and_learn": Objective(1.0, self.parameters.beta),
+            "solve": Objective(0.0, 1.0),
+            # When there is nothing left to learn, solving decides.
+            "learn_attempt": Objective(1.0, ALMOST_NOTHING),
+            "learn_action": Objective(1.0, 0.0, horizon=1),
+        }
+
+    def act(self, view: View) -> IntArray:
+        """``[B]`` the action of each subject."""
+        self.beliefs.enter(view)
+        draws = self._draws.uniform()
+        actions = np.zeros(self.brief.subjects, dtype=np.int64)
+        for subject in np.flatnonzero(view.playing).tolist():
+            lapses, one, other = draws[subject].tolist()
+            if lapses < self.parameters.lapse:
+                actions[subject] = int(one * self.brief.actions)
+                continue
+            belief = self.belief(subject)
+            situation = Situation.of(view, subject, belief.slots, belief.found)
+            if self.parameters.policy in ("thompson", "random_consistent"):
+                slot = self._carry_out(subject, belief, situation, (one, other))
+            else:
+                slot = pick(self._odds(self._values(belief, situation)), other)
+            door = slot == self.brief.positions
+            actions[subject] = 2 * slot if door else belief.positions[slot]
+        return actions
+
+    def _odds(self, values: FloatArray) -> FloatArray:
+        """``[P + 1]`` how likely each lever is pushed, and the door, by softmax."""
+        best = values.max()
+        if self.parameters.temperature > 0:
+            with np.errstate(over="ignore"):  # at very low temperatures
+                odds: FloatArray = np.exp((values - best) / self.parameters.temperature)
+                return odds
+        return (values >= best - TIE).astype(float)
+
+    def _values(self, belief: Belief, situation: Situation) -> FloatArray:
+        """``[P + 1]`` value of pushing each lever, and the door, under the policy."""
+        policy = self.parameters.policy
+        values = self._plan(belief, situation, self._objectives[policy])
+        if policy == "learn_action" and (situation.unlocked or values.max() < TIE):
+            to_solve = self._plan(belief, situation, self._objectives["solve"])
+            if values.max() < TIE or to_solve[-1] > 0:
+                return to_solve
+        return values
+
+    def _carry_out(
+        self, subject: int, belief: Belief, situation: Situation, draws: tuple[float, float]
+    ) -> int:
+        """The next lever of the solution that the subject carries out; P is the door."""
+
+        def draw() -> list[tuple[float, tuple[int, ...] | None]]:
+            possible = self._possible(belief), belief.weight, situation
+            return [(1.0, sample_solution(*possible, draws, self._by_weight))]
+
+        mind = Intention(self._plans[subject], self._tried[subject])
+        ways = [*courses(mind, situation, self.brief.positions, draw)]
+        way = ways[int(draws[0] * len(ways))]
+        self._plans[subject], self._tried[subject] = way.then
+        return way.slot
+
+    @property
+    def _by_weight(self) -> bool:
+        return self.parameters.policy == "thompson"
+
+    def _possible(self, belief: Belief) -> Hypotheses:
+        hypotheses = belief.space.hypotheses
+        return hypotheses if belief.whole else hypotheses[belief.which]
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of the policy and of lapses, averaged over what it may intend."""
+        self.beliefs.enter(view)
+        positions, lapse = self.brief.positions, self.parameters.lapse
+        found = np.full((self.brief.subjects, self.brief.actions), lapse / self.brief.actions)
+        for subject in np.flatnonzero(view.playing).tolist():
+            belief = self.belief(subject)
+            situation = Situation.of(view, subject, belief.slots, belief.found)
+            if self.parameters.policy in ("thompson", "random_consistent"):
+                odds = self._intended(subject, belief, situation)
+            else:
+                odds = self._odds(self._values(belief, situation))
+            odds = (1.0 - lapse) * odds / odds.sum()
+            found[subject, belief.positions] += odds[:positions]
+            found[subject, -1] += odds[-1]
+        return found
+
+    def _intended(self, subject: int, belief: Belief, situation: Situation) -> FloatArray:
+        """``[P + 1]`` the probability of each slot, and the door, after what was done so far."""
+        if subject not in self._intentions:
+            self._intentions[subject] = Intentions(self.parameters.lapse, self.brief.actions)
+
+        def draw() -> list[tuple[float, tuple[int, ...] | None]]:
+            possible = self._possible(belief), belief.weight, situation
+            return drawn_solutions(*possible, self._by_weight)
+
+        return self._intentions[subject].next(situation, self.brief.positions, draw)
+
+    def _plan(self, belief: Belief, situation: Situation, objective: Objective) -> FloatArray:
+        space = belief.space
+        chosen, weight = thinned(belief.weight, self.parameters.planned)
+        which = belief.which[chosen]
+        digest = blake2b(which.tobytes() + weight.tobytes(), digest_size=16).digest()
+        key, plans = (objective, situation, digest), _PLANS.setdefault(space, {})
+        if key not in plans:
+            if len(plans) >= MOST_PLANS:
+                plans.clear()
+            planner = Planner(space.hypotheses[which], space.strengths, objective)
+            plans[key] = planner.values(weight, situation)
+        return plans[key]
+
+    def _slot(self, subject: int, action: int) -> int | None:
+        """What an action pushes: a slot, P for the door, or None for a lever that is pulled."""
+        positions = self.brief.positions
+        if action < positions:
+            return int(self.belief(subject).slots[action])
+        return positions if action == 2 * positions else None
+
+    def learn(self, step: Step) -> None:
+        """Update the posteriors with what was observed."""
+        for subject, intentions in self._intentions.items():
+            if step.view.playing[subject]:
+                slot = self._slot(subject, int(step.action[subject]))
+                intentions.acted(slot, bool(step.attempt_over[subject]))
+        self.beliefs.update(step)
+        for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
+            self._plans[subject] = None

@@ -1,0 +1,302 @@
+"""Double deep Q-learning, as in the paper, with and without a count of what was found.
+
+A network of four hidden layers of 128 units maps the 16 bits of the room to the values of its 15
+actions (paper, Figure 5). Actions are chosen epsilon-greedily; epsilon starts at 1, shrinks by
+.995 with every action to .01, and is set to .5 at the end of each trial, so that the learner
+explores the next room. What the paper leaves open (optimizer, loss, batch, replay, target network,
+whether values reach over the end of an attempt) is a parameter here.
+
+:class:`DDQN` sees the room and nothing of what came before in the trial: it cannot know which
+solutions it has found. :class:`SemiMarkovDDQN` sees in a few more bits how many. All subjects of a
+cell are trained at once, each with a network, a replay buffer and randomness of its own: on a CPU
+by compiled loops (:mod:`openlock_learners.networks.double_q_compiled`), on a GPU by torch, replayed
+as a CUDA graph (:mod:`openlock_learners.networks.double_q`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
+from causal_openlock.contract.parameters import Count, Share
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.randomness import Streams, certain
+from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.networks.denormals import denormals_flushed
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
+
+    from openlock_learners.networks.double_q import StackedDoubleQ
+
+
+@dataclass(frozen=True)
+class DDQNParameters:
+    """Hyper-parameters; the defaults are the paper's, or documented choices where it is silent."""
+
+    gamma: Annotated[Share, "discount factor (paper: .8)"] = 0.8
+    learning_rate: Annotated[float, Field(gt=0), "of the optimiser (paper: .001)"] = 0.001
+    optimiser: Annotated[
+        Literal["adam", "rmsprop", "sgd"], "with torch's defaults (paper: not given)"
+    ] = "adam"
+    loss: Annotated[
+        Literal["huber", "squared"], "of the TD error (paper: not given; authors' program: huber)"
+    ] = "huber"
+    epsilon_start: Annotated[Share, "share of random actions at first (paper: 1)"] = 1.0
+    epsilon_min: Annotated[Share, "and at least (paper: .01)"] = 0.01
+    epsilon_decay: Annotated[Share, "factor by which it shrinks (paper: .995)"] = 0.995
+    epsilon_decays_with: Annotated[
+        Literal["action", "attempt", "trial"], "what it shrinks with every (paper: not given)"
+    ] = "action"
+    epsilon_after_trial: Annotated[
+        Share | None, "set at each trial's end (paper: .5); null goes on decaying"
+    ] = 0.5
+    hidden_layers: Annotated[Count, "layers between input and output (paper: 4)"] = 4
+    hidden_units: Annotated[Count, "units in each of them (paper: 128)"] = 128
+    batch_size: Annotated[Count, "transitions in a gradient step (paper: not given)"] = 64
+    gradient_steps: Annotated[Count, "with every action (paper: not given)"] = 1
+    replay_size: Annotated[Count, "transitions remembered (authors' program: 2,000)"] = 2000
+    prioritised: Annotated[
+        bool, "whether transitions are replayed by their TD error (Schaul et al. 2016)"
+    ] = False
+    priority_exponent: Annotated[
+        Share, "alpha: 0 replays uniformly, 1 in proportion to the error"
+    ] = 0.6
+    importance_start: Annotated[
+        Share, "beta at first: how much of the bias of priorities is undone"
+    ] = 0.4
+    importance_actions: Annotated[
+        Count | None,
+        "actions until beta has grown to 1; null takes the most that the protocol allows",
+    ] = None
+    target_period: Annotated[
+        Count | None, "gradient steps between updates of the target network; null never updates it"
+    ] = 100
+    bootstrap_over_attempts: Annotated[
+        bool, "whether a value reaches over the end of an attempt into the room put back"
+    ] = False
+    device: Annotated[
+        Literal["auto", "cpu", "cuda"], "where networks are trained; auto: on a GPU if there is one"
+    ] = "auto"
+    threads: Annotated[Count, "of torch on a CPU; more than one gains nothing at this size"] = 1
+
+    def __post_init__(self) -> None:
+        if self.batch_size > self.replay_size:
+            raise ValueError(
+                f"a batch of {self.batch_size} transitions can never be drawn from "
+                f"{self.replay_size}; make replay_size at least batch_size"
+            )
+
+
+def double_q_class(device: torch.device) -> type[StackedDoubleQ]:
+    """The implementation for a device: compiled loops on a CPU, torch on a GPU."""
+    from openlock_learners.networks.double_q import StackedDoubleQ
+    from openlock_learners.networks.double_q_compiled import CompiledDoubleQ
+
+    return CompiledDoubleQ if device.type == "cpu" else StackedDoubleQ
+
+
+class DDQN(Checkpointed, Learner):
+    """Double Q-learning with experience replay, one gradient step with every action."""
+
+    Parameters = DDQNParameters
+    parameters: DDQNParameters
+    checkpointed: ClassVar = {
+        "q": "q",
+        "table": "_table",
+        "replay": "_replay",
+        "exploration": "_exploration",
+        "batches": "_batches",
+        "epsilon": "epsilon",
+        "actions": "_actions",
+    }
+
+    def begin(self, brief: Brief) -> None:
+        """Make a network, a replay buffer and streams of randomness for each subject."""
+        import torch
+
+        from openlock_learners.networks.double_q import find_device
+        from openlock_learners.networks.replay_buffer import (
+            ObservationTable,
+            PrioritisedReplayBuffer,
+            ReplayBuffer,
+        )
+
+        settings = self.parameters
+        torch.set_num_threads(settings.threads)
+        self._torch = torch
+        self._device = find_device(settings.device)
+        self.brief = brief
+        weights, exploration, batches = zip(
+            *(generator.spawn(3) for generator in brief.generators), strict=True
+        )
+        self._exploration = Streams(exploration, width=2)
+        self._batches = Streams(batches, width=settings.batch_size, block=64)
+        hidden = [settings.hidden_units] * settings.hidden_layers
+        self.q: StackedDoubleQ = double_q_class(self._device)(
+            [self._inputs, *hidden, brief.actions],
+            weights,
+            settings.learning_rate,
+            settings.gamma,
+            settings.target_period,
+            settings.loss,
+            settings.optimiser,
+            self._device,
+        )
+        self._table = ObservationTable(self._inputs)
+        size = (brief.subjects, settings.replay_size)
+        self._replay = (
+            PrioritisedReplayBuffer(*size, settings.priority_exponent, self._device)
+            if settings.prioritised
+            else ReplayBuffer(*size, self._device)
+        )
+        self.epsilon = np.full(brief.subjects, settings.epsilon_start)
+        self._actions = np.zeros(brief.subjects, dtype=np.int64)
+        self._errors: Tensor | None = None
+
+    @property
+    def _inputs(self) -> int:
+        return self.brief.observation_size
+
+    def _network_input(self, observation: Observations, found: IntArray) -> Observations:
+        """``[B, in]`` the networks' inputs, from observations and ``[B]`` solutions found."""
+        return observation
+
+    def act(self, view: View) -> IntArray:
+        """``[B]`` epsilon-greedy actions."""
+        uniform = self._exploration.uniform()
+        explores = uniform[:, 0] < self.epsilon
+        actions = self._explore(view, explores, uniform[:, 1])
+        if not explores.all():
+            inputs = self._network_input(view.observation, view.console.solutions_found)
+            actions = np.where(explores, actions, self.q.greedy(inputs, ~explores))
+        return actions
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of exploring and of the greedy action, by epsilon."""
+        inputs = self._network_input(view.observation, view.console.solutions_found)
+        greedy = certain(self.q.greedy(inputs), self.brief.actions)
+        share = self.epsilon[:, None]
+        return share * self._exploring(view) + (1.0 - share) * greedy
+
+    def _exploring(self, view: View) -> FloatArray:
+        """``[B, A]`` the probability of each action of those that explore."""
+        return np.full((self.brief.subjects, self.brief.actions), 1.0 / self.brief.actions)
+
+    def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:
+        """``[B]`` an action for those that explore, by a number in [0, 1) each."""
+        return (draw * self.brief.actions).astype(np.int64)
+
+    def learn(self, step: Step) -> None:
+        """Add the transition to the buffer, take a gradient step, and lower epsilon."""
+        playing = step.view.playing
+        self._add_transition(step, np.flatnonzero(playing))
+        self._actions += playing
+        trains = playing & (self._replay.length >= self.parameters.batch_size)
+        if trains.any():
+            for _ in range(self.parameters.gradient_steps):
+                self._train(trains)
+        self._decay_epsilon(step)
+
+    def _add_transition(self, step: Step, who: IntArray) -> None:
+        found = step.view.console.solutions_found
+        before = self._network_input(step.view.observation, found)
+        if self.parameters.bootstrap_over_attempts:
+            after = self._network_input(step.next.observation, step.next.console.solutions_found)
+            done = step.trial_over
+        else:
+            after = self._network_input(step.outcome, found + step.new_solution)
+            done = step.attempt_over
+        known = len(self._table.rows)
+        self._replay.add(
+            who,
+            self._table.number(before[who]),
+            step.action[who],
+            step.reward[who],
+            self._table.number(after[who]),
+            ~done[who],
+        )
+        if len(self._table.rows) > known:
+            self.q.observe(self._torch.from_numpy(self._table.rows))
+
+    def _train(self, trains: BoolArray) -> None:
+        batch = self._replay.sample(self._batches.uniform(), self.importance)
+        mask = None if trains.all() else self._torch.from_numpy(trains).to(self._device)
+        with denormals_flushed():
+            self._errors = self.q.update(batch, mask)
+        self._replay.update_priorities(batch.slot, self._errors, trains)
+
+    @property
+    def importance(self) -> FloatArray:
+        """``[B]`` beta of prioritised replay, which grows linearly to 1."""
+        brief, start = self.brief, self.parameters.importance_start
+        most = brief.trials * brief.attempt_limit * brief.action_limit
+        course = self._actions / (self.parameters.importance_actions or most)
+        return np.minimum(start + (1.0 - start) * course, 1.0)
+
+    def _decay_epsilon(self, step: Step) -> None:
+        settings, playing = self.parameters, step.view.playing
+        decays_at = {"action": playing, "attempt": step.attempt_over, "trial": step.trial_over}
+        decays = decays_at[settings.epsilon_decays_with] & playing
+        decayed = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
+        self.epsilon = np.where(decays, decayed, self.epsilon)
+        if settings.epsilon_after_trial is not None:
+            self.epsilon[step.trial_over & playing] = settings.epsilon_after_trial
+
+    def metrics(self) -> dict[str, float]:
+        """Epsilon, loss of the last minibatch, values of the observations met, dead units.
+
+        A unit is dead if no observation met so far switches it on: its ReLU passes nothing on, and
+        no gradient back that could change it (Sokar et al. 2023, "dormant neurons").
+        """
+        metrics = {"epsilon": float(self.epsilon.mean())}
+        if self._errors is not None:
+            size = self._errors.abs()
+            square = size.square() / 2
+            huber = self._torch.where(size < 1, square, size - 0.5)
+            metrics["loss"] = float((huber if self.parameters.loss == "huber" else square).mean())
+            rows = self._torch.from_numpy(self._table.rows).to(self._errors)
+            *layers, values = self.q.online.activations(rows)
+            metrics["max_q"] = float(values.amax(dim=2).mean())
+            dead = [(layer <= 0).all(dim=1).float().mean() for layer in layers[1:]]
+            metrics["dead_units"] = float(self._torch.stack(dead).mean())
+        return metrics
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        super().load_state_dict(state)
+        self.q.observe(self._torch.from_numpy(self._table.rows))
+
+
+@dataclass(frozen=True)
+class SemiMarkovDDQNParameters(DDQNParameters):
+    """Hyper-parameters: those of :class:`DDQN`, and how many solutions are counted."""
+
+    solution_bits: Annotated[
+        Count, "solutions that are counted; to have found more looks like having found so many"
+    ] = 3
+
+
+class SemiMarkovDDQN(DDQN):
+    """A DDQN that sees how many solutions of the trial it has found.
+
+    The count is appended to the observation in unary: one bit for each solution found so far. How
+    many there are is not shown, which is why the number of bits is a parameter; three are enough
+    for the paper's rooms.
+    """
+
+    Parameters = SemiMarkovDDQNParameters
+    parameters: SemiMarkovDDQNParameters
+
+    @property
+    def _inputs(self) -> int:
+        return self.brief.observation_size + self.parameters.solution_bits
+
+    def _network_input(self, observation: Observations, found: IntArray) -> Observations:
+        bits = found[:, None] > np.arange(self.parameters.solution_bits)
+        return np.concatenate([observation, bits.astype(observation.dtype)], axis=1)

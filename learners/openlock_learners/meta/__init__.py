@@ -1,0 +1,10 @@
+"""Meta-training: how the network of ``rl2`` was made, from random schemas.
+
+================== ================================================================================
+``training``       The training.
+``command``        ``causal-openlock train``.
+``file``           What is declared of it in YAML (``experiments/meta_training/``).
+``rooms``          The rooms that it draws, thousands at once.
+``random_schemas`` The schemas that it draws.
+================== ================================================================================
+"""

@@ -1,0 +1,23 @@
+"""The networks of the deep learners, and how they are trained.
+
+One cell trains many subjects at once, each with a network, a replay buffer and randomness of its
+own. N networks of one shape are a single stack of ``[N, in, out]`` weights, and everything here is
+written for such stacks; no agent's numbers depend on which others are in the stack.
+
+======================  ===========================================================================
+``double_q``            Stacked perceptrons and double Q-learning in torch: on a GPU, for ``ddqn``.
+``double_q_compiled``   The same on a CPU, by the loops of ``double_q_kernels``.
+``cuda_graph``          A step on tensors, replayed as a CUDA graph.
+``replay_buffer``       Transitions for ``ddqn``, drawn uniformly or by priority.
+``recurrent_cells``     Stacked linear layers, GRUs and LSTMs.
+``recurrent_q``         Double Q-learning on sequences (R2D2), for ``recurrent``.
+``sequence_buffer``     The sequences it learns from.
+``recurrent_policy``    Recurrent networks with a policy and a value, for ``rl2``.
+``ppo``                 Proximal policy optimization of these, here and in
+``openlock_learners.meta``.
+``network_file``        A trained policy as a file.
+``perception``          What learners with a memory perceive, as numbers.
+``checkpointed``        Checkpoints made of attributes.
+``denormals``           Denormal numbers are flushed to zero during training.
+======================  ===========================================================================
+"""

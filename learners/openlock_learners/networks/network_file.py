@@ -1,0 +1,120 @@
+"""A trained policy as a file: its weights and how they were trained, and nothing that could run.
+
+The file is NumPy's own ``.npz``: one array of numbers for each of the network's weights, and one
+text in JSON, ``about``, with the sizes of the network and the meta-training that it went through.
+
+A file may come from anybody. So its sizes are compared with limits, then the shapes that follow
+from them with the shapes that the file declares, and only then is anything of it unpacked.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import torch
+from pydantic import Field
+
+from causal_openlock.errors import LearnerError
+from causal_openlock.files.atomic import replacing
+from causal_openlock.files.json_text import parse_json
+from causal_openlock.files.state import HEADER, Archive, StateError, open_archive
+from causal_openlock.files.validation import StrictModel
+from causal_openlock.world.room import PAPER_POSITIONS
+from causal_openlock.world.schema import MAX_LEVERS
+from openlock_learners.networks.recurrent_policy import RecurrentPolicy, Sizes, make_policy
+
+MOST_BYTES = 1 << 27
+"""Most bytes that a network may have, packed or not."""
+_MOST_ABOUT = 1 << 20
+BUNDLED = Path(__file__).parents[1] / "checkpoints" / "rl2.npz"
+"""The checkpoint that comes with the package."""
+
+
+class About(StrictModel, extra="ignore"):
+    """What is needed of the description in a file to make its network; there may be more."""
+
+    format: Literal[1]
+    sizes: Sizes
+    positions: Annotated[int, Field(ge=len(PAPER_POSITIONS), le=MAX_LEVERS)]
+    actions: Annotated[int, Field(ge=0)] = 0
+
+
+def write_network(
+    path: Path | str, network: RecurrentPolicy, positions: int, about: dict[str, Any]
+) -> None:
+    """Write a single network (N = 1), trained in rooms of so many positions, whole or not at all.
+
+    ``about`` is anything else to write about it, as plain data.
+    """
+    about = {"format": 1, "sizes": network.sizes.model_dump(), "positions": positions, **about}
+    weights = {name: tensor[0].numpy() for name, tensor in network.state_dict().items()}
+    with replacing(path) as file:
+        np.savez_compressed(file, about=np.array(json.dumps(about)), **weights)
+
+
+def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, dict[str, Any]]:
+    """Read so many copies of a network, and what was written about it.
+
+    Raises:
+        LearnerError: If there is no such file, or it holds something else.
+    """
+    try:
+        with open_archive(path, MOST_BYTES) as archive:
+            about = _about(archive)
+            checked = About.model_validate(about)
+            sizes, positions = checked.sizes, checked.positions
+            # A stack of no networks has all shapes and takes no memory.
+            expected = make_policy(sizes, positions, []).state_dict()
+            if archive.sizes.keys() != {"about", *expected}:
+                raise StateError("it does not hold the weights of a network of its sizes")
+            weights = {
+                name: _weights(archive, name, tuple(tensor.shape[1:]))
+                for name, tensor in expected.items()
+            }
+    except FileNotFoundError:
+        raise LearnerError(
+            f"there is no checkpoint {path}; make it with causal-openlock train, or "
+            "leave the parameter checkpoint out"
+        ) from None
+    except (StateError, OSError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise LearnerError(
+            f"{path} is no checkpoint of rl2 ({reason}); make one with causal-openlock train"
+        ) from None
+    network = make_policy(sizes, positions, [np.random.default_rng(0)] * copies)
+    for name, tensor in network.state_dict().items():
+        tensor.copy_(torch.from_numpy(weights[name]).expand_as(tensor))
+    return network, about
+
+
+def trained_actions(path: Path | str) -> int:
+    """How many actions a network was trained with, by its file.
+
+    0 if the file does not say or is no network; :func:`read_network` names what is wrong with it.
+    """
+    try:
+        with open_archive(path, MOST_BYTES) as archive:
+            return About.model_validate(_about(archive)).actions
+    except (StateError, OSError, ValueError):
+        return 0
+
+
+def _about(archive: Archive) -> Any:
+    if archive.sizes.get("about", 0) > _MOST_ABOUT:
+        raise StateError("its description is too long")
+    return parse_json(str(archive.read("about")))
+
+
+def _weights(archive: Archive, name: str, shape: tuple[int, ...]) -> Any:
+    # Unpacked only if it is as large as it must be.
+    least = 4 * math.prod(shape)
+    held = archive.read(name) if least < archive.sizes[name] <= least + HEADER else None
+    if held is None or held.shape != shape or held.dtype != np.float32:
+        raise StateError(f"it does not fit its own sizes at {name}")
+    if not np.isfinite(held).all():
+        raise StateError(f"not all numbers in {name} are finite")
+    return held

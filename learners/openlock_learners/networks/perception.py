@@ -1,0 +1,70 @@
+"""What a learner with a recurrent network perceives, as numbers.
+
+A room looks the same at the start of every attempt. Attempts differ in what the console shows and
+in what the subject did: its last action, the reward of it, and whether it changed anything. The
+last of these would otherwise be lost at an attempt's end, since the room is reset before it is seen
+again, while a person watches the lever move. The network itself must remember what lies further
+back.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.contract.learner import Brief, Step, View
+from causal_openlock.world.fsm import BoolArray
+from openlock_learners.networks.checkpointed import Checkpointed
+
+Inputs = NDArray[np.float32]
+
+SOLUTIONS = 3
+"""Solutions of the paper's largest rooms, to scale their numbers to about 1."""
+
+
+class Perception(Checkpointed):
+    """The inputs of B subjects, and what they last did.
+
+    Attributes:
+        size: Numbers that a subject perceives at a time: the bits of the room, its last action
+            (one-hot; none at first), the reward of that action, whether it changed anything, and
+            solutions found, solutions left, attempts left and actions left.
+    """
+
+    checkpointed: ClassVar = {"last": "_last"}
+
+    def __init__(self, brief: Brief) -> None:
+        self._brief = brief
+        self._last: Inputs = np.zeros((brief.subjects, brief.actions + 2), dtype=np.float32)
+        self.size = brief.observation_size + brief.actions + 2 + 4
+
+    def inputs(self, view: View) -> Inputs:
+        """``[B, size]`` what is perceived now."""
+        console = view.console
+        shown = np.stack(
+            [
+                console.solutions_found / SOLUTIONS,
+                console.solutions_left / SOLUTIONS,
+                console.attempts_left / self._brief.attempt_limit,
+                console.actions_left / self._brief.action_limit,
+            ],
+            axis=1,
+        )
+        return np.concatenate([view.observation, self._last, shown], axis=1).astype(np.float32)
+
+    def note(self, step: Step) -> None:
+        """Note what the subjects that play did and what it led to."""
+        who = np.flatnonzero(step.view.playing)
+        reward = step.reward[who]
+        moved = (step.outcome[who] != step.view.observation[who]).any(axis=1)
+        self._last[who] = 0
+        self._last[who, step.action[who]] = 1
+        # Penalties are fractions and an opened door earns tens: the logarithm keeps both visible.
+        self._last[who, -2] = np.sign(reward) * np.log1p(np.abs(reward))
+        self._last[who, -1] = moved
+
+    def forget(self, who: BoolArray) -> None:
+        """Forget what the subjects marked in ``who``, ``[B]``, last did."""
+        self._last[who] = 0

@@ -1,0 +1,140 @@
+"""Replay of sequences of steps, for recurrent networks of B subjects at once.
+
+Each subject has a ring of its steps in the order in which they happened. The hidden state of the
+network before each step is kept with it, so that any step can begin a sequence. The steps between
+two resets of the hidden state are a segment (a trial, or a whole condition), and no sequence
+crosses the border of a segment: the network must not carry over in replay what it forgot in play.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from openlock_learners.networks.checkpointed import Checkpointed
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """M sequences for each of N agents: K steps of burn-in, U steps to learn from, and one more.
+
+    Time is the second axis. The steps to learn from are in the columns from K on. A sequence
+    that has fewer steps is padded with copies of its first step to learn from, which
+    ``burn_in_mask`` and ``mask`` leave out.
+
+    Attributes:
+        inputs: ``[N, K + U + 1, M, in]`` what was perceived; the last is what follows step U.
+        state: ``[N, M, S]`` hidden state before the first step that is there.
+        burn_in_mask: ``[N, K, M]`` whether the step is there.
+        action: ``[N, U, M]`` what was done.
+        reward: ``[N, U, M]`` what it earned.
+        not_done: ``[N, U, M]`` 1 where the value of what follows counts, 0 where the TD target is
+            the reward.
+        mask: ``[N, U, M]`` 1 where the step is there, 0 elsewhere.
+    """
+
+    inputs: Floats
+    state: Floats
+    burn_in_mask: BoolArray
+    action: IntArray
+    reward: Floats
+    not_done: Floats
+    mask: Floats
+
+
+class SequenceBuffer(Checkpointed):
+    """B rings of steps, one for each subject.
+
+    Args:
+        subjects: B.
+        capacity: Steps that each ring holds; a new one then overwrites the oldest.
+        burn_in: K, steps before those to learn from.
+        unroll: U, steps to learn from.
+        inputs: Numbers perceived at a time.
+        state: Numbers in a hidden state.
+
+    Attributes:
+        count: ``[B]`` steps of each subject so far, those overwritten included.
+    """
+
+    def __init__(
+        self, subjects: int, capacity: int, burn_in: int, unroll: int, inputs: int, state: int
+    ) -> None:
+        self.capacity, self.burn_in, self.unroll = capacity, burn_in, unroll
+        self.count: IntArray = np.zeros(subjects, dtype=np.int64)
+        self._segment: IntArray = np.zeros(subjects, dtype=np.int64)
+        self._begins = np.zeros((subjects, capacity), dtype=np.int64)
+        self._inputs = np.zeros((subjects, capacity, inputs), dtype=np.float32)
+        self._state = np.zeros((subjects, capacity, state), dtype=np.float32)
+        self._action = np.zeros((subjects, capacity), dtype=np.int64)
+        self._reward = np.zeros((subjects, capacity), dtype=np.float32)
+        self._not_done = np.zeros((subjects, capacity), dtype=np.float32)
+
+    def add(
+        self,
+        who: IntArray,
+        inputs: Floats,
+        state: Floats,
+        action: IntArray,
+        reward: FloatArray,
+        not_done: BoolArray,
+        resets: BoolArray,
+    ) -> None:
+        """Add one step for each of the subjects ``who``; all arguments are as long.
+
+        ``state`` is the hidden state before what was perceived, ``inputs``. Where the hidden state
+        ``resets`` after the step, ``not_done`` must be false.
+        """
+        slot = self.count[who] % self.capacity
+        self._begins[who, slot] = self._segment[who]
+        self._inputs[who, slot] = inputs
+        self._state[who, slot] = state
+        self._action[who, slot] = action
+        self._reward[who, slot] = reward
+        self._not_done[who, slot] = not_done
+        self.count[who] += 1
+        self._segment[who] = np.where(resets, self.count[who], self._segment[who])
+
+    def sample(self, uniform: FloatArray) -> Sequences:
+        """Sequences drawn with replacement, for each subject from its own ring.
+
+        A step is drawn, and then its place in the sequence. The newest step is never learned
+        from, since what follows it is not known yet.
+
+        Args:
+            uniform: ``[B, 2 M]`` numbers in [0, 1) that they are drawn by.
+        """
+        which, where = np.split(uniform, 2, axis=1)
+        # Steps are numbered from a subject's first, and are in the ring at their remainder.
+        newest = self.count[:, None] - 1
+        oldest = np.maximum(self.count[:, None] - self.capacity, 0)
+        drawn = oldest + (which * np.maximum(newest - oldest, 0)).astype(np.int64)
+        segment = np.take_along_axis(self._begins, drawn % self.capacity, axis=1)
+        first = np.maximum(segment, oldest)
+        start = np.maximum(drawn - (where * self.unroll).astype(np.int64), first)
+
+        subject = np.arange(len(self.count))[:, None, None]
+        column = np.arange(-self.burn_in, self.unroll + 1)[None, :, None]
+        step = start[:, None] + column
+        inside = (
+            (step >= first[:, None])
+            & (step <= newest[:, None])
+            & (self._begins[subject, step % self.capacity] == segment[:, None])
+        )
+        slot = np.where(inside, step, start[:, None]) % self.capacity
+        learned = slot[:, self.burn_in : -1]
+        begins = np.maximum(start - self.burn_in, first) % self.capacity
+        return Sequences(
+            inputs=self._inputs[subject, slot],
+            state=self._state[subject[:, 0], begins],
+            burn_in_mask=inside[:, : self.burn_in],
+            action=self._action[subject, learned],
+            reward=self._reward[subject, learned],
+            not_done=self._not_done[subject, learned],
+            mask=(inside & (step < newest[:, None]))[:, self.burn_in : -1].astype(np.float32),
+        )

@@ -1,0 +1,187 @@
+"""A Q-learner with a recurrent network: it can know what it did in a trial, and what it led to.
+
+The DDQN sees the room and nothing else, so that it cannot know which solutions it has found. This
+learner's network is recurrent: it perceives the room, the console, its own last action and what
+that led to, and carries a hidden state from action to action, across the attempts of a trial. The
+hidden state is reset at the end of each trial or only at the start of the condition.
+
+It is trained as R2D2 is (Kapturowski et al., 2019): on sequences of steps, which begin with the
+hidden state that was stored with their first step; some steps of burn-in bring that state up to
+date before the others are learned from, by double Q-learning. Exploration is the DDQN's. All
+subjects of a cell are trained at once, each with a network, a replay buffer and randomness of its
+own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.contract.parameters import Count, Share
+from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.world.randomness import Streams, certain
+from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.networks.denormals import denormals_flushed
+from openlock_learners.networks.perception import Perception
+from openlock_learners.networks.sequence_buffer import SequenceBuffer
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from openlock_learners.networks.recurrent_q import RecurrentDoubleQ
+
+
+@dataclass(frozen=True)
+class RecurrentParameters:
+    """Hyper-parameters; those that the DDQN has too have its defaults."""
+
+    cell: Annotated[Literal["gru", "lstm"], "kind of the recurrent layer"] = "gru"
+    hidden_units: Annotated[
+        Count, "units of the recurrent layer, and of the hidden layer behind it"
+    ] = 64
+    reset: Annotated[
+        Literal["trial", "condition"],
+        "what the memory lasts for: each trial by itself, or the whole condition",
+    ] = "trial"
+    burn_in: Annotated[
+        int, Field(ge=0), "steps that bring a sequence's state up to date: five attempts"
+    ] = 15
+    unroll: Annotated[Count, "steps of a sequence that are learned from: ten attempts"] = 30
+    batch_size: Annotated[Count, "sequences in a gradient step"] = 8
+    train_period: Annotated[Count, "actions between gradient steps"] = 4
+    replay_size: Annotated[Count, "steps remembered for training"] = 2000
+    gamma: Annotated[Share, "discount factor"] = 0.8
+    learning_rate: Annotated[float, Field(gt=0), "of Adam"] = 0.001
+    epsilon_start: Annotated[Share, "share of random actions at first"] = 1.0
+    epsilon_min: Annotated[Share, "and at least"] = 0.01
+    epsilon_decay: Annotated[Share, "factor with every action"] = 0.995
+    epsilon_after_trial: Annotated[Share | None, "set at each trial's end"] = 0.5
+    target_period: Annotated[
+        Count | None,
+        "gradient steps between updates of the target network (by default as many actions as the "
+        "DDQN's); null never updates it",
+    ] = 25
+    bootstrap_over_attempts: Annotated[
+        bool, "whether a value reaches over the end of an attempt into the room put back"
+    ] = False
+    threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
+
+    def __post_init__(self) -> None:
+        longest = self.burn_in + self.unroll + 1
+        if longest > self.replay_size:
+            raise ValueError(
+                f"a sequence with burn-in has {longest} steps, and only {self.replay_size} are "
+                "remembered; make replay_size larger than burn_in + unroll"
+            )
+
+
+class Recurrent(Checkpointed, Learner):
+    """Double Q-learning with a memory of the trial, trained on sequences with burn-in (R2D2)."""
+
+    Parameters = RecurrentParameters
+    parameters: RecurrentParameters
+    checkpointed: ClassVar = {
+        "q": "q",
+        "memory": "_hidden_state",
+        "perception": "_perception",
+        "replay": "_replay",
+        "exploration": "_exploration",
+        "batches": "_batches",
+        "epsilon": "epsilon",
+    }
+
+    def begin(self, brief: Brief) -> None:
+        """Make a network, a replay buffer and streams of randomness for each subject."""
+        import torch
+
+        from openlock_learners.networks.recurrent_q import RecurrentDoubleQ, StackedRecurrentNetwork
+
+        settings = self.parameters
+        torch.set_num_threads(settings.threads)
+        self._torch = torch
+        self.brief = brief
+        weights, exploration, batches = zip(
+            *(generator.spawn(3) for generator in brief.generators), strict=True
+        )
+        self._perception = Perception(brief)
+        inputs = self._perception.size
+        network = StackedRecurrentNetwork(
+            settings.cell, inputs, settings.hidden_units, brief.actions, weights
+        )
+        self.q: RecurrentDoubleQ = RecurrentDoubleQ(
+            network, settings.learning_rate, settings.gamma, settings.target_period
+        )
+        state = network.cell.state_size
+        self._hidden_state = np.zeros((brief.subjects, state), dtype=np.float32)
+        self._replay = SequenceBuffer(
+            brief.subjects, settings.replay_size, settings.burn_in, settings.unroll, inputs, state
+        )
+        self._exploration = Streams(exploration, width=2)
+        self._batches = Streams(batches, width=2 * settings.batch_size, block=64)
+        self.epsilon = np.full(brief.subjects, settings.epsilon_start)
+        self._values: Tensor | None = None
+        self._losses: Tensor | None = None
+
+    def act(self, view: View) -> IntArray:
+        """``[B]`` epsilon-greedy actions; :meth:`learn` then keeps the next hidden state."""
+        greedy = self._greedy(view)
+        uniform = self._exploration.uniform()
+        random = (uniform[:, 1] * self.brief.actions).astype(np.int64)
+        return np.where(uniform[:, 0] < self.epsilon, random, greedy)
+
+    def _greedy(self, view: View) -> IntArray:
+        """``[B]`` the best actions; keeps the values, and the hidden state that follows."""
+        from_numpy = self._torch.from_numpy
+        self._inputs = self._perception.inputs(view)
+        values, state = self.q.values(from_numpy(self._inputs), from_numpy(self._hidden_state))
+        self._values, self._next_hidden_state = values, state.numpy()
+        best: IntArray = values.argmax(dim=1).numpy()
+        return best
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of a random and of the greedy action, by epsilon."""
+        share, actions = self.epsilon[:, None], self.brief.actions
+        return share / actions + (1.0 - share) * certain(self._greedy(view), actions)
+
+    def learn(self, step: Step) -> None:
+        """Add the step to the buffer, take a gradient step if one is due, and lower epsilon."""
+        settings, playing = self.parameters, step.view.playing
+        resets = step.trial_over & playing & (settings.reset == "trial")
+        done = step.trial_over if settings.bootstrap_over_attempts else step.attempt_over
+        who = np.flatnonzero(playing)
+        self._replay.add(
+            who,
+            self._inputs[who],
+            self._hidden_state[who],
+            step.action[who],
+            step.reward[who],
+            ~done[who],
+            resets[who],
+        )
+        self._hidden_state = np.where(playing[:, None], self._next_hidden_state, self._hidden_state)
+        self._perception.note(step)
+        self._hidden_state[resets] = 0
+        self._perception.forget(resets)
+        count = self._replay.count
+        trains = playing & (count > settings.unroll) & (count % settings.train_period == 0)
+        if trains.any():
+            batch = self._replay.sample(self._batches.uniform())
+            with denormals_flushed():
+                self._losses = self.q.update(batch, self._torch.from_numpy(trains))
+        decayed = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
+        if settings.epsilon_after_trial is not None:
+            decayed[step.trial_over] = settings.epsilon_after_trial
+        self.epsilon = np.where(playing, decayed, self.epsilon)
+
+    def metrics(self) -> dict[str, float]:
+        """Epsilon, the loss of the last minibatch, and the values of what was seen last."""
+        metrics = {"epsilon": float(self.epsilon.mean())}
+        if self._losses is not None:
+            metrics["loss"] = float(self._losses.mean())
+        if self._values is not None:
+            metrics["max_q"] = float(self._values.amax(dim=1).mean())
+        return metrics

@@ -1,0 +1,107 @@
+"""Tabular Q-learning (Watkins 1989): a value for every action in every state of the room.
+
+The state is the whole observation, so nothing is generalised: a room with other grey levers is a
+new world, and only in rooms of the same colours is anything met again. After each action::
+
+    Q(s, a) += learning_rate * (reward + gamma * max Q(s', .) - Q(s, a))
+
+An attempt is an episode: no value reaches over its end. Actions are epsilon-greedy, with ties
+broken at random and the epsilons of the paper's DDQN, which is this learner with a network in the
+place of the table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
+from causal_openlock.contract.parameters import Share
+from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.world.randomness import Streams
+from openlock_learners.networks.checkpointed import Checkpointed
+
+
+@dataclass(frozen=True)
+class TabularQParameters:
+    """Hyper-parameters; discount and exploration are those of the paper's DDQN."""
+
+    learning_rate: Annotated[Share, "share of the error that is corrected at once"] = 0.2
+    gamma: Annotated[Share, "discount factor"] = 0.8
+    initial_value: Annotated[float, "of every action in every state"] = 0.0
+    epsilon_start: Annotated[Share, "share of random actions at first"] = 1.0
+    epsilon_min: Annotated[Share, "and at least"] = 0.01
+    epsilon_decay: Annotated[Share, "factor by which it shrinks with every action"] = 0.995
+    epsilon_after_trial: Annotated[
+        Share | None, "set at each trial's end; null goes on decaying"
+    ] = 0.5
+
+
+class TabularQ(Checkpointed, Learner):
+    """Q-learning with a table over all that can be observed."""
+
+    Parameters = TabularQParameters
+    parameters: TabularQParameters
+    checkpointed: ClassVar = {
+        "draws": "_draws",
+        "numbers": "_numbers",
+        "values": "_values",
+        "epsilon": "epsilon",
+    }
+
+    def begin(self, brief: Brief) -> None:
+        """Begin with an empty table; it grows with the observations that are met."""
+        self._everyone, self._actions = np.arange(brief.subjects), brief.actions
+        self._draws = Streams(brief.generators, width=2 + brief.actions)
+        self._weights = 1 << np.arange(brief.observation_size, dtype=np.int64)
+        self._numbers: dict[int, int] = {}
+        self._values = np.full((brief.subjects, 64, brief.actions), self.parameters.initial_value)
+        self.epsilon = np.full(brief.subjects, self.parameters.epsilon_start)
+
+    def _rows(self, observations: Observations) -> IntArray:
+        """``[B]`` the row of each observation; all subjects use the same rows of their tables."""
+        numbers, keys = self._numbers, (observations @ self._weights).tolist()
+        rows = np.array([numbers.setdefault(key, len(numbers)) for key in keys])
+        while len(numbers) > self._values.shape[1]:
+            fresh = np.full_like(self._values, self.parameters.initial_value)
+            self._values = np.concatenate([self._values, fresh], axis=1)
+        return rows
+
+    def values(self, observations: Observations) -> FloatArray:
+        """``[B, 2P + 1]`` the values of all actions in the states that the subjects are in."""
+        rows = self._rows(observations)  # which may make the table larger
+        found: FloatArray = self._values[self._everyone, rows]
+        return found
+
+    def act(self, view: View) -> IntArray:
+        """``[B]`` epsilon-greedy actions."""
+        draws, values = self._draws.uniform(), self.values(view.observation)
+        greedy = np.where(_best(values), draws[:, 2:], -1.0).argmax(axis=1)
+        drawn = (draws[:, 1] * self._actions).astype(np.int64)
+        return np.where(draws[:, 0] < self.epsilon, drawn, greedy)
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` those of a random action and of the best ones, by epsilon."""
+        best, share = _best(self.values(view.observation)), self.epsilon[:, None]
+        return share / self._actions + (1.0 - share) * best / best.sum(axis=1, keepdims=True)
+
+    def learn(self, step: Step) -> None:
+        """Correct the value of each action that was taken, and lower epsilon."""
+        settings, who = self.parameters, np.flatnonzero(step.view.playing)
+        before, after = (self._rows(seen) for seen in (step.view.observation, step.outcome))
+        place = who, before[who], step.action[who]
+        to_come = self._values[who, after[who]].max(axis=1) * ~step.attempt_over[who]
+        error = step.reward[who] + settings.gamma * to_come - self._values[place]
+        self._values[place] += settings.learning_rate * error
+        decayed = np.maximum(self.epsilon[who] * settings.epsilon_decay, settings.epsilon_min)
+        self.epsilon[who] = decayed
+        if settings.epsilon_after_trial is not None:
+            self.epsilon[who[step.trial_over[who]]] = settings.epsilon_after_trial
+
+
+def _best(values: FloatArray) -> BoolArray:
+    """``[B, A]`` which actions have the greatest value."""
+    best: BoolArray = values == values.max(axis=1, keepdims=True)
+    return best
