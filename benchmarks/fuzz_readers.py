@@ -36,6 +36,7 @@ from causal_openlock.experiment.answers import Answer, read_answers, write_answe
 from causal_openlock.experiment.checkpoint import Checkpoint
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_csv import write_csv
@@ -50,7 +51,6 @@ from causal_openlock.formats.finding import bundled_schemas, find_schema
 from causal_openlock.formats.graphs import FORMATS, export_schema, read_schema
 from causal_openlock.importing.folder import import_files
 from causal_openlock.play.people import People
-from causal_openlock.play.reactions import read_reactions
 from causal_openlock.play.recruiting import RECRUITED
 from causal_openlock.render.words import Wording
 from causal_openlock.scoring.scores import ACTIONS, FOLDER

@@ -108,7 +108,7 @@ from .scoring.scores import Scores as Scores
 # Pictures, films and people
 from .play.background import play_room as play_room
 from .play.people import People as People
-from .play.reactions import read_reactions as read_reactions
+from .experiment.reactions import read_reactions as read_reactions
 from .play.server import PlayServer as PlayServer
 from .render.film import save_film as save_film
 from .render.graph import draw_schema as draw_schema

@@ -1,9 +1,10 @@
 """The command line: ``causal-openlock``.
 
-Each command is a function, a few lines over the library; to add one, write a module here and
-register it below. ``options``, ``terminal``, ``console`` and ``progress`` serve them all. A mistake
-of the user is one sentence on standard error, with exit status 2; everything heavy is loaded only
-by the command that needs it.
+Each command is a function, a few lines over the library. Those of the core are listed below; all
+others, such as ``fit`` and ``play``, are registered by the packages that they belong to, in the
+group of entry points ``causal_openlock.commands``. ``options``, ``terminal`` and ``stopping`` serve
+them all. A mistake of the user is one sentence on standard error, with exit status 2; everything
+heavy is loaded only by the command that needs it.
 """
 
 from __future__ import annotations
@@ -15,18 +16,12 @@ import typer
 
 from causal_openlock.cli import (
     compare,
-    evidence,
     export,
-    fit,
-    importing,
     learners,
     notebook,
     pictures,
-    play,
-    recover,
     report,
     schema,
-    score,
     status,
     text,
 )
@@ -52,23 +47,16 @@ for _command in (
     status.status,
     export.export,
     export.bundle,
-    fit.fit,
-    score.score,
-    recover.recover,
-    evidence.evidence,
     pictures.trace,
     pictures.film,
     pictures.room,
-    play.play,
-    play.forget,
     text.text,
     notebook.notebook,
 ):
     app.command()(_command)
-app.command("import")(importing.import_)
 
 
-def _add_registered() -> None:
+def add_registered(app: typer.Typer) -> None:
     """Add the commands that packages register: functions, or Typer apps of several commands."""
     for name, entry in registered(COMMANDS).items():
         try:
@@ -82,7 +70,7 @@ def _add_registered() -> None:
             app.command(name)(command)
 
 
-_add_registered()
+add_registered(app)
 
 
 def _version(wanted: bool) -> None:

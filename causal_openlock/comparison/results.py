@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -18,8 +17,7 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.report.cautions import warnings_of
 from causal_openlock.analysis.report.missing import missing_cells
-from causal_openlock.analysis.report.sections import ORDER, columns_of
-from causal_openlock.analysis.report.writing import Report, make_report
+from causal_openlock.analysis.report.sections import columns_of, order_of_all
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
 from causal_openlock.analysis.results.reading import beside, read_results
@@ -27,36 +25,26 @@ from causal_openlock.analysis.results.standing import standings
 from causal_openlock.analysis.results.understanding import understanding
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
 from causal_openlock.analysis.results.waste import waste
-from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import StoreError, in_short
-from causal_openlock.experiment.building import LearnerForm, listed, make_experiment
 from causal_openlock.experiment.containment import check_inside
 from causal_openlock.experiment.folder_lock import LOCK
 from causal_openlock.experiment.remote import downloaded
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.fitting.predicting import read_fit, score_fits
-from causal_openlock.scoring import LAPSE
-from causal_openlock.scoring.on_record import scores_on_record
-from causal_openlock.scoring.scores import Scores
-from causal_openlock.scoring.teacher_forcing import known_learners
+from causal_openlock.files.plugins import RESULTS, registered
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from causal_openlock.analysis.report.writing import Report
+    from causal_openlock.comparison.plotting import Plots
+
 SUBJECTS = [*CELL, *SUBJECT]
 """Columns that identify a subject."""
 ROOM = [*VISIT, "schema", "layout"]
 """Columns that identify a trial of a subject, and its room."""
-
-SECTIONS = (
-    *ORDER[: ORDER.index("paper_findings")],
-    "causal_openlock.scoring.section",
-    *ORDER[ORDER.index("paper_findings") :],
-)
-"""Sections of the report of a folder: those of a record, and one of the scores beside it."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -76,7 +64,7 @@ class Results(Material):
     @classmethod
     def read(cls, *folders: Path | str) -> Results:
         """The results in these folders together; see :func:`open_results`."""
-        found = [read_results(Store(folder), columns_of(SECTIONS)) for folder in folders]
+        found = [read_results(Store(folder), columns_of(order_of_all())) for folder in folders]
         return cls._together(found, tuple(Path(folder).resolve() for folder in folders))
 
     @classmethod
@@ -174,27 +162,6 @@ class Results(Material):
         return understanding(self)
 
     @cached_property
-    def scores(self) -> Scores:
-        """How well learners predict these subjects, as ``causal-openlock score`` left it.
-
-        Scores of subjects who have been played again since are left out, with a warning.
-
-        Raises:
-            StoreError: If they were not scored as they are on record, or the scores are damaged.
-        """
-        found = scores_on_record(self)
-        if found.scores is None:
-            where = self.folders[0] if self.folders else "FOLDER"
-            why = " ".join(found.notes) or "these subjects are not scored"
-            raise StoreError(
-                f"{why.rstrip('.')}; do it with: causal-openlock score {where} "
-                "--learner NAME, or in Python results.score(NAMES)"
-            )
-        for note in found.notes:
-            warnings.warn(note, stacklevel=2)
-        return found.scores
-
-    @cached_property
     def pairs(self) -> pd.DataFrame:
         """How many attempts one learner needs more than another, paired by subject.
 
@@ -230,46 +197,21 @@ class Results(Material):
     @property
     def plot(self) -> Plots:
         """Its plots: ``results.plot.attempts()`` and so on."""
+        from causal_openlock.comparison.plotting import Plots
+
         return Plots(self)
 
-    def score(
-        self,
-        learners: LearnerForm | Sequence[LearnerForm] = (),
-        *,
-        fits: Sequence[Path | str] = (),
-        of: Sequence[str] | str = (),
-        lapse: float = LAPSE,
-        workers: int = 1,
-    ) -> Scores:
-        """Let learners predict every action of these subjects: who predicts best?
+    if not TYPE_CHECKING:  # a misspelt name is still an error of types
 
-        Args:
-            learners: As in :func:`~causal_openlock.compare`.
-            fits: Folders of fits to actions; each predicts by its folder's name.
-            of: Labels of the learners whose subjects are predicted; by default all.
-            lapse: The share of actions that are taken to be random.
-            workers: How many processes work; with one it is this process.
+        def __getattr__(self, name: str) -> Any:
+            """A method or property that a package registers (``causal_openlock.results``)."""
+            if name.startswith("_") or (entry := registered(RESULTS).get(name)) is None:
+                raise AttributeError(f"results have no {name!r}; dir(results) lists what they have")
+            return entry.load().__get__(self, type(self))
 
-        Raises:
-            LearnerError: If a learner cannot be put in another's place.
-            StoreError: If the results are from several folders, or cannot be played again.
-
-        Example:
-            >>> from causal_openlock import compare
-            >>> results = compare("CC3", ["oracle"], subjects=2, workers=1)
-            >>> results.score(["random", "oracle"]).ranking["scored"].tolist()
-            ['oracle', 'random']
-        """
-        if len(self.folders) != 1:
-            raise StoreError("score the results of one folder at a time")
-        asked = listed(learners)
-        predicting = make_experiment(["CC4"], asked).learners if asked else ()
-        fitted = [read_fit(Path(one), [spec.learner for spec in predicting]) for one in fits]
-        of = [one.name for one in known_learners(of, self.experiment.learners)]
-        record, experiment = Store(self.folders[0]).record()
-        return score_fits(
-            record, experiment, fitted, predicting, of=of, lapse=lapse, workers=workers
-        )
+    def __dir__(self) -> list[str]:
+        """The names of the class, and those that packages register."""
+        return sorted({*super().__dir__(), *registered(RESULTS)})
 
     # -- what is made of them -------------------------------------------------------------------
 
@@ -283,10 +225,12 @@ class Results(Material):
         Raises:
             OpenLockError: If it cannot be written.
         """
+        from causal_openlock.analysis.report.writing import make_report
+
         if folder is None:
             several = len(self.folders) != 1
             folder = tempfile.mkdtemp(prefix="report-") if several else self.folders[0]
-        return make_report(self, folder, SECTIONS)
+        return make_report(self, folder, order_of_all())
 
     def save(self, folder: Path | str) -> Path:
         """Copy the results into a folder of their own, where they stay.

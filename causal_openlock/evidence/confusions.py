@@ -36,7 +36,7 @@ def units_of_recovery(actions: pd.DataFrame) -> pd.DataFrame:
     """The rows of subjects and of groups.
 
     Args:
-        actions: From :func:`~causal_openlock.comparison.recovering.predicted`.
+        actions: From :func:`~causal_openlock.fitting.recovering.predicted`.
     """
     sums = actions.groupby([*SUBJECT, "scored"], observed=True)["log_probability"].sum()
     wide = sums.unstack("scored")[list(dict.fromkeys(actions["scored"]))]

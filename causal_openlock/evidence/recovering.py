@@ -15,15 +15,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from causal_openlock.comparison.recovering import (
-    SIMULATED,
-    Running,
-    ToRecover,
-    is_another_twentieth,
-    parameters_recovered,
-    predicted,
-    searched,
-)
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import units_of_parameters, units_of_recovery
 from causal_openlock.evidence.keeping import (
@@ -39,6 +30,15 @@ from causal_openlock.evidence.stored import UNITS, read_run, read_units
 from causal_openlock.evidence.study import Study
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import write_text
+from causal_openlock.fitting.recovering import (
+    SIMULATED,
+    Running,
+    ToRecover,
+    is_another_twentieth,
+    parameters_recovered,
+    predicted,
+    searched,
+)
 from causal_openlock.scoring.teacher_forcing import known_learners
 
 SECONDS = "seconds.json"

@@ -218,7 +218,7 @@ class Networks(StrictModel):
 
 
 class RecoverySettings(StrictModel):
-    """How a recovery is done; see :class:`~causal_openlock.comparison.recovering.ToRecover`."""
+    """How a recovery is done; see :class:`~causal_openlock.fitting.recovering.ToRecover`."""
 
     parameters: Annotated[
         list[Label], Field(description="Learners whose parameters are recovered, too.")

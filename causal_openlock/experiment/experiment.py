@@ -24,6 +24,8 @@ from causal_openlock.wording import counted
 from causal_openlock.world.rewards import RewardFunction
 
 RANDOM_CLASS = "openlock_learners.random:RandomLearner"
+PERSON = "causal_openlock.play.person:Person"
+"""The learner of a record of people."""
 
 _NOTES = ("prior_attempts", "informed")  # of a learner's origin: they follow from its code
 

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Template
 
 from causal_openlock.experiment.answers import answers_schema
+from causal_openlock.experiment.experiment import PERSON
+from causal_openlock.experiment.reactions import reactions_schema
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.play.person import LEARNER as PERSON
-from causal_openlock.play.reactions import reactions_schema
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -1,4 +1,4 @@
-"""What packages register: learners, commands, topics of a report, references.
+"""What packages register: learners, commands, topics of a report, parts of results.
 
 Each kind has a group of entry points. Any package can add to it, and what comes with the toolkit is
 registered in the same way, so the core knows no guest by name::
@@ -18,7 +18,13 @@ from pathlib import Path
 from causal_openlock.errors import OpenLockError
 
 LEARNERS = "causal_openlock.learners"
+"""Learners: classes."""
 COMMANDS = "causal_openlock.commands"
+"""Commands of the command line: functions, or Typer apps."""
+TOPICS = "causal_openlock.topics"
+"""Sections of a report: modules, as :mod:`causal_openlock.analysis.report.sections` has them."""
+RESULTS = "causal_openlock.results"
+"""Methods and properties of :class:`~causal_openlock.comparison.results.Results`."""
 
 
 def registered(group: str) -> Mapping[str, EntryPoint]:

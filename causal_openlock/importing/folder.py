@@ -19,6 +19,7 @@ from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.file_format import NAME_FORM, NAME_IN_WORDS
 from causal_openlock.experiment.folder_lock import FolderLock
 from causal_openlock.experiment.protocol import Condition, find_protocol
+from causal_openlock.experiment.reactions import FOLDER, reactions_table, write_reactions
 from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.experiment.store import Store
@@ -31,7 +32,6 @@ from causal_openlock.importing.tables import Table, experiment_of, table_actions
 from causal_openlock.importing.text import is_json
 from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, LEARNER
-from causal_openlock.play.reactions import FOLDER, reactions_table, write_reactions
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 from causal_openlock.world.room import Layout

@@ -1,13 +1,12 @@
 """Play: people in the rooms that learners play, in a browser.
 
 A small web server (:mod:`~causal_openlock.play.server`) hands out one page and answers its clicks.
-Each person walks through a condition in a
-:class:`~causal_openlock.experiment.session.Session` of their own
-(:mod:`~causal_openlock.play.game`), so that what they see, what they may do and what is recorded is
-what it is for a learner; schema, layout and solutions never leave the server. Every accepted click
-is on file before it is answered (:mod:`~causal_openlock.play.log`), and a restarted server
-reads that file and continues where the last one stopped (:mod:`~causal_openlock.play.people`).
-From Python, :mod:`~causal_openlock.play.background` opens a room beside what goes on.
-Reaction times are kept beside the record (:mod:`~causal_openlock.play.reactions`); the page itself
-is in ``static/``.
+Each person walks through a condition in a :class:`~causal_openlock.experiment.session.Session` of
+their own (:mod:`~causal_openlock.play.game`), so that what they see, what they may do and what is
+recorded is what it is for a learner; schema, layout and solutions never leave the server. Every
+accepted click is on file before it is answered (:mod:`~causal_openlock.play.log`), and a restarted
+server reads that file and continues where the last one stopped
+(:mod:`~causal_openlock.play.people`). From Python, :mod:`~causal_openlock.play.background` opens a
+room beside what goes on. Reaction times are kept beside the record
+(:mod:`~causal_openlock.experiment.reactions`); the page itself is in ``static/``.
 """

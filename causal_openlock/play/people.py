@@ -31,6 +31,7 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.answers import FOLDER as STRUCTURES
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
+from causal_openlock.experiment.reactions import FOLDER
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.digest import digest
@@ -39,7 +40,6 @@ from causal_openlock.play.log import Entry as LogEntry
 from causal_openlock.play.log import Log, is_forgotten, is_join, is_return, is_turn
 from causal_openlock.play.participant import Participant, delete_files
 from causal_openlock.play.person import LABEL, LEARNER
-from causal_openlock.play.reactions import FOLDER
 from causal_openlock.play.recruiting import Recruited
 from causal_openlock.play.refusals import (
     HasBegun,

@@ -6,9 +6,11 @@ from typing import NoReturn
 
 from causal_openlock.contract.learner import Brief, Learner, View
 from causal_openlock.errors import LearnerError
+from causal_openlock.experiment.experiment import PERSON as LEARNER
+
+__all__ = ["LABEL", "LEARNER", "Person"]
 
 LABEL = "person"
-LEARNER = "causal_openlock.play.person:Person"
 
 
 class Person(Learner):

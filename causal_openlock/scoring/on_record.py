@@ -7,6 +7,7 @@ left out, and the report says so.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,6 +45,29 @@ class OnRecord:
         if self.scores is None:
             return {}
         return {name: self.scores.of(name) for name in self.scores.actions["learner"].unique()}
+
+
+@property  # type: ignore[misc]  # of the results of a comparison, where it is registered
+def scores(results: Material) -> Scores:
+    """How well learners predict these subjects, as ``causal-openlock score`` left it.
+
+    Scores of subjects who have been played again since are left out, with a warning.
+
+    Raises:
+        StoreError: If they were not scored as they are on record, or the scores are damaged.
+    """
+    found = scores_on_record(results)
+    if found.scores is None:
+        where = results.folders[0] if results.folders else "FOLDER"
+        why = " ".join(found.notes) or "these subjects are not scored"
+        raise StoreError(
+            f"{why.rstrip('.')}; do it with: causal-openlock score {where} "
+            "--learner NAME, or in Python results.score(NAMES)"
+        )
+    for note in found.notes:
+        warnings.warn(note, stacklevel=2)
+    vars(results)["scores"] = found.scores  # it is read once, as with a cached property
+    return found.scores
 
 
 def scores_on_record(material: Material) -> OnRecord:

@@ -22,6 +22,8 @@ from causal_openlock.scoring.scores import SUBJECT, Scores
 from causal_openlock.wording import file_names
 from causal_openlock.world.room import positions_for
 
+BEFORE = "paper_findings"
+"""The section of the report that this one precedes."""
 MOST_PLOTS = 4
 """A figure for the subjects of so many learners; tables have all of them."""
 MOST_SUBJECTS = 200

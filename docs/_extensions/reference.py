@@ -54,7 +54,10 @@ def pass_over_imported(
 
 def plain_types(app: Sphinx, function: Any, bound: bool) -> None:
     """Show of ``Annotated[Path, typer.Option(...)]`` the type; the help texts have the rest."""
-    if inspect.isfunction(function) and function.__module__.startswith("causal_openlock.cli"):
+    is_command = inspect.isfunction(function) and (
+        function.__module__.startswith("causal_openlock.cli") or "command" in function.__module__
+    )
+    if is_command:
         with suppress(NameError):  # no command: types of commands are there at run time
             function.__annotations__ = get_type_hints(function)
 

@@ -78,7 +78,7 @@ def test_a_study_of_recovery_from_the_run_to_its_page(
     root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "causal_openlock.comparison.recovering.ActionPlan", partial(ActionPlan, moves=1)
+        "causal_openlock.fitting.recovering.ActionPlan", partial(ActionPlan, moves=1)
     )
     study, results = read_study(root / "small"), root.parent / "results"
     assert not study.faults()

@@ -479,8 +479,8 @@ def test_the_command_fits_and_says_what_it_found(tmp_path, monkeypatch, capsys):
 def test_it_says_that_ranges_were_narrowed_with_the_tests_in_view(
     learner, said, tmp_path, monkeypatch, capsys
 ):
-    from causal_openlock.cli.fit import print_fit
     from causal_openlock.comparison.console import Terminal
+    from causal_openlock.fitting.command import print_fit
 
     fitted, trials = fit(plan(candidates=2), tmp_path)
     found = fitted_learner(fitted, trials)

@@ -11,10 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 from causal_openlock.cli import app
-from causal_openlock.comparison.recovering import searched
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.fitting.actions import Fitted
+from causal_openlock.fitting.recovering import searched
 from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, recovery, space_of
 from causal_openlock.fitting.search import Range, bundled_search
 from support.command import at_once

@@ -21,11 +21,11 @@ from causal_openlock.analysis.results.reading import beside
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.finding import find_schema
 from causal_openlock.play.person import LEARNER
-from causal_openlock.play.reactions import read_reactions
 from causal_openlock.play.refusals import OutOfTurn, TooManyPeople, UnknownPerson
 from support.made_up_experiments import NOBODY, condition_called, spec
 from support.play_clients import people, solving, walk_through

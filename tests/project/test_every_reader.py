@@ -35,7 +35,7 @@ FUZZED = {
     "causal_openlock/importing/tables.py": "imported CSV",
     "causal_openlock/importing/text.py": "imported CSV",
     "causal_openlock/play/log.py": "logs of people",
-    "causal_openlock/play/reactions.py": "reaction times",
+    "causal_openlock/experiment/reactions.py": "reaction times",
     "causal_openlock/scoring/score_table.py": "scores",
     "learners/openlock_learners/language/replay.py": "replies of models",
 }
@@ -44,7 +44,7 @@ FUZZED = {
 NOT = {
     "causal_openlock/analysis/report/writing.py": "the names of files in a page, by their form",
     "causal_openlock/cli/notebook.py": "a file of the package",
-    "causal_openlock/cli/play.py": "the text of a consent, of any content",
+    "causal_openlock/play/command.py": "the text of a consent, of any content",
     "causal_openlock/comparison/comparing.py": "copies cells whole",
     "causal_openlock/contract/registry.py": "the metadata of an installed package",
     "causal_openlock/evidence/checking.py": "pages of the project, of any content",
@@ -52,6 +52,8 @@ NOT = {
     "causal_openlock/evidence/keeping.py": "the processor's name",
     "causal_openlock/evidence/recovering.py": "seconds that the same command has kept",
     "causal_openlock/evidence/running.py": "the log and the cells of the same command",
+    "causal_openlock/cli/__init__.py": "what packages register, which is run",
+    "causal_openlock/comparison/results.py": "what packages register, which is run",
     "causal_openlock/experiment/carried_code.py": "modules of the user, which are run",
     "causal_openlock/experiment/failures.py": "a sentence, of any content",
     "causal_openlock/experiment/folder_lock.py": "an empty file",

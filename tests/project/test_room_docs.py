@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.store import Store
 from causal_openlock.formats.finding import find_schema
 from causal_openlock.play.game import Game
 from causal_openlock.play.log import Log
-from causal_openlock.play.reactions import read_reactions
 from causal_openlock.render.filmed_trial import recorded_trial
 from support.documents import DOCS, code
 

@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 import causal_openlock as ol
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
-from causal_openlock.analysis.report.sections import ORDER, decisions_of, sections_of
-from causal_openlock.comparison.results import SECTIONS
+from causal_openlock.analysis.report.sections import ORDER, decisions_of, order_of_all, sections_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.store import Store
@@ -65,7 +64,7 @@ def rows(section: Section, name: str) -> pd.DataFrame:
 def test_it_is_in_the_report_of_a_folder_that_is_scored_and_in_no_other(
     folder: Path, tmp_path: Path
 ) -> None:
-    assert set(SECTIONS) - set(ORDER) == {OURS}
+    assert set(order_of_all()) - set(ORDER) == {OURS}
     shutil.copytree(folder, tmp_path / "other")
     shutil.rmtree(tmp_path / "other" / FOLDER)
     other = ol.open_results(tmp_path / "other")

@@ -16,7 +16,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable, printed
 from causal_openlock.wording import counted, joined
@@ -99,6 +98,8 @@ class Prose:
             call: The line that makes the figure again; by default that of the results' accessor.
             findings: For the macro.
         """
+        from matplotlib.figure import Figure
+
         figure = Figure()
         function(data, **options, ax=figure)
         if call is None:

@@ -3,7 +3,8 @@
 To add one, write a module here with a function ``section(material)``, which returns a
 :class:`~causal_openlock.analysis.report.section.Section`, or None where the record holds nothing
 that it is about; write its sentences into ``templates/NAME.txt.j2``
-(:mod:`~causal_openlock.analysis.report.prose`); and name it in :data:`ORDER`. A section that calls
+(:mod:`~causal_openlock.analysis.report.prose`); and name it in :data:`ORDER`, or, in a package of
+its own, register it as an entry point (:func:`order_of_all`). A section that calls
 effects found has two functions more: ``compute(material)``, whose result is computed once, and
 ``tests(computed)``, which takes from it the p of each effect by a key of its own. Its
 ``section(material, decisions)`` asks what was computed and what is found
@@ -25,6 +26,7 @@ from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.standing import beside_people, standings
+from causal_openlock.files.plugins import TOPICS, registered
 
 ORDER = (
     "learning_cost",
@@ -43,6 +45,19 @@ ORDER = (
     "belief_traces",
 )
 """Modules of this package, in the order in which their sections are read."""
+
+
+def order_of_all() -> tuple[str, ...]:
+    """Return :data:`ORDER` with the modules registered as ``causal_openlock.topics``.
+
+    A module's ``BEFORE`` names the section that its own precedes; without, it is the last.
+    """
+    names = [*ORDER]
+    for entry in registered(TOPICS).values():
+        before = getattr(import_module(entry.module), "BEFORE", None)
+        place = names.index(before) if before in names else len(names)
+        names.insert(place, entry.module)
+    return tuple(names)
 
 
 def decisions_of(

@@ -139,8 +139,8 @@ def fit(
         raise LearnerError(_nothing_searched(learner))
     chosen = changed(known, learner, search or (), fix or ())
     if to:
-        from causal_openlock.cli.fit_to import fit_to
         from causal_openlock.fitting.actions import ActionPlan
+        from causal_openlock.fitting.command_to_actions import fit_to
 
         how = hold_out or "trials"
         to_actions = ActionPlan(chosen, lapse, how, folds, candidates, seed=seed)

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 from causal_openlock.errors import StoreError
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
-from causal_openlock.play.game import PlayedAction
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,8 +42,8 @@ def reactions_schema() -> pa.Schema:
     )
 
 
-def reactions_table(condition: str, subject: int, done: Sequence[PlayedAction]) -> pa.Table:
-    """What one person did, action by action."""
+def reactions_table(condition: str, subject: int, done: Sequence[Any]) -> pa.Table:
+    """What one person did, action by action: :class:`~causal_openlock.play.game.PlayedAction`."""
     import pyarrow as pa
 
     rows, moment = [], 0

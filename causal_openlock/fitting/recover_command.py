@@ -67,7 +67,10 @@ def recover(
     """
     from causal_openlock.analysis.plots import style
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.comparison.recovering import (
+    from causal_openlock.experiment.building import Changes
+    from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.experiment.workers import available_cores
+    from causal_openlock.fitting.recovering import (
         Running,
         ToRecover,
         is_another_twentieth,
@@ -75,9 +78,6 @@ def recover(
         predicted,
         searched,
     )
-    from causal_openlock.experiment.building import Changes
-    from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.recovery import recovery
     from causal_openlock.fitting.recovery_figure import draw_recovery
     from causal_openlock.scoring.teacher_forcing import known_learners

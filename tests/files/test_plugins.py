@@ -1,0 +1,79 @@
+"""What other packages add: commands, topics of a report, methods of results."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import causal_openlock as ol
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.plugins import COMMANDS, LEARNERS, registered
+
+
+def register(folder: Path, package: str, group: str, **names: str) -> None:
+    """Make a package of this name that registers something, and nothing else."""
+    info = folder / f"{package}-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+    lines = [f"{name} = {value}" for name, value in names.items()]
+    (info / "entry_points.txt").write_text("\n".join([f"[{group}]", *lines]))
+
+
+@pytest.fixture
+def guests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    sys.modules.pop("a_guest", None)
+
+
+def test_a_command_of_another_package_is_found_and_one_that_breaks_harms_none(
+    guests: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from typer import Typer
+    from typer.testing import CliRunner
+
+    from causal_openlock.cli import add_registered
+
+    (guests / "a_guest.py").write_text("def greet(name: str) -> None:\n    print('hello', name)\n")
+    register(guests, "guest", COMMANDS, greet="a_guest:greet", breaks="no_such_guest:command")
+    app = Typer()
+    app.callback()(lambda: None)
+    add_registered(app)
+    assert "the command breaks cannot be loaded: " in capsys.readouterr().err
+    runner = CliRunner()
+    assert runner.invoke(app, ["greet", "you"]).stdout == "hello you\n"
+    assert runner.invoke(app, ["score", "--help"]).exit_code == 0
+
+
+def test_results_have_what_packages_register(guests: Path) -> None:
+    results = ol.compare("CC3", ["oracle"], subjects=1, workers=1)
+    assert {"score", "scores", "plot"} <= set(dir(results))
+    with pytest.raises(AttributeError, match="results have no 'skores'"):
+        _ = results.skores
+    (guests / "a_guest.py").write_text("def many(results, times):\n    return times * 2\n")
+    register(guests, "guest", "causal_openlock.results", many="a_guest:many")
+    assert results.many(3) == 6
+
+
+def test_a_name_that_two_packages_register_is_an_error(guests: Path) -> None:
+    register(guests, "one", COMMANDS, twin="one:a")
+    register(guests, "two", COMMANDS, twin="two:b")
+    with pytest.raises(OpenLockError, match="the command 'twin' is registered twice"):
+        registered(COMMANDS)
+    assert "random" in registered(LEARNERS)
+
+
+def test_the_core_is_loaded_without_its_guests() -> None:
+    code = (
+        "import sys, causal_openlock as ol; ol.compare\n"
+        "guests = ('fitting', 'scoring', 'play', 'importing', 'evidence')\n"
+        "heavy = ('torch', 'pgmpy', 'matplotlib', 'scipy.stats', 'statsmodels')\n"
+        "names = [f'causal_openlock.{one}' for one in guests] + [*heavy]\n"
+        "print([name for name in names if name in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
