@@ -9,8 +9,8 @@ whether values reach over the end of an attempt) is a parameter here.
 :class:`DDQN` sees the room and nothing of what came before in the trial: it cannot know which
 solutions it has found. :class:`SemiMarkovDDQN` sees in a few more bits how many. All subjects of a
 cell are trained at once, each with a network, a replay buffer and randomness of its own: on a CPU
-by compiled loops (:mod:`openlock_learners.networks.double_q_compiled`), on a GPU by torch, replayed
-as a CUDA graph (:mod:`openlock_learners.networks.double_q`).
+by compiled loops (:mod:`openlock_learners.networks.double_q_compiled`), on a GPU by torch
+(:mod:`openlock_learners.networks.double_q`).
 """
 
 from __future__ import annotations

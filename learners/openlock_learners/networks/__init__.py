@@ -7,7 +7,6 @@ written for such stacks; no agent's numbers depend on which others are in the st
 ======================  ===========================================================================
 ``double_q``            Stacked perceptrons and double Q-learning in torch: on a GPU, for ``ddqn``.
 ``double_q_compiled``   The same on a CPU, by the loops of ``double_q_kernels``.
-``cuda_graph``          A step on tensors, replayed as a CUDA graph.
 ``replay_buffer``       Transitions for ``ddqn``, drawn uniformly or by priority.
 ``recurrent_cells``     Stacked linear layers, GRUs and LSTMs.
 ``recurrent_q``         Double Q-learning on sequences (R2D2), for ``recurrent``.

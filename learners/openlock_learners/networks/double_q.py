@@ -1,4 +1,4 @@
-"""Double Q-learning for N agents at once, in torch; on a GPU replayed as a CUDA graph.
+"""Double Q-learning for N agents at once, in torch.
 
 N networks of the same shape keep their weights as ``[N, in, out]`` tensors, so that one batched
 matrix product evaluates all of them and one optimizer step trains all of them. Nothing is shared:
@@ -22,7 +22,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from openlock_learners.networks.cuda_graph import Captured
 from openlock_learners.networks.replay_buffer import Batch
 
 Device = Literal["auto", "cpu", "cuda"]
@@ -140,9 +139,6 @@ class StackedDoubleQ:
     read off; loss and gradient are the same as if each transition had been evaluated by itself. The
     target network changes seldom, so its values of the whole table are kept until it does.
 
-    All shapes and addresses stay the same while the table grows within its padding, so that a GPU
-    can replay updates as a CUDA graph (:mod:`openlock_learners.networks.cuda_graph`).
-
     Args:
         sizes: As for :class:`StackedMLP`.
         generators: One source of initial weights for each agent.
@@ -173,17 +169,10 @@ class StackedDoubleQ:
         self.target_period = target_period
         self.loss = loss
         self.updates = 0
-        # On a GPU the optimizer counts its steps there, so that nothing has to wait for the count.
-        self._capturable = self.online.parameters.device.type == "cuda"
-        options: dict[str, Any] = {
-            "adam": {"fused": True, "capturable": self._capturable},
-            "rmsprop": {"capturable": self._capturable},
-            "sgd": {},
-        }[optimizer]
+        options = {"fused": True} if optimizer == "adam" else {}
         self.optimizer = OPTIMIZERS[optimizer](
             [self.online.parameters], lr=learning_rate, **options
         )
-        self._captured: dict[tuple[torch.Size, ...], Captured] = {}
         self._table = self.online.parameters.new_zeros(0, self.online.sizes[0])
         self._target_values: Tensor | None = None
         self.observe(self._table)
@@ -196,7 +185,6 @@ class StackedDoubleQ:
         if len(self._table) != rows:
             self._table = self.online.parameters.new_zeros(rows, self.online.sizes[0])
             self._target_values = None
-            self._captured.clear()  # captured steps read the old table at its address
         self._table.zero_()
         self._table[: len(table)] = table.to(self._table)
         self._target_changed()
@@ -254,18 +242,6 @@ class StackedDoubleQ:
         Returns:
             ``[N, M]`` the TD errors before the step.
         """
-        given = (*batch, *(() if trains is None else (trains,)))
-        shapes = tuple(tensor.shape for tensor in given)
-        if shapes not in self._captured:
-            self._captured[shapes] = Captured(self._train, self.online.parameters.device)
-        errors = self._captured[shapes](*given)
-        self._after_step()
-        return errors
-
-    def _train(self, *given: Tensor) -> Tensor:
-        """The update on the device; counting and the target network are :meth:`_after_step`'s."""
-        batch = Batch(*given[: len(Batch._fields)])
-        trains = given[-1] if len(given) > len(batch) else None
         errors, activations, output = self._evaluate(batch)
         # The slope of half the square is the error; Huber's never exceeds 1.
         slope = errors.clamp(-1.0, 1.0) if self.loss == "huber" else errors
@@ -277,6 +253,7 @@ class StackedDoubleQ:
         self.optimizer.step()
         if trains is not None:
             self._put_back(before, trains)
+        self._after_step()
         return errors
 
     def _of_agents(self) -> list[Tensor]:
@@ -301,11 +278,9 @@ class StackedDoubleQ:
             self._target_changed()
 
     def _target_changed(self) -> None:
-        """Evaluate the table again, in the place where captured steps read it."""
+        """Evaluate the table again with the target network."""
         if len(self._table) <= LARGE_TABLE:
-            values = self.target(self._table)
-            kept = self._target_values
-            self._target_values = values if kept is None else kept.copy_(values)
+            self._target_values = self.target(self._table)
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimizer and counters as they are now."""
@@ -323,9 +298,8 @@ class StackedDoubleQ:
         # Unlike the networks, the optimizer would take over the checkpoint's own tensors.
         optimizer = copy.deepcopy(state["optimiser"])
         for group in optimizer["param_groups"]:
-            if "capturable" in group:  # depends on where it goes on, and not on where it was
-                group["capturable"] = self._capturable
+            if "capturable" in group:  # it was True in checkpoints of 0.2 from a GPU
+                group["capturable"] = False
         self.optimizer.load_state_dict(optimizer)
         self.updates = state["updates"]
-        self._captured.clear()  # the state of the optimizer has moved
         self._target_changed()
