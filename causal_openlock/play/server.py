@@ -35,9 +35,18 @@ from ipaddress import ip_address
 from typing import Annotated, Any, TypeVar
 from urllib.parse import urlsplit
 
-import uvicorn
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from starlette.applications import Starlette
+
+from causal_openlock.errors import OpenLockError, StoreError
+
+try:
+    import uvicorn
+    from starlette.applications import Starlette
+except ModuleNotFoundError as _missing:
+    raise OpenLockError(
+        f"playing needs the package {_missing.name}; install it with: pip install "
+        "'causal-openlock[play]'"
+    ) from None
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
@@ -46,7 +55,6 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
-from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.escaping import printable
 from causal_openlock.play.connections import IDLE, MOST_CONNECTIONS, Connection
 from causal_openlock.play.game import Answer
