@@ -45,7 +45,7 @@ def main() -> None:
 
 def rooms(levers: int) -> Iterator[Any]:
     """Schemas of so many levers."""
-    from causal_openlock.world.schema import Schema
+    from causal_openlock.schemas.schema import Schema
 
     names = [f"L{index}" for index in range(levers)]
     yield Schema(f"any{levers}", names, {name: ["door"] for name in names})

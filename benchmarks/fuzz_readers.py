@@ -47,12 +47,12 @@ from causal_openlock.fitting.actions import Fitted, fit_table, fits_of
 from causal_openlock.fitting.kept import fit_of, keep_fit
 from causal_openlock.fitting.search import Range, bundled_search, read_search
 from causal_openlock.fitting.study import Candidate, Fit, Plan, _keep, _opened
-from causal_openlock.formats.finding import bundled_schemas, find_schema
-from causal_openlock.formats.graphs import FORMATS, export_schema, read_schema
 from causal_openlock.importing.folder import import_files
 from causal_openlock.play.people import People
 from causal_openlock.play.recruiting import RECRUITED
 from causal_openlock.render.words import Wording
+from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.graphs import FORMATS, export_schema, read_schema
 from causal_openlock.scoring.scores import ACTIONS, FOLDER
 from openlock_learners.language.answers import read_answer, read_structure
 from openlock_learners.language.replay import Replay

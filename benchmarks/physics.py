@@ -18,9 +18,9 @@ import numpy as np
 from measure import Row, Target, in_turns, stopwatch
 
 import causal_openlock
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.world.fsm import compile_schema
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.world.room import Layout, Room
 
 LEAST = 40

@@ -193,8 +193,8 @@ def _lost(folder: Path, players: list[Player]) -> int:
     """How many clicks differ between what was answered and what is on file."""
     from causal_openlock.experiment.protocol import PROTOCOLS, Condition
     from causal_openlock.experiment.reactions import read_reactions
-    from causal_openlock.formats.finding import find_schema
     from causal_openlock.play.people import People
+    from causal_openlock.schemas.finding import find_schema
 
     home = People(folder, [Condition.named("CC4", find_schema)], PROTOCOLS["human"])
     subjects = [home._find(player.name).cell.first_subject for player in players]

@@ -14,11 +14,11 @@ import numpy as np
 from measure import Measurement, Row, Target, in_turns, stopwatch
 
 import causal_openlock
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import Pose
 from causal_openlock.render.panel import draw
 from causal_openlock.render.scene import Look
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Room
 
 LEAST = 200

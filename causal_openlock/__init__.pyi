@@ -4,16 +4,16 @@
 
 # Schemas and rooms
 from .envs.playable import room as room
-from .formats.declared import schema as schema
-from .formats.graphs import export_schema as export_schema
-from .formats.graphs import import_schema as import_schema
-from .formats.graphs import to_bayesian_network as to_bayesian_network
-from .formats.finding import bundled_schemas as bundled_schemas
-from .formats.finding import find_schema as find_schema
-from .formats.graphs import read_schema as read_schema
-from .formats.graphs import write_schema as write_schema
-from .world.fsm import FSM as FSM
-from .world.fsm import compile_schema as compile_schema
+from .schemas.declared import schema as schema
+from .schemas.graphs import export_schema as export_schema
+from .schemas.graphs import import_schema as import_schema
+from .schemas.graphs import to_bayesian_network as to_bayesian_network
+from .schemas.finding import bundled_schemas as bundled_schemas
+from .schemas.finding import find_schema as find_schema
+from .schemas.graphs import read_schema as read_schema
+from .schemas.graphs import write_schema as write_schema
+from .schemas.fsm import FSM as FSM
+from .schemas.fsm import compile_schema as compile_schema
 from .world.randomness import Streams as Streams
 from .world.reward_table import Events as Events
 from .world.reward_table import RewardTable as RewardTable
@@ -23,8 +23,8 @@ from .world.room import Room as Room
 from .world.room import action_names as action_names
 from .world.room import position_coordinates as position_coordinates
 from .world.room import position_names as position_names
-from .world.schema import Gate as Gate
-from .world.schema import Schema as Schema
+from .schemas.schema import Gate as Gate
+from .schemas.schema import Schema as Schema
 from .world.tables import RoomTables as RoomTables
 
 # Learners

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from causal_openlock.play.background import OpenedRoom
     from causal_openlock.render.film import Shot
     from causal_openlock.render.watch import WatchedTrial
+    from causal_openlock.schemas.schema import Schema
     from causal_openlock.world.room import Room
-    from causal_openlock.world.schema import Schema
 
 MOST_SOLUTIONS = 12
 ENDS = 5
@@ -284,7 +284,7 @@ def report_html(report: Report) -> str:
 
 
 SHOWN_AS = {
-    ("causal_openlock.world.schema", "Schema"): schema_html,
+    ("causal_openlock.schemas.schema", "Schema"): schema_html,
     ("causal_openlock.world.room", "Room"): room_html,
     ("causal_openlock.envs.playable", "PlayableRoom"): playable_html,
     ("causal_openlock.envs.playable", "Picture"): picture_html,

@@ -15,8 +15,8 @@ from causal_openlock.contract.registry import create
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted, nearest
-from causal_openlock.world.schema import Schema
 from support.html_page import Page
 from support.made_up_experiments import stored
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.randomness import generators
 
 ALPHA = 0.05

@@ -20,8 +20,8 @@ from pandas.api.types import union_categoricals
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.record import CATEGORIES, PHASES
+from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.wording import counted
-from causal_openlock.world.fsm import IntArray
 
 if TYPE_CHECKING:
     import pyarrow as pa

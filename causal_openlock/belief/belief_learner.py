@@ -20,8 +20,8 @@ from causal_openlock.belief.marginals import (
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.contract.learner import Learner, Structure, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.world.fsm import FloatArray
-from causal_openlock.world.schema import Schema
+from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.schemas.schema import Schema
 
 if TYPE_CHECKING:
     from causal_openlock.belief.marginals import Model

@@ -34,7 +34,7 @@ from causal_openlock.belief.knowledge import Knowledge, Prior
 from causal_openlock.belief.sampling import LISTED_CAUSES, Sampler, listed, sampled, with_sampled
 from causal_openlock.belief.structures import Structures
 from causal_openlock.contract.learner import Brief, Step, View
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 enumerated = lru_cache(maxsize=64)(enumerate_space)
 STRENGTH_NODES = 10

@@ -25,7 +25,7 @@ from causal_openlock.belief.structures import (
     meeting,
     merge,
 )
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 FREE_FORM_LEVERS = 4
 """Up to so many levers every gate-DAG is enumerated; five have seventeen million."""

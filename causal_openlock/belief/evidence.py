@@ -22,7 +22,7 @@ import numpy as np
 from causal_openlock.belief.hypotheses import Strengths
 from causal_openlock.belief.structures import Hypotheses, Masks, Rows
 from causal_openlock.contract.learner import Step
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 DOOR = -1
 """The slot of an event that is a push of the door."""

@@ -23,7 +23,7 @@ from itertools import combinations, pairwise, permutations
 import numpy as np
 
 from causal_openlock.belief.structures import Rows, Structures, renamed
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 MAX_ROLES = 4
 MAX_LENGTH = 8

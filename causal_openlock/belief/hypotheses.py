@@ -35,8 +35,8 @@ import numpy as np
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, Catalogue, catalogue, feasible
 from causal_openlock.belief.structures import NEVER, Hypotheses, Masks
-from causal_openlock.world.fsm import FloatArray, IntArray
-from causal_openlock.world.schema import MAX_LEVERS
+from causal_openlock.schemas.fsm import FloatArray, IntArray
+from causal_openlock.schemas.schema import MAX_LEVERS
 
 RULES = ("grey", "white", "position")
 """What may mark the active levers."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.belief.planning import Situation, fitting_solutions
 from causal_openlock.belief.structures import Hypotheses
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 DENSE = 4096
 """Plans have numbers; up to so many need no sorting."""

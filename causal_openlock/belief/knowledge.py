@@ -25,7 +25,7 @@ from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import RULES, Space, Strengths
 from causal_openlock.contract.parameters import Count, OpenShare, Positive, Share
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 EFFORT = 8_000
 RULE_CHANGES = 1e-3

@@ -27,8 +27,8 @@ from causal_openlock.belief.optimal import Optimum, Point
 from causal_openlock.belief.placements import TooLargeError, placements
 from causal_openlock.belief.structure_schemas import structure_of
 from causal_openlock.belief.structures import Structures, merge
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import Schema
 
 NO_DIFFERENCE = 1e-9
 """Values that differ by less are the same but for rounding."""

@@ -30,7 +30,7 @@ import numpy as np
 
 from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.belief.structures import Hypotheses, Structures, merge
-from causal_openlock.world.fsm import BoolArray, FloatArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray
 
 NODE_LIMIT = 20_000
 """Searching more states than these is too large a problem; a few seconds."""

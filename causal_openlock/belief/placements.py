@@ -16,8 +16,8 @@ import numpy as np
 from causal_openlock.belief.grammar import assignments
 from causal_openlock.belief.structure_schemas import structure_of
 from causal_openlock.belief.structures import Hypotheses, Structures, merge
-from causal_openlock.world.fsm import FloatArray
-from causal_openlock.world.schema import Schema
+from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.schemas.schema import Schema
 
 TABLE_LIMIT = 1 << 20
 """The most placements of a schema that are listed, times the subsets of its levers."""

@@ -35,7 +35,7 @@ from causal_openlock.belief.evidence import completes
 from causal_openlock.belief.hypotheses import Strengths
 from causal_openlock.belief.structures import NEVER, Hypotheses
 from causal_openlock.contract.learner import View
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import pick
 
 MOST_BRANCHES = 5000

@@ -31,7 +31,7 @@ from causal_openlock.belief.grammar import schema_classes
 from causal_openlock.belief.hypotheses import Block, RoomSight, Space, at_least
 from causal_openlock.belief.knowledge import EFFORT
 from causal_openlock.belief.structures import Hypotheses, Structures, gate_options, merge
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 ROUNDS = 12
 DRAWS = 4000

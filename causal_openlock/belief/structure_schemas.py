@@ -12,9 +12,9 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.belief.structures import Structures
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.wording import joined
 from causal_openlock.world.room import Room, position_names
-from causal_openlock.world.schema import DOOR, Gate, Schema
 
 
 def structure_of(schema: Schema) -> Structures:

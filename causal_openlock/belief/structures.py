@@ -2,7 +2,7 @@
 
 A *structure* on n levers gives, for each lever and for the door, its causes as a bit mask and the
 threshold of how many of them must be pushed (1 is ``any``, all of them is ``all``, 0 is a free
-lever). It is a :class:`~causal_openlock.world.schema.Schema` without names and strengths; M
+lever). It is a :class:`~causal_openlock.schemas.schema.Schema` without names and strengths; M
 structures are two small arrays, so that thousands are compared at once.
 
 Derived here for all of them together: which sets of levers unlock the door, which of these are
@@ -26,7 +26,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 Masks = NDArray[np.uint16]
 Counts = NDArray[np.uint8]

@@ -31,11 +31,11 @@ from causal_openlock.contract.learner import Learner, Step
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.experiment.session import Session
+from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.wording import counted
-from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
 from causal_openlock.world.room import position_names
-from causal_openlock.world.schema import DOOR, Schema
 
 if TYPE_CHECKING:
     import pandas as pd

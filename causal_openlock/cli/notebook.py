@@ -22,7 +22,7 @@ def notebook(
     ] = None,
 ) -> None:
     """Begin a notebook: a comparison to fill in, or a copy of a lesson to change."""
-    from causal_openlock.formats.finding import bundled
+    from causal_openlock.schemas.finding import bundled
 
     path = Path(name if name.lower().endswith(SUFFIX) else f"{name}{SUFFIX}")
     if not name.strip() or name.endswith(("/", "\\", ".")) or not name.isprintable():

@@ -42,8 +42,8 @@ def room(
     ] = None,
 ) -> None:
     """Draw a room as in the paper's Figure 2: at first, or after or amid some actions."""
-    from causal_openlock.formats.finding import find_schema
     from causal_openlock.render.room import look_after, save_still
+    from causal_openlock.schemas.finding import find_schema
     from causal_openlock.world.room import Room, action_index, first_layout
 
     found = find_schema(schema)

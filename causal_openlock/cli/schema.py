@@ -13,8 +13,8 @@ from causal_openlock.files.atomic import write_text
 from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
-    from causal_openlock.world.fsm import FSM
-    from causal_openlock.world.schema import Schema
+    from causal_openlock.schemas.fsm import FSM
+    from causal_openlock.schemas.schema import Schema
 
 app = typer.Typer(no_args_is_help=True, help="List, show, check, draw, export and begin schemas.")
 
@@ -28,8 +28,8 @@ def list_schemas() -> None:
     from rich.table import Table
 
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.formats.finding import bundled_schemas
-    from causal_openlock.formats.graphs import read_schema
+    from causal_openlock.schemas.finding import bundled_schemas
+    from causal_openlock.schemas.graphs import read_schema
 
     table = Table("schema", "levers", "solutions", "actions", "title", box=None, pad_edge=False)
     found = bundled_schemas()
@@ -62,7 +62,7 @@ def show(
 ) -> None:
     """Show a schema: its graph, its solutions, and the states that an attempt can reach."""
     from causal_openlock.render.graph import schema_text
-    from causal_openlock.world.fsm import compile_schema
+    from causal_openlock.schemas.fsm import compile_schema
 
     schema = _read(name)
     say(schema_text(schema))
@@ -87,7 +87,7 @@ def _show_states(fsm: FSM) -> None:
 
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.protocol import default_action_limit
-    from causal_openlock.world.fsm import NO_SOLUTION, unroll
+    from causal_openlock.schemas.fsm import NO_SOLUTION, unroll
 
     limit = default_action_limit(fsm.schema)
     attempt = unroll(fsm, limit)
@@ -161,7 +161,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Write a schema in another format; files in these formats but bif can be given, too."""
-    from causal_openlock.formats.graphs import export_schema, write_schema
+    from causal_openlock.schemas.graphs import export_schema, write_schema
 
     schema = _read(name)
     if out is not None:
@@ -180,7 +180,7 @@ def new(
     out: Output = None,
 ) -> None:
     """Begin a schema of one's own: a commented file to change."""
-    from causal_openlock.formats.schema_file import schema_from_dict
+    from causal_openlock.schemas.schema_file import schema_from_dict
 
     path = out or Path(f"{name}.yaml")
     if path.exists():
@@ -205,6 +205,6 @@ _GUIDE = """\
 
 
 def _read(name: str) -> Schema:
-    from causal_openlock.formats.finding import find_schema
+    from causal_openlock.schemas.finding import find_schema
 
     return find_schema(name)

@@ -26,8 +26,8 @@ def text(
 
     from causal_openlock.experiment.protocol import Condition, find_protocol
     from causal_openlock.experiment.session import Session
-    from causal_openlock.formats.finding import find_schema
     from causal_openlock.render.words import Wording, feedback, room_now
+    from causal_openlock.schemas.finding import find_schema
 
     session = Session(
         Condition.named(condition, find_schema),

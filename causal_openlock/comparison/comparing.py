@@ -37,9 +37,9 @@ from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.experiment.worker import Watching
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import RewardForm
-from causal_openlock.world.schema import Schema
 
 
 def compare(

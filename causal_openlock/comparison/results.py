@@ -31,7 +31,7 @@ from causal_openlock.experiment.folder_lock import LOCK
 from causal_openlock.experiment.remote import downloaded
 from causal_openlock.experiment.store import Store
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.files.plugins import RESULTS, registered
+from causal_openlock.files.plugins import RESULTS, attribute_of, registered
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
 
@@ -205,9 +205,7 @@ class Results(Material):
 
         def __getattr__(self, name: str) -> Any:
             """A method or property that a package registers (``causal_openlock.results``)."""
-            if name.startswith("_") or (entry := registered(RESULTS).get(name)) is None:
-                raise AttributeError(f"results have no {name!r}; dir(results) lists what they have")
-            return entry.load().__get__(self, type(self))
+            return attribute_of(self, RESULTS, name)
 
     def __dir__(self) -> list[str]:
         """The names of the class, and those that packages register."""

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import LearnerError
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.room import Room
 
 Observations = NDArray[np.int8]

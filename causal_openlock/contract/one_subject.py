@@ -29,7 +29,7 @@ from causal_openlock.contract.learner import (
 )
 from causal_openlock.errors import LearnerError
 from causal_openlock.files.seal import is_sealed, seal
-from causal_openlock.world.fsm import IntArray
+from causal_openlock.schemas.fsm import IntArray
 
 
 @dataclass(frozen=True)

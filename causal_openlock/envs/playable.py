@@ -18,9 +18,10 @@ from causal_openlock.envs.settings import ATTEMPT_LIMIT
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
-from causal_openlock.formats.declared import schema as declared
 from causal_openlock.render.panel import Panel, ShownAction
 from causal_openlock.render.room import room_text
+from causal_openlock.schemas.declared import schema as declared
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted
 from causal_openlock.world.rewards import PAPER_REWARD
 from causal_openlock.world.room import (
@@ -30,7 +31,6 @@ from causal_openlock.world.room import (
     first_layout,
     published_layouts,
 )
-from causal_openlock.world.schema import Schema
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +218,7 @@ def room(
     """A room to try out by hand; it shows itself, and so does what each action leads to.
 
     Args:
-        schema: Anything that :func:`~causal_openlock.formats.declared.schema` takes, such as
+        schema: Anything that :func:`~causal_openlock.schemas.declared.schema` takes, such as
             ``CC4`` or ``A -> B, C -> door``.
         layout: A published layout such as ``trial7``, ``{lever: position}``, or ``random`` for
             another one in every trial; by default the first published one that fits.

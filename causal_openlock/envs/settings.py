@@ -13,9 +13,9 @@ from gymnasium import spaces
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
 from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.files.validation import plain, whole_number
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import RewardForm, RewardFunction, find_reward, form_of
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
-from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec
@@ -51,8 +51,8 @@ class Settings:
         action_limit: int | None,
         positions: int | None,
     ) -> None:
-        from causal_openlock.formats.finding import find_schema
-        from causal_openlock.formats.schema_file import schema_from_dict
+        from causal_openlock.schemas.finding import find_schema
+        from causal_openlock.schemas.schema_file import schema_from_dict
 
         schema = schema_from_dict(schema) if isinstance(schema, Mapping) else find_schema(schema)
         if not isinstance(layout, str | Mapping | Layout):

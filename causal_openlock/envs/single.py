@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from causal_openlock.physics.room import PhysicalRoom
     from causal_openlock.physics.world import Pose
     from causal_openlock.render.panel import Panel
-    from causal_openlock.world.schema import Schema
+    from causal_openlock.schemas.schema import Schema
 
 
 KEPT_ROWS = 500_000

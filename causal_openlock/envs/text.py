@@ -26,7 +26,7 @@ from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, action_names
 
 if TYPE_CHECKING:
-    from causal_openlock.world.schema import Schema
+    from causal_openlock.schemas.schema import Schema
 
 LONGEST = 4000
 """Characters of an observation or an action."""

@@ -21,7 +21,7 @@ from causal_openlock.world.room import RANDOM_LAYOUT, Layout
 from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:
-    from causal_openlock.world.schema import Schema
+    from causal_openlock.schemas.schema import Schema
 
 
 KEPT_CHOICES = 1 << 23

@@ -43,7 +43,7 @@ from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.world.fsm import BoolArray
+from causal_openlock.schemas.fsm import BoolArray
 
 OUR_OWN = {"python": (), "causal-openlock": ("-m", "causal_openlock")}
 """Commands that run with the interpreter that runs the study: by name, its options."""

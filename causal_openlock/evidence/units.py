@@ -41,8 +41,8 @@ from causal_openlock.evidence.study import (
     Selection,
 )
 from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.wording import joined
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 KEYS = [*CELL, "phase"]
 

@@ -19,7 +19,7 @@ from causal_openlock.contract.registry import learner_class, parse_parameters
 
 if TYPE_CHECKING:
     from causal_openlock.experiment.experiment import Experiment
-    from causal_openlock.world.schema import Schema
+    from causal_openlock.schemas.schema import Schema
 
 WORTH_SAYING = 1.0
 """Seconds a trial above which a cost is mentioned."""

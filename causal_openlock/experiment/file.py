@@ -36,7 +36,7 @@ from causal_openlock.experiment.building import Changes, as_learner, build
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file_format import ExperimentFile
 from causal_openlock.files.yaml_file import read_document
-from causal_openlock.formats.finding import bundled
+from causal_openlock.schemas.finding import bundled
 from causal_openlock.wording import nearest
 
 

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Discriminator, Field, Tag, create_model
 
 from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.files.validation import StrictModel
-from causal_openlock.formats.schema_file import JSON_SCHEMA_ID
+from causal_openlock.schemas.schema_file import JSON_SCHEMA_ID
 from causal_openlock.world.rewards import PAPER_REWARD, WEIGHTS
 
 Positive = Annotated[int, Field(ge=1)]

@@ -10,8 +10,8 @@ import json
 
 from causal_openlock.experiment import file_format
 from causal_openlock.files.atomic import write_text
-from causal_openlock.formats import schema_file
-from causal_openlock.formats.finding import bundled
+from causal_openlock.schemas import schema_file
+from causal_openlock.schemas.finding import bundled
 
 if __name__ == "__main__":
     schemas, experiments = schema_file.json_schema(), file_format.json_schema()

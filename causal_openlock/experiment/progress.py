@@ -16,7 +16,7 @@ import numpy as np
 
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,10 @@ import numpy as np
 
 from causal_openlock.errors import FileError, LayoutError, OpenLockError, ProtocolError
 from causal_openlock.files.validation import whole_number
-from causal_openlock.formats.finding import SUFFIXES
+from causal_openlock.schemas.finding import SUFFIXES
+from causal_openlock.schemas.schema import NAME, Schema
 from causal_openlock.wording import nearest
 from causal_openlock.world.room import Layout, positions_for, published_layouts
-from causal_openlock.world.schema import NAME, Schema
 from causal_openlock.world.tables import ACTIONS_LEFT
 
 PAPER_ACTION_LIMIT = 3

@@ -29,12 +29,12 @@ from causal_openlock.contract.learner import (
 from causal_openlock.errors import LearnerError, ProtocolError
 from causal_openlock.experiment.protocol import Condition, Protocol, Visit, check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
+from causal_openlock.schemas.fsm import BoolArray, IntArray
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.batch import BatchStep, RoomBatch
-from causal_openlock.world.fsm import BoolArray, IntArray
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.world.room import Layout, action_names, positions_for
-from causal_openlock.world.schema import Schema
 from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 
 if TYPE_CHECKING:

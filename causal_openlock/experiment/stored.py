@@ -21,12 +21,12 @@ from causal_openlock.errors import OpenLockError, RewardError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec, Origin
 from causal_openlock.experiment.protocol import Condition, LayoutSource, Protocol, Trials
 from causal_openlock.files.validation import StrictModel, sentence
-from causal_openlock.formats.schema_file import SchemaFile
+from causal_openlock.schemas.schema import Schema
+from causal_openlock.schemas.schema_file import SchemaFile
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.rewards import TERMS, AuthorsReward, Reward, Weights
 from causal_openlock.world.room import Layout, position_names, positions_for, published_layouts
-from causal_openlock.world.schema import Schema
 
 Versions = Mapping[str, str | list[str]]
 """Versions by the name of the package; a list if cells were made with several."""

@@ -24,7 +24,7 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.export.replay import Steps, replay, trial_numbers
-from causal_openlock.formats.finding import bundled_schemas
+from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.version import __version__
 from causal_openlock.wording import nearest
 from causal_openlock.world.reward_code import OwnReward

@@ -8,8 +8,8 @@ from typing import Any
 
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Protocol, Trials
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout, position_names, published_layouts
-from causal_openlock.world.schema import Schema
 
 
 def experiment_file(experiment: Experiment, schemas: str = "schemas") -> dict[str, Any]:

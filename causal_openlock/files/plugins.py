@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import Any
 
 from causal_openlock.errors import OpenLockError
 
@@ -25,6 +26,25 @@ TOPICS = "causal_openlock.topics"
 """Sections of a report: modules, as :mod:`causal_openlock.analysis.report.sections` has them."""
 RESULTS = "causal_openlock.results"
 """Methods and properties of :class:`~causal_openlock.comparison.results.Results`."""
+SCHEMAS = "causal_openlock.schemas"
+"""The same of :class:`~causal_openlock.schemas.schema.Schema`."""
+
+
+def attribute_of(value: Any, group: str, name: str) -> Any:
+    """Return a method or property that a package registers for objects of a class.
+
+    Args:
+        value: The object.
+        group: The group of its class.
+        name: The name asked for.
+
+    Raises:
+        AttributeError: If nothing is registered by that name.
+    """
+    # Copying and pickling ask for special methods before there is anything else.
+    if name.startswith("_") or (entry := registered(group).get(name)) is None:
+        raise AttributeError(f"{type(value).__name__} has no attribute {name!r}", name=name)
+    return entry.load().__get__(value, type(value))
 
 
 def registered(group: str) -> Mapping[str, EntryPoint]:

@@ -34,13 +34,13 @@ from causal_openlock.fitting.effect import ON_ACTIONS, require_effect, without_e
 from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
 from causal_openlock.fitting.search import Range, SearchSpace, check_chosen
 from causal_openlock.fitting.study import proposals, require_optuna
+from causal_openlock.schemas.fsm import BoolArray, FloatArray
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.scores import LN2
 from causal_openlock.scoring.teacher_forcing import EXACT, Recorded, score_part, subject_names
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted, nearest
-from causal_openlock.world.fsm import BoolArray, FloatArray
 
 FILE = "fit_to_actions.json"
 HOLD_OUT = ("trials", "subjects", "none")

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 STEP = 0.05
 """Of differences, in log-odds."""

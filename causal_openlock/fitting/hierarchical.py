@@ -48,8 +48,8 @@ from causal_openlock.fitting.kept import fitting_in
 from causal_openlock.fitting.mixture import MIXTURE, Mixture, mixture_of
 from causal_openlock.fitting.progress import Progress
 from causal_openlock.fitting.subject_peak import PeakJob, chosen_at
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.scoring.teacher_forcing import Recorded
-from causal_openlock.world.fsm import FloatArray, IntArray
 
 GROUP = "group"
 """Label of the fit of a group itself."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.scoring.model_selection import frequencies_of
-from causal_openlock.world.fsm import FloatArray, IntArray
 
 MIXTURE = "mixture"
 """Learner of the fit of all groups together."""

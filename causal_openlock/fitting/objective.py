@@ -38,9 +38,9 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.fitting.search import Kind
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import BoolArray
 
 HOLD_OUT = ("transfer", "alternate", "none")
 OBJECTIVES: Mapping[str, Callable[[pd.DataFrame], float]] = {

@@ -27,8 +27,8 @@ from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.fitting.actions import Fitted, at_bound, of_share
 from causal_openlock.fitting.search import SearchSpace, bundled_search
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring.scores import LN2, SUBJECT
-from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.randomness import generators
 
 GROUPS = 200

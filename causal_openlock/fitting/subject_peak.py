@@ -15,8 +15,8 @@ from scipy.stats import norm, qmc
 
 from causal_openlock.fitting.actions import ActionPlan, Predictions, held_out, of_share
 from causal_openlock.fitting.group import SPREADS, Group, Peak, peak
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring.teacher_forcing import Recorded
-from causal_openlock.world.fsm import FloatArray
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,6 @@ from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.experiment.store import Store
 from causal_openlock.files.digest import digest
-from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.importing.actions import ActionEntry
 from causal_openlock.importing.checking import Checked, play_again
 from causal_openlock.importing.jspsych import jspsych_actions
@@ -32,10 +31,11 @@ from causal_openlock.importing.tables import Table, experiment_of, table_actions
 from causal_openlock.importing.text import is_json
 from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, LEARNER
+from causal_openlock.schemas.finding import bundled_schemas
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import Schema
 
 BESIDE = ".importing-"
 """The beginning of the name of the folder that is written to, beside ``out``."""

@@ -6,7 +6,7 @@ and all else is locked, also in the middle of a movement, when a lever passes th
 track.
 
 >>> from causal_openlock import find_schema
->>> from causal_openlock.world.fsm import compile_schema
+>>> from causal_openlock.schemas.fsm import compile_schema
 >>> schema = find_schema("CC3")
 >>> room = PhysicalRoom(compile_schema(schema), Layout((0, 1, 2), 7))
 >>> room.act(0).finished, room.observation()[:3].tolist()
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from causal_openlock.physics.controller import BUDGET, Controller, Movement
 from causal_openlock.physics.geometry import RoomGeometry
 from causal_openlock.physics.world import Pose, World
-from causal_openlock.world.fsm import FSM
+from causal_openlock.schemas.fsm import FSM
 from causal_openlock.world.room import Layout
 
 

@@ -81,9 +81,9 @@ def play(
     """Let people play, in a browser; people in a folder that exists go on where they were."""
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.protocol import Condition, find_protocol
-    from causal_openlock.formats.finding import find_schema
     from causal_openlock.play.people import People
     from causal_openlock.play.server import PlayServer
+    from causal_openlock.schemas.finding import find_schema
 
     names = list(dict.fromkeys(condition or ["CC3-CC4"]))
     conditions = [Condition.named(name, find_schema) for name in names]

@@ -18,8 +18,8 @@ from causal_openlock.experiment.answers import Answer as SaidOfRoom
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.person import LABEL
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import Schema
 
 Stage = Literal["practice", "room", "question", "end"]
 Answer = dict[str, Any]

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from causal_openlock.world.schema import DOOR, Schema
+from causal_openlock.schemas.schema import DOOR, Schema
 
 Points = NDArray[np.float64]
 Slot = tuple[str, int]  # the lever an edge comes from, and the row that it passes

@@ -17,11 +17,11 @@ from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.stored import recorded_layout
+from causal_openlock.schemas.fsm import compile_schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import compile_schema
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
 from causal_openlock.world.room import Layout, Room, positions_for
-from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -16,8 +16,8 @@ import numpy as np
 from causal_openlock.files.atomic import replacing
 from causal_openlock.render.arrange import RADIUS, Arrangement, arrange
 from causal_openlock.render.suffixes import path_of_picture
+from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.wording import counted
-from causal_openlock.world.schema import DOOR, Schema
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -24,8 +24,8 @@ from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.files.validation import whole_number
 from causal_openlock.render.film import Shot, save_film, stills
 from causal_openlock.render.filmed_trial import FilmedTrial, play_trial
+from causal_openlock.schemas.schema import DOOR
 from causal_openlock.world.room import Layout, position_coordinates
-from causal_openlock.world.schema import DOOR
 
 FAINTEST = 0.02
 """Arrows that are less probable are not drawn."""

@@ -31,7 +31,7 @@ from scipy.special import hyperu
 
 from causal_openlock.contract.learner import InformedLearner, Learner, Truth
 from causal_openlock.experiment.session import Session
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import unrelated_generators
 
 FIRST_COPIES = 16

@@ -22,7 +22,7 @@ from scipy.integrate import quad
 from scipy.special import digamma, expit, gammaln, logsumexp, softmax
 from scipy.stats import gamma
 
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 ROUNDS, ENOUGH = 10_000, 1e-9
 

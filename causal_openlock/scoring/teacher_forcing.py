@@ -30,6 +30,7 @@ from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.files.digest import digest
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.scoring.inverse_binomial import Draws, Replays, by_draws
 from causal_openlock.scoring.score_table import (
     COLUMNS,
@@ -40,7 +41,6 @@ from causal_openlock.scoring.score_table import (
 )
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pyarrow as pa

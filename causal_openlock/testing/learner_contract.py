@@ -45,9 +45,9 @@ from causal_openlock.contract.registry import (
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import Schema
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -24,9 +24,9 @@ from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file_format import LearnerFile
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.world.rewards import PRESETS
 from causal_openlock.world.room import Layout, positions_for
-from causal_openlock.world.schema import DOOR, Gate, Schema
 
 MOST = 32
 """Most that a whole number or a number without an upper bound is above its lower one."""

@@ -1,8 +1,6 @@
-"""Schemas, rooms and rewards.
+"""Rooms of a schema, and rewards.
 
 ================= =================================================================================
-``schema``        The directed graph of levers and a door, and the solutions that follow from it.
-``fsm``           The finite state machine that a schema compiles into.
 ``room``          The machine with its levers at positions: layouts, observations, actions.
 ``tables``        Many rooms as one table: a step is a lookup.
 ``batch``         Many rooms during trials: when attempts and trials end.

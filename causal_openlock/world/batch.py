@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.reward_table import (
     ALWAYS,
     IF_FOUND,

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 
 def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.Generator, ...]:

@@ -33,7 +33,7 @@ from causal_openlock.errors import RewardError
 from causal_openlock.files.code_digest import code_digest, imported_digest
 from causal_openlock.files.misspelt import misspelt
 from causal_openlock.files.module_source import MODULE_AND_NAME, look_beside
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.reward_table import Events, RewardFunction
 
 
@@ -148,8 +148,8 @@ def _read_only(events: Events) -> Events:
 
 def _try_out(reward: OwnReward) -> None:
     """Evaluate every action in a room, with and without a past, together and one by one."""
+    from causal_openlock.schemas.schema import Schema
     from causal_openlock.world.room import Layout
-    from causal_openlock.world.schema import Schema
     from causal_openlock.world.tables import RoomTables
 
     tables = RoomTables(7)

@@ -35,8 +35,8 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 
 from causal_openlock.errors import RewardError
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.reward_table import Events as Events
 from causal_openlock.world.reward_table import RewardFunction as RewardFunction
 

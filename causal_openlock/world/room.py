@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import LayoutError
+from causal_openlock.schemas.fsm import FSM, BoolArray, FloatArray, IntArray, compile_schema
+from causal_openlock.schemas.schema import MAX_LEVERS, Schema
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import FSM, BoolArray, FloatArray, IntArray, compile_schema
 from causal_openlock.world.reference import room_facts
-from causal_openlock.world.schema import MAX_LEVERS, Schema
 
 PAPER_POSITIONS = (
     "UPPERRIGHT",
@@ -243,7 +243,7 @@ class Layout:
         """``[2P + 1]`` the machine's action for each of the room's actions.
 
         An action on an inactive lever maps to the machine's number of actions, the index of the
-        action that never moves anything in :class:`~causal_openlock.world.fsm.Attempt`.
+        action that never moves anything in :class:`~causal_openlock.schemas.fsm.Attempt`.
         """
         levers = len(self.places)
         roles = np.full(2 * self.positions + 1, 2 * levers + 1)

@@ -1,7 +1,7 @@
 """Many rooms as one table, so that environments and sessions step them by lookups.
 
 :class:`RoomTables` stacks the unrolled attempts of all rooms in use
-(:func:`causal_openlock.world.fsm.unroll`), re-indexed by position, into flat arrays. So the
+(:func:`causal_openlock.schemas.fsm.unroll`), re-indexed by position, into flat arrays. So the
 situation of a room in an attempt is a single integer, its *row*. The observation, whether the door
 is unlocked, and whether the attempt is over are looked up by row
 (:mod:`causal_openlock.world.batch`).
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.world.fsm import (
+from causal_openlock.schemas.fsm import (
     FSM,
     Attempt,
     BoolArray,
@@ -29,8 +29,8 @@ from causal_openlock.world.fsm import (
     compile_schema,
     unroll,
 )
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout, Room
-from causal_openlock.world.schema import Schema
 
 UNLOCKED, OPENED, ACTIONS_LEFT = np.uint8(64), np.uint8(128), np.uint8(63)
 """Bits of :attr:`RoomTables.status`: from UNLOCKED up it is unlocked, from OPENED up open."""

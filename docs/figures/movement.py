@@ -8,11 +8,11 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import Pose
 from causal_openlock.render.panel import draw
 from causal_openlock.render.scene import Look
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Room
 
 SIZE = 500

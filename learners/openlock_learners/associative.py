@@ -26,7 +26,7 @@ import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Positive, Share
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
 from openlock_learners.networks.checkpointed import Checkpointed
 

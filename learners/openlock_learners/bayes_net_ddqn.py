@@ -19,7 +19,7 @@ from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.planning import TIE
 from causal_openlock.contract.learner import Brief, Step, View
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import pick
 from openlock_learners.ddqn import DDQN, DDQNParameters
 

@@ -42,9 +42,9 @@ from causal_openlock.contract.learner import (
 )
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.expected_cost import Cost
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import Streams
-from causal_openlock.world.schema import Schema
 
 PLANNED = 600
 """The most hypotheses that a plan takes into account."""

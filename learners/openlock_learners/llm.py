@@ -33,10 +33,10 @@ from causal_openlock.contract.learner import Account, Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Positive
 from causal_openlock.errors import LearnerError, NotAvailableError
 from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
+from causal_openlock.schemas.fsm import IntArray
+from causal_openlock.schemas.schema import DOOR
 from causal_openlock.wording import counted, joined
-from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.room import position_names
-from causal_openlock.world.schema import DOOR
 from openlock_learners.language.answers import (
     HOW,
     HOW_IN_TEXT,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, InformedLearner, Truth, View
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import certain
 
 

@@ -33,7 +33,7 @@ import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Positive
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from openlock_learners.networks.checkpointed import Checkpointed
 
 MOVED, UNLOCKED = 2, 1

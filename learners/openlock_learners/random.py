@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, View
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
 
 

@@ -35,8 +35,8 @@ from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.own_randomness import OwnRandomness
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import LearnerError
+from causal_openlock.schemas.fsm import BoolArray, IntArray
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import BoolArray, IntArray
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")
 OURS = ("policy", "env", "seed", "_init_setup_model")

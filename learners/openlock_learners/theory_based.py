@@ -48,10 +48,10 @@ from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
 from causal_openlock.experiment.expected_cost import Cost
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import certain, pick
 from causal_openlock.world.room import positions_for
-from causal_openlock.world.schema import Schema
 from openlock_learners.networks.checkpointed import Checkpointed
 from openlock_learners.theory.chains import CHAIN_LIMIT, chains_of, number_of_chains
 from openlock_learners.theory.draws import DRAWS, LOCAL, AttemptDraws, Moment, Odds, RoomDraws, best

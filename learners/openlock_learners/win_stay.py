@@ -24,7 +24,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, pick
 from openlock_learners.networks.checkpointed import Checkpointed
 

@@ -27,7 +27,7 @@ from causal_openlock.experiment.answers import Answer, answers_schema, read_answ
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import read_table, table_bytes
-from causal_openlock.world.schema import DOOR
+from causal_openlock.schemas.schema import DOOR
 from support.played_material import played
 
 NOT_SAID = np.full(8, np.nan)

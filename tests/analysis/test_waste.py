@@ -13,7 +13,7 @@ from causal_openlock.analysis.results.waste import WORTH, wasted
 from causal_openlock.belief.observer import Observer, observer_of
 from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.world.schema import Schema
+from causal_openlock.schemas.schema import Schema
 from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import spec, stored
 from support.played_material import played

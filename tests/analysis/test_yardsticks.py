@@ -34,7 +34,7 @@ from causal_openlock.analysis.results.people.yardsticks import (
     rmse_difference,
 )
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.formats.finding import bundled
+from causal_openlock.schemas.finding import bundled
 from support.fabricated_records import table
 from support.made_up_experiments import declared, stored
 from support.made_up_people import made_up

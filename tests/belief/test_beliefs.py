@@ -20,8 +20,8 @@ from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import Condition, Trials
 from causal_openlock.experiment.session import Session
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.schema import Schema
 from support.belief_by_hand import (
     arrays_of,
     fits_console,

@@ -15,8 +15,8 @@ from scipy.special import betaln
 from causal_openlock.belief.evidence import DOOR, Event, Events, likelihood
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
 from causal_openlock.belief.structures import Hypotheses
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.schema import Schema
 from support.belief_by_hand import (
     DOOR_SLOT,
     Outcome,

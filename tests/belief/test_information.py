@@ -11,7 +11,7 @@ from causal_openlock.analysis.results.information import information_per_action,
 from causal_openlock.belief.trace import Trace, trace_trial
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 
 
 @pytest.fixture(scope="module")

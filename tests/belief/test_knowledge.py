@@ -14,7 +14,7 @@ from causal_openlock.belief.grammar import class_prior, schema_classes
 from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
 from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, Prior
 from causal_openlock.experiment.protocol import Protocol
-from causal_openlock.world.schema import Schema
+from causal_openlock.schemas.schema import Schema
 from support.belief_by_hand import (
     Plain,
     World,

@@ -19,7 +19,7 @@ from causal_openlock.cli import main
 from causal_openlock.experiment.expected_cost import Cost, cost_cautions, expected_cost
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
-from causal_openlock.world.schema import Schema
+from causal_openlock.schemas.schema import Schema
 from openlock_learners.bayes import Bayes, BayesParameters
 
 SIMPLICITY = float(np.log(2.0))

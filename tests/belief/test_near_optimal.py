@@ -9,7 +9,7 @@ from causal_openlock.belief.evidence import DOOR, Event, likelihood
 from causal_openlock.belief.hypotheses import strengths
 from causal_openlock.belief.placements import mixture
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 
 CERTAIN = strengths(0.0, 1.0, 1.0, 1)
 

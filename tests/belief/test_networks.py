@@ -35,11 +35,11 @@ from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.belief.structures import gate_dags
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.graphs import to_bayesian_network
+from causal_openlock.schemas.fsm import FSM, compile_schema
+from causal_openlock.schemas.graphs import to_bayesian_network
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.fsm import FSM, compile_schema
 from causal_openlock.world.room import Room, position_names
-from causal_openlock.world.schema import DOOR, Gate, Schema
 from openlock_learners.bayes import Bayes
 from support.session_play import HUMAN, SCHEMAS, named, one_room
 
@@ -312,7 +312,7 @@ def test_the_lock_of_a_noisy_schema_knows_no_chance() -> None:
 JOINT_DO, WITH_EVIDENCE = "levers that cause one another", "evidence below the outcome"
 MENDED = (
     "CausalInference.query of this pgmpy is right where that of 1.1.2 erred (its issue 3543). "
-    "Good: take this mark away, and the remarks on it in belief/marginals.py and formats/graphs.py"
+    "Good: take this mark away, and the remarks on it in belief/marginals.py and schemas/graphs.py"
 )
 
 

@@ -11,7 +11,7 @@ import pytest
 from causal_openlock.belief.hypotheses import RoomSight, Strengths, enumerate_space, strengths
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.belief.structures import Hypotheses
-from causal_openlock.world.schema import Gate, Schema
+from causal_openlock.schemas.schema import Gate, Schema
 from support.belief_by_hand import DOOR_SLOT, Outcome, World, entropy, hypothesis_of, plain_of
 
 CERTAIN = strengths(0.0, 1.0, 1.0, 1)

@@ -24,8 +24,8 @@ from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
 from causal_openlock.belief.structures import Structures, gate_dags
 from causal_openlock.experiment.protocol import Condition, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.world.fsm import FloatArray
-from causal_openlock.world.schema import Gate, Schema
+from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.schemas.schema import Gate, Schema
 from support.belief_by_hand import (
     DOOR_SLOT,
     Plain,

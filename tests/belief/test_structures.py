@@ -14,8 +14,8 @@ from causal_openlock.belief.structures import (
     members,
     merge,
 )
+from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.fsm import compile_schema
 from support.belief_by_hand import (
     arrays_of,
     every_gate_dag,

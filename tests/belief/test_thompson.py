@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
 from causal_openlock.belief.planning import Situation, sample_solution
 from causal_openlock.belief.structures import Hypotheses
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 from support.belief_by_hand import World
 
 ROOM, LONG = RoomSight(7, 4, 3, 3), RoomSight(7, 3, 1, 5)

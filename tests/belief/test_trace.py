@@ -34,9 +34,9 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError, ProtocolError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.world.room import Layout, Room
-from causal_openlock.world.schema import DOOR, Gate, Schema
 from openlock_learners.bayes import Bayes
 from support.waiting import HANGS
 

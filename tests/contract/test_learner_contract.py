@@ -19,7 +19,7 @@ from causal_openlock.contract.registry import create, learner_class
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, plan
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams, generators
 from support.places import ROOT

@@ -27,9 +27,9 @@ from causal_openlock.contract.registry import (
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.testing import LearnerContract
-from causal_openlock.world.fsm import FloatArray
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.room import Layout
 from openlock_learners.oracle import Oracle

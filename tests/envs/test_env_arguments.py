@@ -14,10 +14,10 @@ import causal_openlock
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError, RewardError
 from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT
-from causal_openlock.formats.graphs import write_schema
+from causal_openlock.schemas.graphs import write_schema
+from causal_openlock.schemas.schema import Gate, Schema
 from causal_openlock.world.rewards import PRESETS
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import Gate, Schema
 from support.cc4_in_trial7 import SOLUTIONS, WHITE
 from support.env_play import CONSOLE, act, trial7
 

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import causal_openlock
 from causal_openlock.envs import OpenLockEnv
-from causal_openlock.formats.finding import bundled_schemas
+from causal_openlock.schemas.finding import bundled_schemas
 from support.env_play import EPISODES
 
 SCHEMAS = bundled_schemas()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
-from causal_openlock.formats.finding import bundled_schemas
+from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.world.room import Room
 from support.cc4_in_trial7 import DOOR, L0, L1, L2, L3, NOTHING, SOLUTIONS, WHITE
 from support.env_play import CONSOLE, EPISODES, act, attempt, left, trial7

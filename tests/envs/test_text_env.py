@@ -16,7 +16,7 @@ from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv, OpenLockTextEnv
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Trials
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout, action_names
 
 

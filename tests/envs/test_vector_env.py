@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
-from causal_openlock.formats.finding import bundled_schemas
+from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.world.batch import KEPT_ARRAYS, LARGE, Spare
 from causal_openlock.world.rewards import PRESETS
 from causal_openlock.world.room import Layout, Room

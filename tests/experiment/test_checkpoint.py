@@ -42,7 +42,7 @@ from causal_openlock.files import seal as seal_module
 from causal_openlock.files.atomic import sweep
 from causal_openlock.files.seal import STATE, seal
 from causal_openlock.files.state import StateError, read_state, write_state
-from causal_openlock.world.fsm import IntArray
+from causal_openlock.schemas.fsm import IntArray
 from openlock_learners.random import RandomLearner
 from support.checkpoints import same
 from support.command import at_once

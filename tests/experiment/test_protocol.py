@@ -22,10 +22,10 @@ from causal_openlock.experiment.protocol import (
     find_protocol,
     plan,
 )
-from causal_openlock.formats.finding import bundled_schemas, find_schema
-from causal_openlock.formats.graphs import write_schema
+from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.graphs import write_schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import Schema
 
 SCHEMAS = bundled_schemas()
 HUMAN, RL = PROTOCOLS["human"], PROTOCOLS["rl"]

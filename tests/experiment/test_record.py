@@ -22,7 +22,7 @@ from causal_openlock.experiment.record import (
     record_schema,
 )
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 
 TEXTS = ("experiment", "learner", "condition", "protocol")
 

@@ -13,8 +13,8 @@ from causal_openlock.contract.learner import Console
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import Schema
 from openlock_learners.oracle import Oracle
 from openlock_learners.random import RandomLearner
 from support.cc4_in_trial7 import DOOR, L0, L1, L2, L3

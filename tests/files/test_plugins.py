@@ -52,7 +52,7 @@ def test_a_command_of_another_package_is_found_and_one_that_breaks_harms_none(
 def test_results_have_what_packages_register(guests: Path) -> None:
     results = ol.compare("CC3", ["oracle"], subjects=1, workers=1)
     assert {"score", "scores", "plot"} <= set(dir(results))
-    with pytest.raises(AttributeError, match="results have no 'skores'"):
+    with pytest.raises(AttributeError, match="Results has no attribute 'skores'"):
         _ = results.skores
     (guests / "a_guest.py").write_text("def many(results, times):\n    return times * 2\n")
     register(guests, "guest", "causal_openlock.results", many="a_guest:many")

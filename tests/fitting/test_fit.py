@@ -59,9 +59,9 @@ from causal_openlock.fitting.search import (
     search_space,
 )
 from causal_openlock.fitting.study import FILE, Plan, fit
-from causal_openlock.formats.finding import bundled, find_schema
+from causal_openlock.schemas.finding import bundled, find_schema
+from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.testing import LearnerContract
-from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.randomness import Streams
 from openlock_learners.oracle import Oracle
 from support.figures import KINDS, drawn

@@ -35,9 +35,9 @@ from causal_openlock.fitting.mixture import mixture_of
 from causal_openlock.fitting.predicting import read_fit
 from causal_openlock.fitting.progress import PROGRESS
 from causal_openlock.fitting.search import Range, search_beside, search_space
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring.model_selection import frequencies_of
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
-from causal_openlock.world.fsm import FloatArray
 
 HEAT = Range(0.02, 2.0, log=True)
 SPACE = search_space("associative", {"temperature": HEAT})

@@ -25,8 +25,8 @@ from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
-from causal_openlock.formats.finding import bundled
 from causal_openlock.importing.folder import BESIDE, _beside, import_files
+from causal_openlock.schemas.finding import bundled
 from causal_openlock.scoring.teacher_forcing import score_actions
 from support.command import at_once
 from support.made_up_experiments import spec

@@ -20,9 +20,9 @@ from causal_openlock.contract.learner import View
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
+from causal_openlock.schemas.schema import Gate, Schema
 from causal_openlock.testing import schemas
 from causal_openlock.testing.learner_contract import NINE
-from causal_openlock.world.schema import Gate, Schema
 from openlock_learners import bayes
 from openlock_learners.bayes import Bayes, BayesParameters
 from support.session_play import HUMAN, SCHEMAS, named, one_room, play, trials_of

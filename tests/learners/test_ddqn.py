@@ -14,7 +14,7 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 from openlock_learners.ddqn import DDQN, DDQNParameters
 from support.checkpoints import kept_and_resumed, same

@@ -15,9 +15,9 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import find_schema
-from causal_openlock.world.fsm import compile_schema as machine
-from causal_openlock.world.schema import Gate, Schema
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.fsm import compile_schema as machine
+from causal_openlock.schemas.schema import Gate, Schema
 from support.checkpoints import same
 from support.session_play import SCHEMAS, named, play, trials_of
 

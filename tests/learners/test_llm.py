@@ -24,8 +24,8 @@ from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.bundle import write_bundle
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.render.words import Wording
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 from openlock_learners.language import answers
 from openlock_learners.language.answers import read_answer, read_structure

@@ -13,8 +13,8 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, NotAvailableError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.render.words import Wording
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 from openlock_learners.language.answers import read_answer, read_structure
 from openlock_learners.language.replay import BUDGET, FOLDER, key_of

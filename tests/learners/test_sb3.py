@@ -19,7 +19,7 @@ from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 from openlock_learners.sb3 import StableBaselines
 from support.waiting import HANGS

@@ -9,7 +9,7 @@ import pytest
 
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 from openlock_learners.ddqn import DDQN, SemiMarkovDDQN, SemiMarkovDDQNParameters
 

@@ -13,7 +13,7 @@ from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from support.session_play import HUMAN, one_room, play
 
 LAYOUT = "trial1"  # CC3: UPPERRIGHT 0 frees LOWERLEFT 4 and LOWER 5, which unlock the door

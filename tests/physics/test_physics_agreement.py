@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.world.fsm import compile_schema
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.world.room import Layout, Room
 from support.physical_play import Guard, effects, room_of
 from support.places import ROOT

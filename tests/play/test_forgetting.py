@@ -17,13 +17,13 @@ from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
 from causal_openlock.files import atomic
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.play import log, people
 from causal_openlock.play.forgetting import forget_person
 from causal_openlock.play.log import Log
 from causal_openlock.play.participant import DATA
 from causal_openlock.play.person import LEARNER
 from causal_openlock.play.recruiting import RECRUITED
+from causal_openlock.schemas.finding import find_schema
 from support import play_clients
 from support.made_up_experiments import spec
 from support.play_clients import walk_through

@@ -24,9 +24,9 @@ from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
 from causal_openlock.experiment.store import Store
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.play.person import LEARNER
 from causal_openlock.play.refusals import OutOfTurn, TooManyPeople, UnknownPerson
+from causal_openlock.schemas.finding import find_schema
 from support.made_up_experiments import NOBODY, condition_called, spec
 from support.play_clients import people, solving, walk_through
 

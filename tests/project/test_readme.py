@@ -11,7 +11,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.experiment.store import Store
-from causal_openlock.formats.schema_file import parse_schema
+from causal_openlock.schemas.schema_file import parse_schema
 from support.command import at_once, modules_of
 from support.documents import ROOT, broken_links, code, unknown_options, words_of
 from support.processes import start_prepared

@@ -18,7 +18,7 @@ from support.places import ROOT
 
 PROBE = """
 import causal_openlock, learners, sys
-from causal_openlock.formats.finding import bundled, bundled_schemas
+from causal_openlock.schemas.finding import bundled, bundled_schemas
 home = sys.argv[1]
 assert causal_openlock.__file__.startswith(home), causal_openlock.__file__
 assert learners.__file__.startswith(home), learners.__file__

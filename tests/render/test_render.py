@@ -16,17 +16,17 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.formats.finding import bundled_schemas
 from causal_openlock.physics.geometry import RoomGeometry
 from causal_openlock.render.arrange import CLEARANCE, LABEL, RADIUS, arrange, distance_to_node
 from causal_openlock.render.graph import draw_schema, save_schema_figure, schema_text
 from causal_openlock.render.raster import paint
 from causal_openlock.render.room import draw_room, room_text
 from causal_openlock.render.scene import Look, frame
+from causal_openlock.schemas.finding import bundled_schemas
+from causal_openlock.schemas.schema import DOOR, MAX_LEVERS, Gate, Schema
 from causal_openlock.testing import schemas
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.room import Room, position_coordinates
-from causal_openlock.world.schema import DOOR, MAX_LEVERS, Gate, Schema
 
 BUNDLED = bundled_schemas()
 GREY = room_facts()["rgb"]["active_lever_arm_door"]

@@ -15,9 +15,9 @@ from causal_openlock.belief.trace import trace_trial
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.render.film import shots
 from causal_openlock.render.watch import BELIEVED, TRUE, WatchedTrial, belief_svg
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import position_coordinates
 
 

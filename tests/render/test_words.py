@@ -8,8 +8,8 @@ import pytest
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.render.words import STORIES, Counters, Wording, feedback, room_now
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 
 CC3 = find_schema("CC3")

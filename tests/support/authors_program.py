@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 
+from causal_openlock.schemas.schema import DOOR
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
-from causal_openlock.world.schema import DOOR
 from support.reward_play import LAYOUTS, SCHEMAS
 
 AUTHORS_MODES = [

@@ -18,9 +18,9 @@ import numpy as np
 
 from causal_openlock.belief.grammar import SchemaClass
 from causal_openlock.belief.structures import NEVER, Hypotheses, Structures
-from causal_openlock.world.fsm import FSM, compile_schema
+from causal_openlock.schemas.fsm import FSM, compile_schema
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.world.room import Layout, Room
-from causal_openlock.world.schema import DOOR, Gate, Schema
 
 DOOR_SLOT = -1
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from causal_openlock.experiment.record import CATEGORIES, record_schema
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 from support.made_up_experiments import declared
 
 ATTEMPTS = 20

@@ -7,10 +7,10 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.physics.geometry import DOOR_SWING, RoomGeometry
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import Pose
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout, Room
 
 FASTEST, FASTEST_TURN = 25.0, 15.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import permutations
 
-from causal_openlock.world.schema import DOOR, Schema
+from causal_openlock.schemas.schema import DOOR, Schema
 
 
 def plain_paper_rewards(

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
-from causal_openlock.formats.finding import find_schema
 from causal_openlock.play.people import People
+from causal_openlock.schemas.finding import find_schema
 from support.waiting import HANGS
 
 

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from causal_openlock.envs import OpenLockEnv
-from causal_openlock.formats.finding import bundled_schemas
+from causal_openlock.schemas.finding import bundled_schemas
+from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import DOOR, Schema
 
 SCHEMAS = bundled_schemas()
 # One of the published rooms of each schema.

@@ -12,10 +12,10 @@ import pandas as pd
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import Streams
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import Schema
 
 SCHEMAS = bundled_schemas()
 HUMAN, RL = PROTOCOLS["human"], PROTOCOLS["rl"]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.batch import RoomBatch
-from causal_openlock.world.fsm import FloatArray, IntArray
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.tables import RoomTables
 

@@ -26,7 +26,7 @@ from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_minari import write_minari
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.reward_code import OwnReward, _loaded, own_reward
 from causal_openlock.world.reward_table import Events
 from causal_openlock.world.rewards import PRESETS, TERMS, WEIGHTS, Reward, Weights, find_reward

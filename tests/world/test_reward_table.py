@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.testing import schemas
 from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.rewards import PRESETS, TERMS, Events, find_reward
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import DOOR, Schema
 from causal_openlock.world.tables import RoomTables
 from support.plain_paper_rewards import plain_paper_rewards
 from support.reward_play import SCHEMAS, pay

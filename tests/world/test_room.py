@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from causal_openlock.errors import LayoutError
-from causal_openlock.formats.finding import bundled_schemas
+from causal_openlock.schemas.finding import bundled_schemas
+from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.testing import layouts, schemas
 from causal_openlock.world.room import (
     PAPER_POSITIONS,
@@ -28,7 +29,6 @@ from causal_openlock.world.room import (
     positions_for,
     published_layouts,
 )
-from causal_openlock.world.schema import DOOR, Schema
 from causal_openlock.world.tables import RoomTables
 from support.places import DATA
 from support.table_steps import step

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from causal_openlock.formats.finding import bundled_schemas
+from causal_openlock.schemas.finding import bundled_schemas
+from causal_openlock.schemas.fsm import IntArray
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.fsm import IntArray
 from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import Layout, Room
-from causal_openlock.world.schema import DOOR, Gate, Schema
 from causal_openlock.world.tables import ACTIONS_LEFT, OPENED, UNLOCKED, RoomTables
 from support.table_steps import step
 

@@ -30,7 +30,7 @@ from causal_openlock.files.atomic import write_bytes
 from causal_openlock.render.arrange import arrange
 from causal_openlock.render.graph import draw_schema
 from causal_openlock.render.suffixes import path_of_picture
-from causal_openlock.world.schema import Schema
+from causal_openlock.schemas.schema import Schema
 
 MOST_ACTIONS, MOST_ARROWS = 36, 20
 THRESHOLD = 0.1

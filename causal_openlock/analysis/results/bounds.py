@@ -18,8 +18,8 @@ import pandas as pd
 
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import default_action_limit
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import joined
-from causal_openlock.world.schema import Schema
 
 
 class Bound(NamedTuple):

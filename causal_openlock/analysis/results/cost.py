@@ -18,7 +18,7 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.results.bounds import Bounds
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import SEED, bootstrap_interval
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 WITHIN = 1.5
 """A room is solved well in so many times the attempts of the ideal observer."""

@@ -27,7 +27,7 @@ from causal_openlock.analysis.results.people.published import (
 )
 from causal_openlock.analysis.results.summary import judged
 from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 SCORE_COLUMNS = (
     *("learner", "protocol", "score", "condition", "subjects"),

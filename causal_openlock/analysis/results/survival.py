@@ -14,7 +14,7 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.summary import judged
 from causal_openlock.analysis.statistics import SEED, bootstrap_interval
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 
 def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:

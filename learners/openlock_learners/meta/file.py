@@ -12,7 +12,7 @@ from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.errors import ExperimentError, LayoutError
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.wording import nearest
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.rewards import find_reward

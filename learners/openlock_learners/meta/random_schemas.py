@@ -10,7 +10,7 @@ import numpy as np
 
 from causal_openlock.errors import SchemaError
 from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
-from causal_openlock.world.schema import DOOR, Gate, Schema
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 
 MOST_SOLUTIONS = 4
 

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
 from causal_openlock.experiment.protocol import default_action_limit
+from causal_openlock.schemas.fsm import BoolArray, IntArray
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.batch import RoomBatch
-from causal_openlock.world.fsm import BoolArray, IntArray
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import PAPER_POSITIONS, Layout, action_names
-from causal_openlock.world.schema import Schema
 from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 
 POSITIONS = len(PAPER_POSITIONS)

@@ -29,7 +29,7 @@ from causal_openlock.contract.learner import View
 from causal_openlock.errors import ExperimentError, in_short
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.state import read_state, write_state
-from causal_openlock.world.fsm import BoolArray
+from causal_openlock.schemas.fsm import BoolArray
 from openlock_learners.meta.file import TrainingFile
 from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.networks.checkpointed import Checkpointed

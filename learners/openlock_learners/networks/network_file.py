@@ -23,8 +23,8 @@ from causal_openlock.files.atomic import replacing
 from causal_openlock.files.json_text import parse_json
 from causal_openlock.files.state import HEADER, Archive, StateError, open_archive
 from causal_openlock.files.validation import StrictModel
+from causal_openlock.schemas.schema import MAX_LEVERS
 from causal_openlock.world.room import PAPER_POSITIONS
-from causal_openlock.world.schema import MAX_LEVERS
 from openlock_learners.networks.recurrent_policy import RecurrentPolicy, Sizes, make_policy
 
 MOST_BYTES = 1 << 27

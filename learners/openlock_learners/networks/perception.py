@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Brief, Step, View
-from causal_openlock.world.fsm import BoolArray
+from causal_openlock.schemas.fsm import BoolArray
 from openlock_learners.networks.checkpointed import Checkpointed
 
 Inputs = NDArray[np.float32]

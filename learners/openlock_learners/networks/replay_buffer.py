@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from causal_openlock.contract.learner import Observations
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from openlock_learners.networks.checkpointed import Checkpointed
 
 LEAST_PRIORITY = 1e-6

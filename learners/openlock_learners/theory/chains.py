@@ -15,7 +15,7 @@ from itertools import permutations, product
 import numpy as np
 
 from causal_openlock.errors import LearnerError
-from causal_openlock.world.fsm import BoolArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, IntArray
 
 CHAIN_LIMIT = 100_000
 """The most chains that are listed."""

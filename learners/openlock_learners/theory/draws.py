@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 DRAWS = 2048
 """Draws at a time."""

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from causal_openlock.world.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from openlock_learners.theory.chains import Chains, chains_of
 from openlock_learners.theory.schemas import Schemas, schemas_of
 

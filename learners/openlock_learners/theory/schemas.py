@@ -21,7 +21,7 @@ from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
-from causal_openlock.world.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from openlock_learners.theory.chains import chains_of
 
 ATOMIC = ("common cause", "chain", "common effect")

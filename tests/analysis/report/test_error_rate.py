@@ -22,7 +22,7 @@ from causal_openlock.analysis.results.people.hypotheses import contrast_test
 from causal_openlock.analysis.results.people.paper_tests import TESTS
 from causal_openlock.analysis.results.scores import _COMPARED, CONGRUENCY
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 from support.paper_play import Attempts, material, play
 
 REPORTS, SUBJECTS, LEARNERS = 1000, 20, ("a", "b")

@@ -36,7 +36,7 @@ from causal_openlock.analysis.results.deep.visits import (
 )
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from support.fabricated_courses import around, course, described
 from support.fabricated_records import random_cells, table, trial_rows
 from support.made_up_experiments import material_of

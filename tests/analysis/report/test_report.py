@@ -16,7 +16,7 @@ from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
-from causal_openlock.formats.schema_file import schema_from_dict
+from causal_openlock.schemas.schema_file import schema_from_dict
 from causal_openlock.world import reference
 from support.fabricated_records import record_of_every_figure, table, trial_rows
 from support.figures import drawn

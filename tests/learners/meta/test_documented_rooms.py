@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from causal_openlock.formats.finding import find_schema
+from causal_openlock.schemas.finding import find_schema
 from openlock_learners.meta.file import read_training
 from openlock_learners.meta.random_schemas import behaviour
 from openlock_learners.meta.rooms import Distribution

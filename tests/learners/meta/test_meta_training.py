@@ -24,10 +24,10 @@ from causal_openlock.errors import (
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.state import write_state
-from causal_openlock.formats.finding import bundled, find_schema
+from causal_openlock.schemas.finding import bundled, find_schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.reference import room_facts
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
-from causal_openlock.world.schema import Schema
 from openlock_learners.meta.command import train
 from openlock_learners.meta.file import TrainingFile, excluded_places, read_training
 from openlock_learners.meta.random_schemas import behaviour, random_schemas

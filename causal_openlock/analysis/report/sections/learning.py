@@ -35,7 +35,7 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import LEVEL
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import default_action_limit
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.room import positions_for
 
 LEARNS = "learns"

@@ -32,7 +32,7 @@ from causal_openlock.analysis.results.deep.visits import (
 )
 from causal_openlock.analysis.results.people.published import paper_ddqn
 from causal_openlock.analysis.statistics import SEED, bootstrap_interval
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 AGREES, DISAGREES, UNDECIDED = "agrees", "disagrees", "undecided"
 

@@ -1,6 +1,6 @@
 """How often chance alone opens the door: a learner that draws every action uniformly, exactly.
 
-The attempt is unrolled into its states (:func:`causal_openlock.world.fsm.unroll`), and the
+The attempt is unrolled into its states (:func:`causal_openlock.schemas.fsm.unroll`), and the
 probability of being in each of them is carried forward action by action. What is in the end on a
 state in which the door is open, is the chance of opening it; no play is simulated. Where the levers
 stand makes no difference, only how many positions there are, since every inactive lever wastes an
@@ -13,9 +13,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from causal_openlock.world.fsm import FloatArray, compile_schema, unroll
+from causal_openlock.schemas.fsm import FloatArray, compile_schema, unroll
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
-from causal_openlock.world.schema import Schema
 
 
 @lru_cache(maxsize=256)

@@ -19,8 +19,8 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import mean_by_trial
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world import reference
-from causal_openlock.world.fsm import FloatArray
 
 PAPER_MEDIAN, PAPER_MEAN = 0.548, 0.743
 """The paper's decays, of the median and of the mean of people's attempts."""

@@ -40,10 +40,10 @@ from causal_openlock.experiment.building import ConditionForm, LearnerForm, make
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.world.fsm import BoolArray, FloatArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray
+from causal_openlock.schemas.schema import DOOR
 from causal_openlock.world.randomness import generators
 from causal_openlock.world.room import Room
-from causal_openlock.world.schema import DOOR
 
 HELD_OUT = 1 / 3
 """Of the sets of positions at which there are levers, so many are read and not fitted to."""

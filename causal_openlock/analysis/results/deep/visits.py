@@ -18,7 +18,7 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, START, SUBJECT
 from causal_openlock.analysis.statistics import LEVEL, SEED, mean_interval
 from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 PARTS = 5
 """Into how many parts a phase is cut: the paper's Figure 6 has five blocks."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from causal_openlock.analysis.effects import partial_eta_squared
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import joined
-from causal_openlock.world.fsm import FloatArray
 
 INTERACTION = (0.5, -0.5, -0.5, 0.5)
 """Weights of the interaction of a 2 × 2 design, row by row; every cell counts alike (sums of

@@ -28,8 +28,8 @@ from causal_openlock.analysis.results.people.hypotheses import (
     trial_test,
 )
 from causal_openlock.analysis.results.people.published import people
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world import reference
-from causal_openlock.world.fsm import FloatArray
 
 TEST_COLUMNS = (
     *("learner", "family", "test", "subjects", "difference", "statistic", "df", "value"),

@@ -26,9 +26,9 @@ import pandas as pd
 
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
-from causal_openlock.formats.finding import bundled_schemas
+from causal_openlock.schemas.finding import bundled_schemas
+from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.world import reference
-from causal_openlock.world.fsm import BoolArray
 
 HUMAN_PROTOCOL = "human"
 """The only protocol under which learners and people can be compared."""

@@ -35,7 +35,7 @@ from causal_openlock.analysis.results.people.human_likeness import (
 from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED
 from causal_openlock.contract.registry import changed_parameters, is_ours
 from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.world.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 PERFECT = "perfect model"
 NULL_CURVES = {

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.formats.finding import bundled_schemas
+from causal_openlock.schemas.finding import bundled_schemas
+from causal_openlock.schemas.fsm import FSM, NO_SOLUTION, compile_schema, unroll
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.fsm import FSM, NO_SOLUTION, compile_schema, unroll
-from causal_openlock.world.schema import DOOR, Gate, Schema
 
 BUNDLED = bundled_schemas()
 Action = tuple[str, str]

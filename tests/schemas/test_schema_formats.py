@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from causal_openlock.errors import OpenLockError, SchemaError
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.protocol import Condition
-from causal_openlock.formats.declared import schema
-from causal_openlock.formats.finding import bundled_schemas, find_schema
-from causal_openlock.formats.graphs import (
+from causal_openlock.schemas.declared import schema
+from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.graphs import (
     FORMATS,
     export_schema,
     import_schema,
@@ -28,9 +28,9 @@ from causal_openlock.formats.graphs import (
     to_bayesian_network,
     write_schema,
 )
-from causal_openlock.formats.schema_file import schema_from_dict
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
+from causal_openlock.schemas.schema_file import schema_from_dict
 from causal_openlock.testing import schemas
-from causal_openlock.world.schema import DOOR, Gate, Schema
 
 BUNDLED = bundled_schemas()
 READABLE = [name for name, format in FORMATS.items() if format.read]

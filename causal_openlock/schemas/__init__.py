@@ -1,6 +1,8 @@
-"""Schemas as text.
+"""Schemas: the graph, the machine that it compiles into, and schemas as text.
 
 =============== ===================================================================================
+``schema``      The directed graph of levers and a door, and the solutions that follow from it.
+``fsm``         The finite state machine that a schema compiles into.
 ``schema_file`` YAML in and out, with the line of every fault.
 ``one_line``    A schema as one line: ``A -> B, C; B | C -> door``.
 ``declared``    A schema from any of these, a graph or edges, in Python.

@@ -24,8 +24,8 @@ import re
 from typing import NamedTuple
 
 from causal_openlock.errors import SchemaError
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.wording import nearest
-from causal_openlock.world.schema import DOOR, Gate, Schema
 
 TOKEN = re.compile(
     r"""(?P<skip>[ \t\r\ufeff]+|\#[^\n]*)

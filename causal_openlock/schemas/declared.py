@@ -9,12 +9,12 @@ from typing import Any
 import networkx as nx
 
 from causal_openlock.errors import OpenLockError, SchemaError
-from causal_openlock.formats.finding import find_schema
-from causal_openlock.formats.graphs import schema_of_graph
-from causal_openlock.formats.one_line import parse_line
-from causal_openlock.formats.schema_file import schema_from_dict
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.graphs import schema_of_graph
+from causal_openlock.schemas.one_line import parse_line
+from causal_openlock.schemas.schema import Gate, Schema
+from causal_openlock.schemas.schema_file import schema_from_dict
 from causal_openlock.wording import nearest
-from causal_openlock.world.schema import Gate, Schema
 
 Edges = Mapping[str, Iterable[str] | Mapping[str, float]] | Iterable[tuple[str, str]]
 
@@ -33,7 +33,7 @@ def schema(
         source: One of these:
 
             * a text with an arrow, such as ``A -> B, C; B | C -> door``
-              (:mod:`causal_openlock.formats.one_line`);
+              (:mod:`causal_openlock.schemas.one_line`);
             * any other text: the name of a schema, or the path of a file;
             * a directed graph of networkx; a node can have the attribute ``gate`` and an edge
               ``strength``;

@@ -16,11 +16,11 @@ from ruamel.yaml import YAML
 from causal_openlock.errors import FileError, OpenLockError
 from causal_openlock.experiment import file_format as experiment_file
 from causal_openlock.files.yaml_file import dump_yaml, parse_document, styled
-from causal_openlock.formats.finding import bundled, bundled_schemas, find_schema
-from causal_openlock.formats.graphs import read_schema, write_schema
-from causal_openlock.formats.schema_file import json_schema, parse_schema, schema_from_dict
+from causal_openlock.schemas.finding import bundled, bundled_schemas, find_schema
+from causal_openlock.schemas.graphs import read_schema, write_schema
+from causal_openlock.schemas.schema import DOOR, NO_TEXT, Gate, Schema
+from causal_openlock.schemas.schema_file import json_schema, parse_schema, schema_from_dict
 from causal_openlock.testing import schemas
-from causal_openlock.world.schema import DOOR, NO_TEXT, Gate, Schema
 from support.places import ROOT
 
 BUNDLED = bundled_schemas()

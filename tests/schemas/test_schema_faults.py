@@ -16,14 +16,14 @@ from ruamel.yaml import YAML
 
 from causal_openlock.errors import FileError, OpenLockError, SchemaError
 from causal_openlock.files.yaml_file import MAX_BYTES
-from causal_openlock.formats.finding import bundled, bundled_schemas
-from causal_openlock.formats.schema_file import (
+from causal_openlock.schemas.finding import bundled, bundled_schemas
+from causal_openlock.schemas.schema import Schema
+from causal_openlock.schemas.schema_file import (
     json_schema,
     parse_schema,
     read_schema_file,
     schema_from_dict,
 )
-from causal_openlock.world.schema import Schema
 from support.counted_work import calls
 
 VALIDATOR = jsonschema.Draft202012Validator(json_schema())

@@ -12,7 +12,8 @@ A schema file looks like this; ``title``, ``gates`` and ``inert`` may be left ou
     gates: {door: any}          # any, all, or {at_least: 2}
 
 Its form is the pydantic model :class:`SchemaFile`, also the source of the JSON Schema for editors
-(``schemas/schema.json``); its meaning is checked by :class:`~causal_openlock.world.schema.Schema`.
+(``schemas/schema.json``); its meaning is checked by
+:class:`~causal_openlock.schemas.schema.Schema`.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from causal_openlock.files.yaml_file import (
     read_document,
     rewritten,
 )
-from causal_openlock.world.schema import MAX_LEVERS, NAME, Gate, Schema
+from causal_openlock.schemas.schema import MAX_LEVERS, NAME, Gate, Schema
 
 PACKAGE = Path(__file__).parents[1]
 JSON_SCHEMA_ID = "https://json-schema.org/draft/2020-12/schema"

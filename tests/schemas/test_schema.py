@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given, settings
 
 from causal_openlock.errors import SchemaError
-from causal_openlock.formats.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.schema import DOOR, MAX_LEVERS, Gate, Schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.schema import DOOR, MAX_LEVERS, Gate, Schema
 from support.waiting import HANGS
 
 BUNDLED = bundled_schemas()

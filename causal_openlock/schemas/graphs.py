@@ -1,13 +1,13 @@
 """Schemas in the file formats of other programs, and as a Bayesian network.
 
-A :class:`~causal_openlock.world.schema.Schema` is turned into a networkx ``DiGraph`` with plain
+A :class:`~causal_openlock.schemas.schema.Schema` is turned into a networkx ``DiGraph`` with plain
 attributes, and each graph format writes that graph:
 
 * of the graph: ``name``, ``title``, ``levers`` (their order) and ``inert``;
 * of a node: ``kind`` (lever or door), and ``gate`` (``any``, ``all``, ``at_least 2``) if it has
   causes; of an edge: ``strength``.
 
-YAML, the line of text (:mod:`~causal_openlock.formats.one_line`), node-link JSON, GML and DOT lose
+YAML, the line of text (:mod:`~causal_openlock.schemas.one_line`), node-link JSON, GML and DOT lose
 nothing. A file from other software may lack any of these
 attributes: levers then have the order of its nodes, gates are ``any``, strengths 1, and no lever is
 inert. The node ``door`` is the door.
@@ -38,17 +38,17 @@ from causal_openlock.errors import OpenLockError, SchemaError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.json_text import DoubledKeyError, each_once
 from causal_openlock.files.yaml_file import MAX_BYTES, read_text
-from causal_openlock.formats.dot import dagitty_text, dot_text, parse_graph
-from causal_openlock.formats.one_line import one_line, parse_line
-from causal_openlock.formats.schema_file import (
+from causal_openlock.schemas.dot import dagitty_text, dot_text, parse_graph
+from causal_openlock.schemas.fsm import FloatArray, gate_chance
+from causal_openlock.schemas.one_line import one_line, parse_line
+from causal_openlock.schemas.schema import DOOR, NAME, Gate, Schema
+from causal_openlock.schemas.schema_file import (
     parse_schema,
     read_schema_file,
     schema_from_dict,
     write_schema_file,
 )
 from causal_openlock.wording import nearest
-from causal_openlock.world.fsm import FloatArray, gate_chance
-from causal_openlock.world.schema import DOOR, NAME, Gate, Schema
 
 if TYPE_CHECKING:
     from pgmpy.factors.discrete import TabularCPD

@@ -8,9 +8,9 @@ from functools import cache
 from pathlib import Path
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.formats.graphs import FORMATS, read_schema
+from causal_openlock.schemas.graphs import FORMATS, read_schema
+from causal_openlock.schemas.schema import NAME, Schema
 from causal_openlock.wording import nearest
-from causal_openlock.world.schema import NAME, Schema
 
 PACKAGE = Path(__file__).parents[1]
 SUFFIXES = tuple(suffix for format in FORMATS.values() for suffix in format.suffixes)

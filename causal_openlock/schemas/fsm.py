@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.world.schema import DOOR, Schema
+from causal_openlock.schemas.schema import DOOR, Schema
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]

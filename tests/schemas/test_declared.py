@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 
 import causal_openlock as ol
 from causal_openlock.errors import OpenLockError, SchemaError
-from causal_openlock.formats.declared import schema
-from causal_openlock.formats.finding import bundled_schemas
-from causal_openlock.formats.one_line import parse_line
-from causal_openlock.formats.schema_file import parse_schema
+from causal_openlock.schemas.declared import schema
+from causal_openlock.schemas.finding import bundled_schemas
+from causal_openlock.schemas.one_line import parse_line
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
+from causal_openlock.schemas.schema_file import parse_schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.schema import DOOR, Gate, Schema
 
 BUNDLED = bundled_schemas()
 

@@ -24,14 +24,14 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import SchemaError
+from causal_openlock.files.plugins import SCHEMAS, attribute_of, registered
 from causal_openlock.wording import counted, nearest
 
 DOOR = "door"
@@ -40,11 +40,6 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 GATES = ("any", "all", "at_least")
 NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
 """Not allowed in titles: control characters and lone surrogates, which files cannot hold."""
-
-
-def _public(name: str) -> Any:
-    """A function of the public API; it is defined above this package, which imports none of it."""
-    return getattr(import_module("causal_openlock"), name)
 
 
 @dataclass(frozen=True)
@@ -360,17 +355,15 @@ class Schema:
 
         return dump_yaml(styled(self.as_dict()))
 
-    def to_text(self) -> str:
-        """The schema as one line, which ``causal_openlock.schema`` reads.
+    if not TYPE_CHECKING:
 
-        >>> Schema("two", ["A", "B"], {"A": ["B"], "B": ["door"]}).to_text()
-        'two: A -> B; B -> door'
-        """
-        return str(_public("export_schema")(self, "line")).rstrip("\n")
+        def __getattr__(self, name: str) -> Any:
+            """A method that is registered: ``to_text``, ``play`` (``causal_openlock.schemas``)."""
+            return attribute_of(self, SCHEMAS, name)
 
-    def play(self, **options: Any) -> Any:
-        """Open a room of this schema in the browser; ``causal_openlock.play_room`` has options."""
-        return _public("play_room")(self, **options)
+    def __dir__(self) -> list[str]:
+        """The names of the class, and those that packages register."""
+        return sorted({*super().__dir__(), *registered(SCHEMAS)})
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Schema) and self.as_dict() == other.as_dict()
