@@ -66,7 +66,7 @@ def results(folder: Path) -> list[tuple[Path, Callable[[], Any]]]:
     from concurrent.futures import ThreadPoolExecutor
 
     from causal_openlock.experiment.file import read_experiment
-    from causal_openlock.experiment.runner import run
+    from causal_openlock.running.runner import run
 
     found: list[tuple[Path, Callable[[], Any]]] = []
     for size, protocol in SIZES:

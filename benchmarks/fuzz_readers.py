@@ -33,12 +33,10 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import read_study
 from causal_openlock.experiment.answers import Answer, read_answers, write_answers
-from causal_openlock.experiment.checkpoint import Checkpoint
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.files.state import write_state
@@ -51,9 +49,11 @@ from causal_openlock.importing.folder import import_files
 from causal_openlock.play.people import People
 from causal_openlock.play.recruiting import RECRUITED
 from causal_openlock.render.words import Wording
+from causal_openlock.running.checkpoint import Checkpoint
 from causal_openlock.schemas.finding import bundled_schemas, find_schema
 from causal_openlock.schemas.graphs import FORMATS, export_schema, read_schema
 from causal_openlock.scoring.scores import ACTIONS, FOLDER
+from causal_openlock.storage.store import Store
 from openlock_learners.language.answers import read_answer, read_structure
 from openlock_learners.language.replay import Replay
 from openlock_learners.meta.file import TrainingFile, read_training

@@ -10,16 +10,16 @@ from causal_openlock.cli.status import status
 from causal_openlock.comparison.results import Results
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.protocol import Protocol
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.running_files import report_progress
-from causal_openlock.experiment.store import Store
 from causal_openlock.fitting.actions import FILE, ActionPlan, fit_all, jobs_of
 from causal_openlock.fitting.predicting import read_fit, score_fits
 from causal_openlock.fitting.search import Range, search_space
+from causal_openlock.running.runner import run
 from causal_openlock.scoring.failures import failures, worst_attempts
 from causal_openlock.scoring.on_record import scores_on_record
 from causal_openlock.scoring.scores import ACTIONS, FOLDER, score_learners
 from causal_openlock.scoring.teacher_forcing import recorded_subjects
+from causal_openlock.storage.running_files import report_progress
+from causal_openlock.storage.store import Store
 from causal_openlock.world.room import positions_for
 
 BRIEF = Protocol("brief", 4, stop_when_solved=True, baseline_trials=2)

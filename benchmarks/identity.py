@@ -84,8 +84,8 @@ def _local(workers: int) -> Callable[[Any, Path], int]:
 
 
 def _run(experiment: Any, folder: Path, **options: Any) -> None:
-    from causal_openlock.experiment.runner import run
-    from causal_openlock.experiment.worker import Watching
+    from causal_openlock.running.runner import run
+    from causal_openlock.running.worker import Watching
 
     run(experiment, folder, watching=Watching(checkpoint_every=0), **options)
 
@@ -121,7 +121,7 @@ def _workers() -> list[Any]:
 
 def _shards(experiment: Any, folder: Path) -> int:
     """Play shards, each in a process of its own; returns how many were killed and begun again."""
-    from causal_openlock.experiment.shard import Shard
+    from causal_openlock.storage.shard import Shard
 
     def begin(number: int) -> int:
         return begin_shard(experiment, folder, Shard(number, SHARDS))
@@ -147,8 +147,8 @@ def begin_shard(experiment: Any, folder: Path, shard: Any, every: float = 0.0) -
 
     Checkpoints are taken ``every`` so many seconds.
     """
-    from causal_openlock.experiment.runner import run
-    from causal_openlock.experiment.worker import Watching
+    from causal_openlock.running.runner import run
+    from causal_openlock.running.worker import Watching
 
     child = os.fork()
     if not child:
@@ -173,7 +173,7 @@ def in_a_cell(folder: Path, own: set[str] | None = None) -> bool:
 def summary(folder: Path) -> dict[str, Any]:
     """How much was played, and the SHA-256 of its summary."""
     from causal_openlock.analysis.results.summary import summary_table, write_table
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.storage.store import Store
 
     record, experiment = Store(folder).record()
     assert not experiment.missing

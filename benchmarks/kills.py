@@ -30,8 +30,8 @@ import torch
 from causal_openlock import Condition, OneSubjectLearner, Protocol, find_schema
 from causal_openlock.contract.registry import learner_class, parse_parameters
 from causal_openlock.experiment.experiment import Cell, LearnerSpec
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.worker import Watching, play_cell
+from causal_openlock.running.worker import Watching, play_cell
+from causal_openlock.storage.store import Store
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 LONG = Protocol("long", 40, stop_when_solved=True, baseline_trials=2, training_trials=2)

@@ -30,10 +30,10 @@ import pyarrow.compute as pc
 import causal_openlock as ol
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
+from causal_openlock.running.runner import run
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.teacher_forcing import score_actions
+from causal_openlock.storage.store import Store
 from openlock_learners.bayes import Bayes
 
 SHORT = ol.Protocol("short", 6, stop_when_solved=True, baseline_trials=1)

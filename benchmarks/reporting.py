@@ -68,7 +68,7 @@ def fabricate(folder: Path, protocol: str, attempts: int = ATTEMPTS) -> int:
         How many attempts it has.
     """
     from causal_openlock.experiment.file import read_experiment
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.storage.store import Store
 
     subjects, cell_size, chance = RECORDS[protocol]
     share = attempts / ATTEMPTS

@@ -170,7 +170,7 @@ learners: [random]
 def workers(most: int) -> Iterator[Cost]:
     """What more workers cost and gain, and what a cell costs the one who hands it out."""
     from causal_openlock.experiment.file import read_experiment
-    from causal_openlock.experiment.runner import run
+    from causal_openlock.running.runner import run
 
     with tempfile.TemporaryDirectory() as place:
         file = Path(place, "scale.yaml")

@@ -25,9 +25,9 @@ from likelihoods import LIKE_PEOPLE
 import causal_openlock as ol
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
+from causal_openlock.running.runner import run
 from causal_openlock.scoring.scores import score_learners
+from causal_openlock.storage.store import Store
 
 PEOPLE = "bayes_like_people"
 FAMILY = ["bayes", ol.learner("bayes", label=PEOPLE, **LIKE_PEOPLE)]

@@ -49,7 +49,7 @@ def main() -> None:
     chosen = parser.parse_args()
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before NumPy is loaded
     from causal_openlock.experiment.file import read_experiment
-    from causal_openlock.experiment.runner import run
+    from causal_openlock.running.runner import run
 
     with tempfile.TemporaryDirectory() as place:
         file = Path(place, "soak.yaml")
@@ -69,7 +69,7 @@ def main() -> None:
 
 def _night(experiment: Any, place: Path, chosen: Any, expected: dict[str, Any]) -> dict[str, Any]:
     """Kill for so many minutes; returns what was counted."""
-    from causal_openlock.experiment.shard import Shard
+    from causal_openlock.storage.shard import Shard
 
     def begin(folder: Path, number: int) -> int:
         return begin_shard(experiment, folder, Shard(number, chosen.processes), every=1.0)

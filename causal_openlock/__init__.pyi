@@ -56,9 +56,9 @@ from .experiment.protocol import Protocol as Protocol
 from .experiment.protocol import Trials as Trials
 from .experiment.protocol import default_action_limit as default_action_limit
 from .experiment.record import CATEGORIES as CATEGORIES
-from .experiment.runner import run as run
+from .running.runner import run as run
 from .experiment.session import Session as Session
-from .experiment.store import Store as Store
+from .storage.store import Store as Store
 
 # Environments
 from .envs.single import OpenLockEnv as OpenLockEnv

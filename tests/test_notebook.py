@@ -268,7 +268,7 @@ for shown in (session.play(learner), pa.table({"a": [1]}), schema, learner):
 ELSEWHERE = """
 import sys
 import time
-import causal_openlock, causal_openlock.experiment.session, causal_openlock.experiment.store
+import causal_openlock, causal_openlock.experiment.session, causal_openlock.storage.store
 print({"IPython", "matplotlib", "pandas", "pyarrow", "torch"} & set(sys.modules))
 """
 

@@ -84,10 +84,10 @@ def compare(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.remote import kept, without_password
-    from causal_openlock.experiment.shard import Shard
-    from causal_openlock.experiment.store import Store
-    from causal_openlock.experiment.worker import Watching
+    from causal_openlock.running.worker import Watching
+    from causal_openlock.storage.remote import kept, without_password
+    from causal_openlock.storage.shard import Shard
+    from causal_openlock.storage.store import Store
 
     part = Shard.parse(shard) if shard else None
     if cluster and workers:

@@ -38,7 +38,7 @@ def export(
     ] = None,
 ) -> None:
     """Write the record in another format."""
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.storage.store import Store
 
     store = Store(folder)
     if missing := store.files()[1]:
@@ -85,8 +85,8 @@ def bundle(
 ) -> None:
     """Put an experiment, its record and its report into one file that anyone can run again."""
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.store import Store
     from causal_openlock.export.bundle import write_bundle
+    from causal_openlock.storage.store import Store
 
     whole = folder.resolve()
     path = out or whole.with_name(f"{whole.name}.zip")  # a dot in the name begins no suffix

@@ -17,7 +17,7 @@ ConditionName = Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4
 
 
 def _results_folder(place: str) -> Path:
-    from causal_openlock.experiment.remote import downloaded
+    from causal_openlock.storage.remote import downloaded
 
     return downloaded(place)
 

@@ -91,7 +91,7 @@ def report_difference(first: Path, second: Path, out: Path, console: Terminal) -
         write_difference,
     )
     from causal_openlock.analysis.results.reading import read_results
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.storage.store import Store
 
     names = _names(first, second)
     path = out / f"difference_{second.resolve().name}.html"

@@ -17,8 +17,8 @@ def status(folder: ResultsFolder) -> None:
     """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress import duration
-    from causal_openlock.experiment.status import status_of
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.running.status import status_of
+    from causal_openlock.storage.store import Store
 
     console = Terminal()
     found = status_of(Store(folder))

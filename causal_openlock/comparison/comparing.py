@@ -28,17 +28,17 @@ from causal_openlock.experiment.building import (
     listed,
     make_experiment,
 )
-from causal_openlock.experiment.expected_cost import cost_cautions
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol
-from causal_openlock.experiment.remote import kept
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.experiment.worker import Watching
+from causal_openlock.running.expected_cost import cost_cautions
+from causal_openlock.running.runner import run
+from causal_openlock.running.worker import Watching
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema
+from causal_openlock.storage.remote import kept
+from causal_openlock.storage.store import Store
+from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.world.rewards import RewardForm
 
 
@@ -157,7 +157,7 @@ def play(
         folder: Its results folder.
         warn: Called with a sentence for each thing to know: what takes long, which cells failed.
         progress: Called with the progress every second.
-        **options: As for :func:`~causal_openlock.experiment.runner.run`.
+        **options: As for :func:`~causal_openlock.running.runner.run`.
 
     Returns:
         That cells failed, if some did and others did not.

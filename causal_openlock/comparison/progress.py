@@ -13,7 +13,7 @@ from causal_openlock.files.escaping import printable
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.progress import Playing, RunProgress
+    from causal_openlock.running.progress import Playing, RunProgress
 
 Show = Callable[["RunProgress"], None]
 """Called repeatedly with the progress of all cells."""

@@ -26,12 +26,12 @@ from causal_openlock.analysis.results.understanding import understanding
 from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
 from causal_openlock.analysis.results.waste import waste
 from causal_openlock.errors import StoreError, in_short
-from causal_openlock.experiment.containment import check_inside
-from causal_openlock.experiment.folder_lock import LOCK
-from causal_openlock.experiment.remote import downloaded
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.plugins import RESULTS, attribute_of, registered
+from causal_openlock.storage.containment import check_inside
+from causal_openlock.storage.folder_lock import LOCK
+from causal_openlock.storage.remote import downloaded
+from causal_openlock.storage.store import Store
+from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
 

@@ -2,7 +2,7 @@
 
 :mod:`causal_openlock.testing` plays learners with read-only views and with meaningless rows of
 finished subjects, and compares the states of global random generators.
-:mod:`causal_openlock.experiment.learner_check` does some of that before a comparison.
+:mod:`causal_openlock.running.learner_check` does some of that before a comparison.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from causal_openlock.comparison.progress import Show
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.stored import UNITS, read_run, read_units, write_run
 from causal_openlock.evidence.study import Study
-from causal_openlock.experiment.versions import merged_versions
+from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined
 
 

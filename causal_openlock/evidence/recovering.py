@@ -28,7 +28,6 @@ from causal_openlock.evidence.keeping import (
 )
 from causal_openlock.evidence.stored import UNITS, read_run, read_units
 from causal_openlock.evidence.study import Study
-from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import write_text
 from causal_openlock.fitting.recovering import (
     SIMULATED,
@@ -40,6 +39,7 @@ from causal_openlock.fitting.recovering import (
     searched,
 )
 from causal_openlock.scoring.teacher_forcing import known_learners
+from causal_openlock.storage.store import Store
 
 SECONDS = "seconds.json"
 

@@ -20,7 +20,7 @@ from causal_openlock.files.escaping import cell
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.storage.store import Store
 
 
 def write_csv(store: Store, path: Path | str) -> int:

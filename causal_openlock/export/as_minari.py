@@ -31,7 +31,7 @@ from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.room import positions_for
 
 if TYPE_CHECKING:
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.storage.store import Store
 
 EPISODES = ("trial", "attempt")
 KEPT = ("learner", "condition", "protocol", "subject", "phase", "loop", "trial", "schema", "layout")

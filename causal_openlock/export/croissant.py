@@ -19,7 +19,7 @@ from causal_openlock.experiment.answers import answers_schema
 from causal_openlock.experiment.experiment import PERSON
 from causal_openlock.experiment.reactions import reactions_schema
 from causal_openlock.experiment.record import record_schema
-from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
     import pyarrow as pa

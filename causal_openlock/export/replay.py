@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import Condition, Protocol
-from causal_openlock.experiment.stored import recorded_layout
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.storage.stored import recorded_layout
 from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.rewards import RewardFunction
 from causal_openlock.world.room import positions_for

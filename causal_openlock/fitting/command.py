@@ -106,7 +106,6 @@ def fit(
     from causal_openlock.analysis.results.people.human_likeness import published_points
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.registry import learner_class
-    from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.objective import conditions_to_fit, objective_called, towards
     from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
     from causal_openlock.fitting.search import (
@@ -118,6 +117,7 @@ def fit(
     )
     from causal_openlock.fitting.study import Plan, require_optuna
     from causal_openlock.fitting.study import fit as run
+    from causal_openlock.running.workers import available_cores
 
     if hierarchical and (each or not to):
         raise OpenLockError(
@@ -183,10 +183,10 @@ def fit(
 
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
-    from causal_openlock.experiment.folder_lock import LOCK
     from causal_openlock.fitting.actions import FILE as OF_ACTIONS
     from causal_openlock.fitting.progress import PROGRESS
     from causal_openlock.fitting.study import FILE
+    from causal_openlock.storage.folder_lock import LOCK
 
     for place in (folder, *folder.parents):
         if place.exists() and not place.is_dir():

@@ -34,13 +34,13 @@ def fit_to(
     mixture of several learners.
     """
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.store import Store
     from causal_openlock.files.atomic import write_text
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.actions import NONE, WHOLE, fit_all, fit_table, jobs_of
     from causal_openlock.fitting.hierarchical import GROUP, ROUNDS, GroupFit
     from causal_openlock.scoring.teacher_forcing import known_learners, recorded_subjects
+    from causal_openlock.storage.store import Store
 
     console = Terminal()
     record, played = Store(folder).record()

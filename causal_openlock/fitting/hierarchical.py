@@ -31,7 +31,6 @@ import numpy as np
 from scipy.special import logsumexp
 
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.fitting.actions import (
     PENALTY,
     WHOLE,
@@ -48,6 +47,7 @@ from causal_openlock.fitting.kept import fitting_in
 from causal_openlock.fitting.mixture import MIXTURE, Mixture, mixture_of
 from causal_openlock.fitting.progress import Progress
 from causal_openlock.fitting.subject_peak import PeakJob, chosen_at
+from causal_openlock.running.workers import worker_pool
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.scoring.teacher_forcing import Recorded
 

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.folder_lock import FolderLock
 from causal_openlock.files.atomic import sweep, write_bytes
 from causal_openlock.files.checksums import IN_JSON, ChecksumError, check, json_bytes
 from causal_openlock.files.json_text import each_once
+from causal_openlock.storage.folder_lock import FolderLock
 
 T = TypeVar("T")
 

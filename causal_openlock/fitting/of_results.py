@@ -8,11 +8,11 @@ from pathlib import Path
 from causal_openlock.comparison.results import Results
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.building import LearnerForm, listed, make_experiment
-from causal_openlock.experiment.store import Store
 from causal_openlock.fitting.predicting import read_fit, score_fits
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.scores import Scores
 from causal_openlock.scoring.teacher_forcing import known_learners
+from causal_openlock.storage.store import Store
 
 
 def score(

@@ -31,7 +31,6 @@ from pydantic import TypeAdapter
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.fitting.actions import (
     FILE,
     WHOLE,
@@ -55,6 +54,7 @@ from causal_openlock.scoring.teacher_forcing import (
     scored_parts,
     subject_names,
 )
+from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import joined
 
 if TYPE_CHECKING:

@@ -69,7 +69,6 @@ def recover(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.recovering import (
         Running,
         ToRecover,
@@ -80,6 +79,7 @@ def recover(
     )
     from causal_openlock.fitting.recovery import recovery
     from causal_openlock.fitting.recovery_figure import draw_recovery
+    from causal_openlock.running.workers import available_cores
     from causal_openlock.scoring.teacher_forcing import known_learners
 
     console = Terminal()

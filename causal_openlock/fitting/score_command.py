@@ -58,12 +58,12 @@ def score(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import make_experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.store import Store
-    from causal_openlock.experiment.workers import available_cores
     from causal_openlock.fitting.predicting import read_fit, score_fits
+    from causal_openlock.running.workers import available_cores
     from causal_openlock.scoring.inverse_binomial import Draws
     from causal_openlock.scoring.scores import FOLDER
     from causal_openlock.scoring.teacher_forcing import known_learners
+    from causal_openlock.storage.store import Store
     from causal_openlock.wording import counted, joined
 
     console = Terminal()

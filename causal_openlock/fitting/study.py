@@ -29,7 +29,6 @@ from pydantic import TypeAdapter
 from causal_openlock.analysis.results.people.human_likeness import points_of
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
-from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.fitting.effect import without_effect
 from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
 from causal_openlock.fitting.objective import (
@@ -42,6 +41,7 @@ from causal_openlock.fitting.objective import (
     score,
 )
 from causal_openlock.fitting.search import SearchSpace, check_chosen
+from causal_openlock.running.workers import worker_pool
 from causal_openlock.version import RESULTS_VERSION
 
 FILE = "fit.json"

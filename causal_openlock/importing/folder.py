@@ -17,12 +17,10 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.file_format import NAME_FORM, NAME_IN_WORDS
-from causal_openlock.experiment.folder_lock import FolderLock
 from causal_openlock.experiment.protocol import Condition, find_protocol
 from causal_openlock.experiment.reactions import FOLDER, reactions_table, write_reactions
 from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.session import AT_ONCE
-from causal_openlock.experiment.store import Store
 from causal_openlock.files.digest import digest
 from causal_openlock.importing.actions import ActionEntry
 from causal_openlock.importing.checking import Checked, play_again
@@ -33,6 +31,8 @@ from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import Schema
+from causal_openlock.storage.folder_lock import FolderLock
+from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 from causal_openlock.world.room import Layout

@@ -14,12 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.store import LOG, Store
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.play.participant import DATA, delete_files
 from causal_openlock.play.people import People
 from causal_openlock.play.person import LEARNER
 from causal_openlock.play.recruiting import RECRUITED
+from causal_openlock.storage.store import LOG, Store
+from causal_openlock.storage.stored import StoredExperiment
 
 OWN = (*DATA, "experiment.json", LOG, RECRUITED, "consent_*.md", ".*")
 """What ``play`` and ``import`` write themselves, of which a person is deleted."""

@@ -11,9 +11,9 @@ from causal_openlock.experiment.answers import write_answers
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.reactions import FOLDER, reactions_table, rows_kept, write_reactions
 from causal_openlock.experiment.record import with_times
-from causal_openlock.experiment.store import Store
 from causal_openlock.play.game import Answer, Game
 from causal_openlock.play.log import Entry
+from causal_openlock.storage.store import Store
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -32,7 +32,6 @@ from causal_openlock.experiment.answers import FOLDER as STRUCTURES
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
 from causal_openlock.experiment.reactions import FOLDER
-from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.digest import digest
 from causal_openlock.play.game import EXPERIMENT, Answer
@@ -49,6 +48,7 @@ from causal_openlock.play.refusals import (
     TooManyPeople,
     UnknownPerson,
 )
+from causal_openlock.storage.store import Store
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 MOST_PEOPLE = 10_000

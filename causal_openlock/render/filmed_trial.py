@@ -16,9 +16,9 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.stored import recorded_layout
 from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.schemas.schema import Schema
+from causal_openlock.storage.stored import recorded_layout
 from causal_openlock.wording import nearest
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
 from causal_openlock.world.room import Layout, Room, positions_for
@@ -151,7 +151,7 @@ def recorded_trial(
     """
     import pyarrow.compute as pc
 
-    from causal_openlock.experiment.store import Store
+    from causal_openlock.storage.store import Store
 
     store = Store(folder)
     experiment = store.experiment()

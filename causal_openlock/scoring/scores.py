@@ -21,7 +21,6 @@ from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring import LAPSE
@@ -29,6 +28,7 @@ from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.model_selection import frequencies_of, select_models
 from causal_openlock.scoring.score_table import GROUP, PLAYED, read_scores, write_scores
 from causal_openlock.scoring.teacher_forcing import EXACT, score_actions
+from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import nearest
 from causal_openlock.world.room import action_names, positions_for
 

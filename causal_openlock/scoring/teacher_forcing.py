@@ -27,9 +27,8 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
-from causal_openlock.experiment.stored import StoredExperiment
-from causal_openlock.experiment.workers import worker_pool
 from causal_openlock.files.digest import digest
+from causal_openlock.running.workers import worker_pool
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.scoring.inverse_binomial import Draws, Replays, by_draws
 from causal_openlock.scoring.score_table import (
@@ -39,6 +38,7 @@ from causal_openlock.scoring.score_table import (
     read_scores,
     write_scores,
 )
+from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
 
@@ -182,7 +182,7 @@ def recorded_subjects(
     """The subjects of a record, in parts that are played again together.
 
     Args:
-        record: Attempts, as :meth:`~causal_openlock.experiment.store.Store.record` gives them.
+        record: Attempts, as :meth:`~causal_openlock.storage.store.Store.record` gives them.
         experiment: The experiment that they are of.
         of: Labels of the learners whose subjects are wanted; by default all.
 
@@ -223,7 +223,7 @@ def score_actions(
     """How likely learners find each action of each subject of a record.
 
     Args:
-        record: Attempts, as :meth:`~causal_openlock.experiment.store.Store.record` gives them.
+        record: Attempts, as :meth:`~causal_openlock.storage.store.Store.record` gives them.
         experiment: The experiment that they are of.
         scored: The learner that predicts, or several.
         lapse: The share of a subject's actions that are taken to be random, so that one action

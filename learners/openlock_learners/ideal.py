@@ -41,7 +41,7 @@ from causal_openlock.contract.learner import (
     View,
 )
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.expected_cost import Cost
+from causal_openlock.running.expected_cost import Cost
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import Streams

@@ -47,7 +47,7 @@ import numpy as np
 from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
-from causal_openlock.experiment.expected_cost import Cost
+from causal_openlock.running.expected_cost import Cost
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import certain, pick

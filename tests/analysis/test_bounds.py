@@ -28,9 +28,9 @@ from causal_openlock.analysis.results.bounds import (
 )
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.summary import headline_table, summary_table
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema
+from causal_openlock.storage.stored import StoredExperiment
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import declared

@@ -20,8 +20,8 @@ from causal_openlock.analysis.results.people.published import (
 from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.schemas.schema_file import schema_from_dict
+from causal_openlock.storage.stored import StoredExperiment
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import declared

@@ -15,8 +15,8 @@ from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
+from causal_openlock.running.runner import run
+from causal_openlock.storage.store import Store
 from support.fabricated_records import random_cells, table, trial_rows
 
 

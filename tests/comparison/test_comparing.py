@@ -16,7 +16,7 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.comparison import comparing
 from causal_openlock.errors import ExperimentError, Interrupted, LearnerError, OpenLockError
-from causal_openlock.experiment.workers import Here
+from causal_openlock.running.workers import Here
 from support.processes import start_prepared
 
 VAULT = ol.Schema(

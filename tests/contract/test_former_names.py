@@ -16,8 +16,8 @@ from causal_openlock.contract.former_names import present_name
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
+from causal_openlock.running.runner import run
+from causal_openlock.storage.store import Store
 
 LAST = Path(__file__).parents[1] / "data" / "last_release"
 """An experiment, a folder of its results without one cell, and a bundle of it, made with 0.2.0."""
@@ -66,7 +66,7 @@ def test_a_bundle_of_the_last_release_runs(tmp_path: Path) -> None:
     code = (
         "from pathlib import Path\n"
         "from causal_openlock.experiment.file import read_experiment\n"
-        "from causal_openlock.experiment.runner import run\n"
+        "from causal_openlock.running.runner import run\n"
         "made = read_experiment(Path('experiment.yaml'))\n"
         "run(made, Path('results'), workers=1)\n"
         "print({spec.name: spec.origin.class_name for spec in made.learners})\n"

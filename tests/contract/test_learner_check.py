@@ -12,12 +12,12 @@ import pytest
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.contract.probes import GlobalRandomness
-from causal_openlock.experiment import learner_check
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.worker import Watching, play_cell
+from causal_openlock.running import learner_check
+from causal_openlock.running.worker import Watching, play_cell
+from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.processes import start_prepared
 

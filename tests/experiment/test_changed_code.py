@@ -15,8 +15,8 @@ import causal_openlock as ol
 from causal_openlock.contract.registry import origin
 from causal_openlock.errors import CellsFailed, LearnerError, RewardError
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
+from causal_openlock.running.runner import run
+from causal_openlock.storage.store import Store
 from causal_openlock.world.reward_code import _loaded, own_reward
 from support.command import AtOnce, at_once, modules_of
 
@@ -194,7 +194,7 @@ def test_a_module_next_to_a_notebook_counts(
 
 
 def test_a_cluster_is_not_sent_what_changed_since_it_was_declared(folder: Path) -> None:
-    from causal_openlock.experiment.carried_code import carry
+    from causal_openlock.running.carried_code import carry
 
     (folder / "e.yaml").write_text(
         EXPERIMENT.replace("LEARNER", "{learner: 'a_mine:Mine', reward: 'a_reward:pay'}")

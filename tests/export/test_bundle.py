@@ -22,9 +22,9 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.experiment import Origin
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import _files, write_bundle
 from causal_openlock.export.experiment_file import experiment_file
+from causal_openlock.storage.store import Store
 from causal_openlock.world.rewards import PRESETS, find_reward
 from support.command import play_here, report_shortly
 from support.made_up_experiments import NOBODY, condition_called, edit_stored, spec, stored

@@ -11,9 +11,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.export.croissant import CONFORMS_TO
+from causal_openlock.storage.store import Store
 from support.documents import DOCS
 from support.play_clients import people, walk_through
 

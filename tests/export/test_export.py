@@ -21,12 +21,12 @@ from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
 from causal_openlock.export import as_minari
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.export.as_minari import write_minari
 from causal_openlock.export.replay import replay, trial_numbers
+from causal_openlock.running.runner import run
+from causal_openlock.storage.store import Store
 from causal_openlock.world.rewards import PRESETS, find_reward
 
 DECLARED = """

@@ -24,9 +24,9 @@ from causal_openlock.comparison.console import Terminal
 from causal_openlock.comparison.tables import print_standings
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_csv import flat
 from causal_openlock.files.escaping import cell, csv_of, printable, require_utf8
+from causal_openlock.storage.store import Store
 from support.fabricated_records import table as as_record
 from support.fabricated_records import trial_rows
 

@@ -13,8 +13,6 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
 from causal_openlock.fitting.actions import (
     FILE,
     ActionPlan,
@@ -26,7 +24,9 @@ from causal_openlock.fitting.actions import (
 from causal_openlock.fitting.hierarchical import GROUP, GroupFit
 from causal_openlock.fitting.kept import keep_fit
 from causal_openlock.fitting.search import Range, search_space
+from causal_openlock.running.runner import run
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
+from causal_openlock.storage.store import Store
 from support.command import at_once
 
 pytest.importorskip("optuna")

@@ -15,12 +15,12 @@ import causal_openlock as ol
 from causal_openlock.cli import app
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
 from causal_openlock.fitting.actions import FILE, ActionPlan, fit_all, fit_job, fit_table, jobs_of
 from causal_openlock.fitting.kept import fitting_in, keep_fit
 from causal_openlock.fitting.search import Range, search_space
+from causal_openlock.running.runner import run
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
+from causal_openlock.storage.store import Store
 
 pytest.importorskip("optuna")
 SHORT = ol.Protocol("short", 10, stop_when_solved=True, baseline_trials=2)

@@ -18,8 +18,6 @@ import causal_openlock as ol
 from causal_openlock.cli import app
 from causal_openlock.errors import LearnerError, OpenLockError, StoreError
 from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
 from causal_openlock.fitting.actions import WHOLE, ActionPlan, fit_table, of_share, share_of
 from causal_openlock.fitting.group import (
     Group,
@@ -35,9 +33,11 @@ from causal_openlock.fitting.mixture import mixture_of
 from causal_openlock.fitting.predicting import read_fit
 from causal_openlock.fitting.progress import PROGRESS
 from causal_openlock.fitting.search import Range, search_beside, search_space
+from causal_openlock.running.runner import run
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring.model_selection import frequencies_of
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
+from causal_openlock.storage.store import Store
 
 HEAT = Range(0.02, 2.0, log=True)
 SPACE = search_space("associative", {"temperature": HEAT})

@@ -14,15 +14,15 @@ import causal_openlock as ol
 from causal_openlock.cli import app
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
 from causal_openlock.fitting.actions import FILE, WHOLE, ActionPlan, fit_all, jobs_of
 from causal_openlock.fitting.hierarchical import GroupFit
 from causal_openlock.fitting.kept import keep_fit
 from causal_openlock.fitting.predicting import FitOfActions, read_fit, score_fits
 from causal_openlock.fitting.search import Range, search_space
+from causal_openlock.running.runner import run
 from causal_openlock.scoring.scores import Scores, followed
 from causal_openlock.scoring.teacher_forcing import recorded_subjects
+from causal_openlock.storage.store import Store
 
 pytest.importorskip("optuna")
 SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})

@@ -22,12 +22,12 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
-from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.importing.folder import BESIDE, _beside, import_files
 from causal_openlock.schemas.finding import bundled
 from causal_openlock.scoring.teacher_forcing import score_actions
+from causal_openlock.storage.store import Store
 from support.command import at_once
 from support.made_up_experiments import spec
 
@@ -363,7 +363,7 @@ def test_the_working_directory_is_refused_at_once(
 
 KILLED = """
 import os, sys
-from causal_openlock.experiment.store import Store
+from causal_openlock.storage.store import Store
 from causal_openlock.importing.folder import import_files
 Store.close = lambda self: os._exit(9)
 import_files([sys.argv[1]], sys.argv[2])

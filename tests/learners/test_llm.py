@@ -21,10 +21,10 @@ from causal_openlock.errors import CellsFailed, LearnerError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
-from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.render.words import Wording
+from causal_openlock.running.runner import run
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 from openlock_learners.language import answers

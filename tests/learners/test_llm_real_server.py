@@ -15,7 +15,7 @@ import pytest
 
 from causal_openlock.comparison.results import Results
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.runner import run
+from causal_openlock.running.runner import run
 from openlock_learners.language.replay import BUDGET, FOLDER
 from support.places import ROOT
 

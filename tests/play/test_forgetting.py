@@ -15,7 +15,6 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.store import Store
 from causal_openlock.files import atomic
 from causal_openlock.play import log, people
 from causal_openlock.play.forgetting import forget_person
@@ -24,6 +23,7 @@ from causal_openlock.play.participant import DATA
 from causal_openlock.play.person import LEARNER
 from causal_openlock.play.recruiting import RECRUITED
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.storage.store import Store
 from support import play_clients
 from support.made_up_experiments import spec
 from support.play_clients import walk_through

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.experiment.store import Store
 from causal_openlock.play.background import OpenedRoom
+from causal_openlock.storage.store import Store
 from support.play_clients import asked, play_one_lever
 
 

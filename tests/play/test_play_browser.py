@@ -18,7 +18,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from causal_openlock.experiment.answers import read_answers
 from causal_openlock.experiment.reactions import read_reactions
-from causal_openlock.experiment.store import Store
+from causal_openlock.storage.store import Store
 from support import browsers
 from support.accessibility import violations
 from support.play_clients import serving

@@ -23,10 +23,10 @@ from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.store import Store
 from causal_openlock.play.person import LEARNER
 from causal_openlock.play.refusals import OutOfTurn, TooManyPeople, UnknownPerson
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.storage.store import Store
 from support.made_up_experiments import NOBODY, condition_called, spec
 from support.play_clients import people, solving, walk_through
 
@@ -380,8 +380,8 @@ def test_a_report_shows_a_person_beside_learners(tmp_path: Path) -> None:
     home.close()
     path = tmp_path / "experiment.yaml"
     path.write_text("name: e\nsubjects: 3\nconditions: [CC4]\nlearners: [random]\n")
-    from causal_openlock.experiment import runner
     from causal_openlock.experiment.file import read_experiment
+    from causal_openlock.running import runner
 
     learners = runner.run(read_experiment(path), tmp_path / "learners", workers=1)
     alone, description = Store(tmp_path / "people").record()

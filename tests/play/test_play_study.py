@@ -8,7 +8,6 @@ import pytest
 
 from causal_openlock import Results
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment import store
 from causal_openlock.experiment.answers import read_answers
 from causal_openlock.play.forgetting import forget_person
 from causal_openlock.play.refusals import (
@@ -19,6 +18,7 @@ from causal_openlock.play.refusals import (
     OutOfTurn,
     UnknownPerson,
 )
+from causal_openlock.storage import store
 from support.command import at_once
 from support.play_clients import asked, people, solving, walk_through
 

@@ -10,8 +10,8 @@ import gymnasium
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.experiment.store import Store
 from causal_openlock.schemas.schema_file import parse_schema
+from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.documents import ROOT, broken_links, code, unknown_options, words_of
 from support.processes import start_prepared

@@ -11,11 +11,11 @@ import pytest
 
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.reactions import read_reactions
-from causal_openlock.experiment.store import Store
 from causal_openlock.play.game import Game
 from causal_openlock.play.log import Log
 from causal_openlock.render.filmed_trial import recorded_trial
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.storage.store import Store
 from support.documents import DOCS, code
 
 PAGES = {

@@ -22,7 +22,6 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError, ProtocolError, StoreError
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, Shot, save_film, shots
@@ -30,6 +29,7 @@ from causal_openlock.render.filmed_trial import FilmedTrial, play_trial, recorde
 from causal_openlock.render.panel import draw
 from causal_openlock.render.scene import Look, frame
 from causal_openlock.render.video import _palette, write_gif
+from causal_openlock.running.runner import run
 from causal_openlock.world.room import Layout
 from support.session_play import HUMAN, RL, Curious, named, one_room
 

@@ -11,11 +11,11 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.running.runner import run
 from causal_openlock.scoring.inverse_binomial import TERMS, Draws, Tally, expected_rest
 from causal_openlock.scoring.teacher_forcing import score_actions
+from causal_openlock.storage.store import Store
+from causal_openlock.storage.stored import StoredExperiment
 from openlock_learners.associative import Associative
 from openlock_learners.theory_based import TheoryBased
 from openlock_learners.win_stay import WinStay

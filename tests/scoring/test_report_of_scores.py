@@ -19,7 +19,6 @@ from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.sections import ORDER, decisions_of, order_of_all, sections_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.protocol import Condition
-from causal_openlock.experiment.store import Store
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.scoring.failures import failures, worst_attempts
 from causal_openlock.scoring.score_table import PLAYED, read_scores, write_scores
@@ -33,6 +32,7 @@ from causal_openlock.scoring.scores import (
     over,
 )
 from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of
+from causal_openlock.storage.store import Store
 
 OURS = "causal_openlock.scoring.section"
 SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)

@@ -18,12 +18,12 @@ from causal_openlock.cli import app
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.running.runner import run
 from causal_openlock.scoring.scores import by_subject, ranking
 from causal_openlock.scoring.teacher_forcing import score_actions
+from causal_openlock.storage.store import Store
+from causal_openlock.storage.stored import StoredExperiment
 from openlock_learners.ddqn import DDQN
 
 SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)

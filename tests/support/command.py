@@ -23,8 +23,8 @@ from causal_openlock.analysis.report import writing
 from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.cli import main
 from causal_openlock.contract.registry import _learner_class
-from causal_openlock.experiment import runner, workers
-from causal_openlock.experiment.workers import Given
+from causal_openlock.running import runner, workers
+from causal_openlock.running.workers import Given
 
 _command = cache(typer.main.get_command)
 

@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow as pa
 
 from causal_openlock.experiment.record import CATEGORIES, record_schema
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.storage.stored import StoredExperiment
 from support.made_up_experiments import declared
 
 ATTEMPTS = 20

@@ -13,9 +13,9 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.experiment import RANDOM_CLASS, Experiment, LearnerSpec, Origin
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition, Protocol
-from causal_openlock.experiment.stored import StoredExperiment, parse_experiment
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.schemas.finding import bundled_schemas
+from causal_openlock.storage.stored import StoredExperiment, parse_experiment
 from causal_openlock.world.rewards import find_reward
 from support.fabricated_records import table
 

@@ -15,8 +15,8 @@ import pytest
 IMPORTED = [
     "pytest",
     "torch",
-    "causal_openlock.experiment.runner",
-    "causal_openlock.experiment.worker",
+    "causal_openlock.running.runner",
+    "causal_openlock.running.worker",
     "openlock_learners.bayes",
     "openlock_learners.ideal",
     "openlock_learners.networks.double_q_compiled",

@@ -15,9 +15,9 @@ from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.file_format import LearnerFile
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.stored import parse_experiment
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
+from causal_openlock.storage.stored import parse_experiment
 from causal_openlock.testing import experiments, learners
 from support.places import ROOT
 

@@ -20,13 +20,13 @@ from causal_openlock.errors import FileError, OpenLockError, RewardError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.file_format import json_schema
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
-from causal_openlock.experiment.runner import run
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.store import Store
 from causal_openlock.export.as_minari import write_minari
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
+from causal_openlock.running.runner import run
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.storage.store import Store
 from causal_openlock.world.reward_code import OwnReward, _loaded, own_reward
 from causal_openlock.world.reward_table import Events
 from causal_openlock.world.rewards import PRESETS, TERMS, WEIGHTS, Reward, Weights, find_reward

@@ -25,8 +25,8 @@ from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.what_was_run import edges, in_words
 from causal_openlock.analysis.results.summary import judged, measured
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_text
+from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -13,7 +13,7 @@ from itertools import product
 
 import pandas as pd
 
-from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.storage.stored import StoredExperiment
 
 _CELL = re.compile(r"(\d+)-(\d+)_[0-9a-f]{12}")
 NOT_PLAYED = "not played yet"

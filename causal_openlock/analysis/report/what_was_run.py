@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.experiment.protocol import Protocol
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.schemas.schema import Schema
+from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
     import pandas as pd

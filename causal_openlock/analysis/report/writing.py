@@ -34,8 +34,8 @@ from causal_openlock.analysis.results.standing import standings
 from causal_openlock.analysis.results.summary import write_table
 from causal_openlock.analysis.results.verdict import in_cell, records, verdict_tables
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.files.atomic import write_text
+from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -78,7 +78,7 @@ def write_report(
         out_dir: The folder to write ``report.html``, ``summary.csv``, ``figures/`` and ``tables/``
             to; it is made if it does not exist. Figures and tables of an earlier report that this
             one does not have are removed; other files stay.
-        experiment: What was run, as :meth:`causal_openlock.experiment.store.Store.record` gives it
+        experiment: What was run, as :meth:`causal_openlock.storage.store.Store.record` gives it
             beside the record. Learners appear in its order; the page opens with the cells that are
             missing. Published results are shown beside learners that did what people did; see
             :mod:`~causal_openlock.analysis.results.people.published`.

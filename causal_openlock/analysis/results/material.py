@@ -18,7 +18,7 @@ from causal_openlock.analysis.measures import Counts, count, ordered
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
 from causal_openlock.analysis.results.people.published import Pairs, comparable
 from causal_openlock.analysis.results.summary import headline, summarise
-from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.record import record_schema
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.versions import merged_versions
+from causal_openlock.storage.store import Store
+from causal_openlock.storage.versions import merged_versions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from causal_openlock.experiment.experiment import LearnerSpec
     from causal_openlock.experiment.protocol import Condition
-    from causal_openlock.experiment.stored import StoredExperiment
+    from causal_openlock.storage.stored import StoredExperiment
 
 UNREAD = ("actions", "moved", "reward", "wall_time")
 """Columns that are not read by default: half of a record, and of no use to most analyses."""
@@ -36,7 +36,7 @@ def read_results(store: Store, columns: Sequence[str] = ()) -> tuple[pa.Table, S
         columns: Columns wanted besides all that are not in :data:`UNREAD`.
 
     Returns:
-        As :meth:`~causal_openlock.experiment.store.Store.record`, with names coded by as few bytes
+        As :meth:`~causal_openlock.storage.store.Store.record`, with names coded by as few bytes
         as they need.
 
     Raises:

@@ -28,9 +28,9 @@ from causal_openlock.experiment.answers import Answer, read_answers
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.session import AT_ONCE, Session
-from causal_openlock.experiment.stored import recorded_layout
 from causal_openlock.schemas.fsm import BoolArray, FloatArray
 from causal_openlock.schemas.schema import DOOR, Schema
+from causal_openlock.storage.stored import recorded_layout
 from causal_openlock.world.rewards import PAPER_REWARD
 from causal_openlock.world.room import Layout, positions_for
 

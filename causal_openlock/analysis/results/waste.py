@@ -18,8 +18,8 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import SEED, mean_interval
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.stored import recorded_layout
 from causal_openlock.schemas.schema import Schema
+from causal_openlock.storage.stored import recorded_layout
 from causal_openlock.world.room import Layout, positions_for
 
 if TYPE_CHECKING:

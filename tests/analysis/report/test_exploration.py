@@ -11,7 +11,7 @@ import pytest
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.sections.exploration import schedules, section
 from causal_openlock.analysis.results.people.published import comparable
-from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.storage.stored import StoredExperiment
 from support.fabricated_courses import around, course, described
 from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import material_of

@@ -35,8 +35,8 @@ from causal_openlock.analysis.results.deep.visits import (
     starts,
 )
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.storage.stored import StoredExperiment
 from support.fabricated_courses import around, course, described
 from support.fabricated_records import random_cells, table, trial_rows
 from support.made_up_experiments import material_of

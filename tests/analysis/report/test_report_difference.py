@@ -27,8 +27,8 @@ from causal_openlock.analysis.report.difference_page import (
 from causal_openlock.cli import app
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.stored import StoredExperiment
 from causal_openlock.schemas.schema_file import schema_from_dict
+from causal_openlock.storage.stored import StoredExperiment
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import stored

@@ -9,7 +9,7 @@ import pytest
 
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.sections.reward_study import reward_terms, rewards_of, section
-from causal_openlock.experiment.stored import StoredExperiment
+from causal_openlock.storage.stored import StoredExperiment
 from support.fabricated_courses import around, course, described
 from support.made_up_experiments import material_of
 

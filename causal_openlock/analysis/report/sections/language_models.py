@@ -16,7 +16,7 @@ from causal_openlock.analysis.report.missing import beginnings
 from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.experiment.store import Store
+from causal_openlock.storage.store import Store
 
 _PROSE = Prose("language_models")
 _CELL = ["learner", "condition"]

@@ -1,6 +1,6 @@
 """The workers that play cells: processes of this machine, or a given executor.
 
-(Those of a cluster are in :mod:`causal_openlock.experiment.cluster`.)
+(Those of a cluster are in :mod:`causal_openlock.running.cluster`.)
 
 When a process dies, its whole pool is broken, and the pool does not report which job was the cause.
 So each process here is a pool of its own and plays one cell at a time: the cell in which it died is

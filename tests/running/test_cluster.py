@@ -18,17 +18,18 @@ import pytest
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.analysis.results.summary import summary_table, write_table
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError, StoreError
-from causal_openlock.experiment import cluster as cluster_module
-from causal_openlock.experiment import folder_lock, runner, worker
-from causal_openlock.experiment.carried_code import carry, use
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.progress import RunProgress
-from causal_openlock.experiment.running_files import checkpointed
-from causal_openlock.experiment.shard import Shard
-from causal_openlock.experiment.status import status_of
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.worker import NotAwaitedError, Watching, play_cell
+from causal_openlock.running import cluster as cluster_module
+from causal_openlock.running import runner, worker
+from causal_openlock.running.carried_code import carry, use
+from causal_openlock.running.progress import RunProgress
+from causal_openlock.running.status import status_of
+from causal_openlock.running.worker import NotAwaitedError, Watching, play_cell
+from causal_openlock.storage import folder_lock
+from causal_openlock.storage.running_files import checkpointed
+from causal_openlock.storage.shard import Shard
+from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.processes import prepared, start_prepared
 

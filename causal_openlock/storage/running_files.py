@@ -12,7 +12,7 @@ from pathlib import Path
 AWAITED = ".awaited-"
 """The beginning of the names of files that are there while a run waits for its workers."""
 CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
-"""Endings; see :mod:`causal_openlock.experiment.checkpoint` for the first two."""
+"""Endings; see :mod:`causal_openlock.running.checkpoint` for the first two."""
 
 MOST_SECONDS = 1e9
 """More than anything plays: thirty years."""

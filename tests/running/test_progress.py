@@ -10,7 +10,7 @@ import pytest
 from causal_openlock.comparison.progress import LINE_EVERY, Lines, duration
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.progress import Playing, ProgressEstimator, RunProgress, work
+from causal_openlock.running.progress import Playing, ProgressEstimator, RunProgress, work
 
 TEXT = """\
 name: e

@@ -19,14 +19,14 @@ from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create, is_ours, origin
 from causal_openlock.contract.session_code import is_of_session, unpack
 from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
-from causal_openlock.experiment.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.experiment.experiment import Cell, LearnerSpec
-from causal_openlock.experiment.learner_check import check_new_learner
-from causal_openlock.experiment.running_files import remove_files_of, report_progress
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.versions import versions
 from causal_openlock.files.compiling import without_cache
+from causal_openlock.running.checkpoint import Checkpoint, CheckpointError
+from causal_openlock.running.learner_check import check_new_learner
+from causal_openlock.storage.running_files import remove_files_of, report_progress
+from causal_openlock.storage.store import Store
+from causal_openlock.storage.versions import versions
 
 REPORT_EVERY = 1.0
 """Seconds between a worker's reports of its progress."""
@@ -80,7 +80,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         with ExitStack() as stack:
             after = [_reporter(session, store.path(cell), watching.awaited)]
             if watching.tensorboard is not None:
-                from causal_openlock.experiment.tensorboard import curves
+                from causal_openlock.running.tensorboard import curves
 
                 logs = Path(watching.tensorboard) / cell.name
                 after.append(stack.enter_context(curves(session, learner, logs)))

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.shard import Shard
+from causal_openlock.storage.shard import Shard
 
 LOCK = ".lock"
 PATIENCE = 30.0

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.experiment import Cell
-from causal_openlock.experiment.versions import versions
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
+from causal_openlock.storage.versions import versions
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from causal_openlock.experiment.stored import Versions
+    from causal_openlock.storage.stored import Versions
 
 IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"

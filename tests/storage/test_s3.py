@@ -14,7 +14,7 @@ from s3fs import S3FileSystem
 
 import causal_openlock as ol
 from causal_openlock.errors import Interrupted, StoreError
-from causal_openlock.experiment.remote import downloaded, local_folder
+from causal_openlock.storage.remote import downloaded, local_folder
 from support.command import at_once
 from support.far_experiment import FAR
 from support.watching import look_often

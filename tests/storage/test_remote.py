@@ -12,10 +12,10 @@ import causal_openlock as ol
 from causal_openlock.errors import Interrupted, StoreError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.remote import downloaded, kept, local_folder
-from causal_openlock.experiment.runner import run
-from causal_openlock.experiment.shard import Shard
-from causal_openlock.experiment.store import Store
+from causal_openlock.running.runner import run
+from causal_openlock.storage.remote import downloaded, kept, local_folder
+from causal_openlock.storage.shard import Shard
+from causal_openlock.storage.store import Store
 from support.command import at_once
 from support.far_experiment import FAR
 from support.watching import look_often

@@ -18,15 +18,16 @@ import pytest
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.analysis.results.summary import summary_table, write_table
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment import cell_file, runner
-from causal_openlock.experiment import store as store_module
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import compact
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.versions import versions
 from causal_openlock.files import atomic
 from causal_openlock.files.checksums import json_bytes, read_json, table_bytes
+from causal_openlock.running import runner
+from causal_openlock.storage import cell_file
+from causal_openlock.storage import store as store_module
+from causal_openlock.storage.store import Store
+from causal_openlock.storage.versions import versions
 from causal_openlock.version import RESULTS_VERSION
 from support.places import ROOT
 from support.processes import prepared

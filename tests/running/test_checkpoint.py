@@ -28,21 +28,21 @@ from causal_openlock.contract.learner import Learner, Step, View
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError, ProtocolError
-from causal_openlock.experiment import checkpoint, runner, worker
 from causal_openlock.experiment.building import Changes
-from causal_openlock.experiment.checkpoint import Checkpoint
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.running_files import reported_progress
 from causal_openlock.experiment.session import Session
-from causal_openlock.experiment.status import status_of
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.worker import Watching, play_cell
 from causal_openlock.files import seal as seal_module
 from causal_openlock.files.atomic import sweep
 from causal_openlock.files.seal import STATE, seal
 from causal_openlock.files.state import StateError, read_state, write_state
+from causal_openlock.running import checkpoint, runner, worker
+from causal_openlock.running.checkpoint import Checkpoint
+from causal_openlock.running.status import status_of
+from causal_openlock.running.worker import Watching, play_cell
 from causal_openlock.schemas.fsm import IntArray
+from causal_openlock.storage.running_files import reported_progress
+from causal_openlock.storage.store import Store
 from openlock_learners.random import RandomLearner
 from support.checkpoints import same
 from support.command import at_once

@@ -21,8 +21,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from causal_openlock.errors import StoreError, in_short
-from causal_openlock.experiment.store import Store
 from causal_openlock.files.atomic import PARTIAL, write_bytes
+from causal_openlock.storage.store import Store
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://.+", re.DOTALL)
 _COMES = re.compile(

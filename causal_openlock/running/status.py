@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from causal_openlock.experiment.experiment import Cell
-from causal_openlock.experiment.progress import ProgressEstimator, RunProgress
-from causal_openlock.experiment.running_files import MOST_SECONDS, reported_progress
-from causal_openlock.experiment.store import Store
+from causal_openlock.running.progress import ProgressEstimator, RunProgress
+from causal_openlock.storage.running_files import MOST_SECONDS, reported_progress
+from causal_openlock.storage.store import Store
 
 QUIET = 120.0
 """Seconds without a report after which a cell counts as stopped: steps rarely take as long."""

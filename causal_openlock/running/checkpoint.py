@@ -33,10 +33,10 @@ from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
-from causal_openlock.experiment.running_files import ATTEMPTS, CHECKPOINT
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.state import StateError, read_state, write_state
+from causal_openlock.storage.running_files import ATTEMPTS, CHECKPOINT
 
 MOST_TIME = 0.02
 """The share of the time that checkpoints may take: slow ones are taken less often."""

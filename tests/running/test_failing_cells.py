@@ -14,12 +14,12 @@ import pytest
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import CellsFailed, OpenLockError, StoreError
-from causal_openlock.experiment import runner
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.progress import RunProgress
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.workers import how_ended
+from causal_openlock.running import runner
+from causal_openlock.running.progress import RunProgress
+from causal_openlock.running.workers import how_ended
+from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.html_page import Page
 from support.processes import prepared, start_prepared

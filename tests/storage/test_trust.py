@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 from causal_openlock.cli import app
 from causal_openlock.contract.registry import _learner_class, file_that_runs
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.store import Store
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.files.checksums import json_bytes, read_json
+from causal_openlock.storage.store import Store
 from openlock_learners.networks.network_file import BUNDLED
 from support.command import play_here
 

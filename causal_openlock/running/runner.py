@@ -1,7 +1,7 @@
 """Running an experiment: workers play its cells, and each record is saved when its cell is done.
 
-The workers (:mod:`causal_openlock.experiment.workers`) are by default processes of this machine,
-one for each core, those of a cluster (:mod:`causal_openlock.experiment.cluster`), or any
+The workers (:mod:`causal_openlock.running.workers`) are by default processes of this machine,
+one for each core, those of a cluster (:mod:`causal_openlock.running.cluster`), or any
 :class:`concurrent.futures.Executor`. A cell's record depends on the cell alone, not on the number
 of workers, the order in which they finish, or how often the run was killed and started again.
 
@@ -25,22 +25,22 @@ from uuid import uuid4
 from causal_openlock.contract.registry import is_ours
 from causal_openlock.contract.session_code import is_of_session, packed, session_source
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
-from causal_openlock.experiment.carried_code import carry
-from causal_openlock.experiment.cluster import joined
 from causal_openlock.experiment.experiment import Cell, Experiment
-from causal_openlock.experiment.progress import ProgressEstimator, RunProgress, work
-from causal_openlock.experiment.running_files import (
+from causal_openlock.files.atomic import write_text
+from causal_openlock.files.digest import digest
+from causal_openlock.running.carried_code import carry
+from causal_openlock.running.cluster import joined
+from causal_openlock.running.progress import ProgressEstimator, RunProgress, work
+from causal_openlock.running.worker import Watching, play_cell, record_failure
+from causal_openlock.running.workers import Crew, available_cores, crew
+from causal_openlock.storage.running_files import (
     AWAITED,
     checkpointed,
     remove_files_of,
     reported_progress,
 )
-from causal_openlock.experiment.shard import Shard
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.worker import Watching, play_cell, record_failure
-from causal_openlock.experiment.workers import Crew, available_cores, crew
-from causal_openlock.files.atomic import write_text
-from causal_openlock.files.digest import digest
+from causal_openlock.storage.shard import Shard
+from causal_openlock.storage.store import Store
 
 LOOK_EVERY = 1.0
 """Seconds between two looks at the progress of the cells."""
@@ -119,7 +119,7 @@ def run(
         often = min(watching.checkpoint_every, time_limit / 5)
         watching = replace(watching, checkpoint_every=often)
     if watching.tensorboard is not None:
-        from causal_openlock.experiment.tensorboard import require_tensorboard
+        from causal_openlock.running.tensorboard import require_tensorboard
 
         require_tensorboard()
         # A worker may be in another directory.

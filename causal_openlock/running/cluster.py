@@ -29,11 +29,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from causal_openlock.errors import OpenLockError, in_short
-from causal_openlock.experiment.carried_code import CarriedCode, use
 from causal_openlock.experiment.experiment import Cell
-from causal_openlock.experiment.store import Store
-from causal_openlock.experiment.versions import versions
-from causal_openlock.experiment.workers import Given, start_alone
+from causal_openlock.running.carried_code import CarriedCode, use
+from causal_openlock.running.workers import Given, start_alone
+from causal_openlock.storage.store import Store
+from causal_openlock.storage.versions import versions
 
 SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,

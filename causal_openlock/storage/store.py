@@ -17,7 +17,7 @@ a damaged file is reported, and its cell is played again.
 
 A folder keeps every cell that was ever played in it, by identity, and shows those of the last
 experiment. So a learner can be corrected, removed, put back or added, and only missing cells are
-played. One process at a time works in a folder (:mod:`causal_openlock.experiment.folder_lock`).
+played. One process at a time works in a folder (:mod:`causal_openlock.storage.folder_lock`).
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import OpenLockError, StoreError, in_short
-from causal_openlock.experiment.cell_file import read_cell_file, versions_of, write_cell_file
-from causal_openlock.experiment.containment import check_inside
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
-from causal_openlock.experiment.failures import Failures
-from causal_openlock.experiment.folder_lock import LOCK, FolderLock
 from causal_openlock.experiment.protocol import Condition
-from causal_openlock.experiment.running_files import remove_leftovers
-from causal_openlock.experiment.versions import merged_versions, other_versions, versions
 from causal_openlock.files.atomic import PARTIAL, sweep, write_bytes
 from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
 from causal_openlock.files.escaping import require_utf8
+from causal_openlock.storage.cell_file import read_cell_file, versions_of, write_cell_file
+from causal_openlock.storage.containment import check_inside
+from causal_openlock.storage.failures import Failures
+from causal_openlock.storage.folder_lock import LOCK, FolderLock
+from causal_openlock.storage.running_files import remove_leftovers
+from causal_openlock.storage.versions import merged_versions, other_versions, versions
 from causal_openlock.version import RESULTS_VERSION
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from causal_openlock.experiment.shard import Shard
-    from causal_openlock.experiment.stored import StoredExperiment, Versions
+    from causal_openlock.storage.shard import Shard
+    from causal_openlock.storage.stored import StoredExperiment, Versions
 
 TRANSCRIPTS = "transcripts"
 LOG = "log.jsonl"
@@ -57,7 +57,7 @@ _SOURCE = re.compile(r"[\w.]{1,200}\.py [0-9a-f]{16}")
 
 
 class Store:
-    """A results folder, as :func:`~causal_openlock.experiment.runner.run` writes it.
+    """A results folder, as :func:`~causal_openlock.running.runner.run` writes it.
 
     Args:
         folder: Its path.
@@ -256,7 +256,7 @@ class Store:
         Raises:
             StoreError: If the folder holds no results, or the file is damaged or malformed.
         """
-        from causal_openlock.experiment.stored import parse_experiment
+        from causal_openlock.storage.stored import parse_experiment
 
         try:
             found = parse_experiment(read_json(self._declared.read_bytes()))
@@ -306,7 +306,7 @@ class Store:
     ) -> pa.Table:
         """The record in a cell's file, whole and of that cell.
 
-        The arguments are those of :func:`~causal_openlock.experiment.cell_file.read_cell_file`.
+        The arguments are those of :func:`~causal_openlock.storage.cell_file.read_cell_file`.
 
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
