@@ -9,11 +9,10 @@ room make up a causal schema, and some schemas are likelier than others.
   ones, between 1 and 10. Whatever changes the room adds ``local_gain`` to the local beliefs about
   its attributes; a finished trial adds ``global_gain``, shared out as its changes were.
 * **Top-down.** From general to particular (:mod:`openlock_learners.theory.schemas`): three atomic
-schemas,
-  with a Dirichlet belief that a solved room updates in favour of the nearest; abstract schemas,
-  likelier the nearer they are to a likely atomic schema; instantiated schemas, equally likely
-  within an abstract one, of which only those count that hold all solutions found and nothing that
-  failed. A chain is as likely as the schemas that it completes.
+  schemas, with a Dirichlet belief that a solved room updates in favour of the nearest; abstract
+  schemas, likelier the nearer they are to a likely atomic schema; instantiated schemas, equally
+  likely within an abstract one, of which only those count that hold all solutions found and nothing
+  that failed. A chain is as likely as the schemas that it completes.
 * **Pruning.** A sequence of actions whose last one changed nothing is a dead end: the chains that
   begin with it are removed, and all schemas with a path none of whose chains is left.
 * **Action.** For the present place in the chain, the likelihood of each action under the chains
