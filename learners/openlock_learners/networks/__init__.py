@@ -12,8 +12,7 @@ written for such stacks; no agent's numbers depend on which others are in the st
 ``recurrent_q``         Double Q-learning on sequences (R2D2), for ``recurrent``.
 ``sequence_buffer``     The sequences it learns from.
 ``recurrent_policy``    Recurrent networks with a policy and a value, for ``rl2``.
-``ppo``                 Proximal policy optimization of these, here and in
-``openlock_learners.meta``.
+``ppo``                 Proximal policy optimization of these, also for meta-training.
 ``network_file``        A trained policy as a file.
 ``perception``          What learners with a memory perceive, as numbers.
 ``checkpointed``        Checkpoints made of attributes.
