@@ -17,11 +17,11 @@ import pytest
 from support.places import ROOT
 
 PROBE = """
-import causal_openlock, learners, sys
+import causal_openlock, openlock_learners, sys
 from causal_openlock.schemas.finding import bundled, bundled_schemas
 home = sys.argv[1]
 assert causal_openlock.__file__.startswith(home), causal_openlock.__file__
-assert learners.__file__.startswith(home), learners.__file__
+assert openlock_learners.__file__.startswith(home), openlock_learners.__file__
 assert str(bundled("schemas")).startswith(home)
 assert {"CC3", "CE3", "CC4", "CE4"} < set(bundled_schemas())
 assert (bundled("notebooks") / "template.ipynb").is_file()
