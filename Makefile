@@ -12,12 +12,13 @@ EXTRAS := --extra test --extra notebooks
 OLDEST := 3.11.5
 PYTHONS := $(OLDEST) 3.12 3.13 3.14
 
-.PHONY: help compare test lint style types imports tests bench scale soak identity fuzz docs notebooks evidence \
+.PHONY: help compare test test-fast lint style types imports tests bench scale soak identity fuzz docs notebooks evidence \
         evidence-check json-schemas lock lock-hashes install-locked audit pythons test-minimum dist check-dist clean
 
 help:
 	@echo "make compare  set up, run the default comparison, write results/default/report.html"
 	@echo "make test     set up, lint, type-check, run every test"
+	@echo "make test-fast  set up, run the tests that take a minute together"
 	@echo "make bench    set up, measure speed against named peers"
 	@echo "make docs     set up, build the documentation: docs/_build/index.html"
 	@echo "make evidence  set up, run or complete every study behind the documentation (hours; resumable)"
@@ -46,6 +47,10 @@ imports: $(VENV)/installed-test
 
 tests: $(VENV)/installed-test
 	@$(BIN)/python -m pytest -n auto -q --durations=10
+
+# A quick round while working: without long plays, browsers and clusters.
+test-fast: $(VENV)/installed-test
+	@$(BIN)/python -m pytest -n auto -q -m "not slow and not browser and not cluster"
 
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/run.py

@@ -26,6 +26,8 @@ from support.fabricated_records import table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import declared
 
+pytestmark = pytest.mark.slow
+
 ONE_LEVER = "name: CC4\ntitle: Not the paper's\nlevers: [A]\nedges: {A: [door]}\n"
 ALL = ", ".join(PAPER_CONDITIONS)
 

@@ -28,6 +28,8 @@ from causal_openlock.world import reference
 from support.fabricated_records import random_cells, record_of_every_figure, table, trial_rows
 from support.made_up_experiments import experiment_of
 
+pytestmark = pytest.mark.slow
+
 STYLE = style.PlotStyle()
 
 

@@ -33,6 +33,8 @@ from support.fabricated_records import table
 from support.made_up_experiments import NOBODY
 from support.made_up_people import made_up
 
+pytestmark = pytest.mark.slow
+
 NOTHING: dict[tuple[str, str], Bound] = {}
 
 

@@ -30,6 +30,8 @@ from causal_openlock.experiment.record import CATEGORIES
 from support.counted_work import calls
 from support.fabricated_records import big_record, random_cells, table, trial_rows
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def random_record() -> pa.Table:

@@ -30,6 +30,8 @@ from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.record import CATEGORIES
 from support import played_results
 
+pytestmark = pytest.mark.slow
+
 PLOTS: dict[str, tuple[Callable[[], Material], dict[str, Any]]] = {
     "plot_attempts": (played_results.results, {}),
     "plot_transfer": (played_results.results, {}),

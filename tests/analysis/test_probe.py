@@ -11,6 +11,8 @@ from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.world.room import Layout, Room
 
+pytestmark = pytest.mark.slow
+
 
 def rooms(names: list[str], number: int, seed: int) -> list[Room]:
     generator = np.random.default_rng(seed)

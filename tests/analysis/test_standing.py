@@ -20,6 +20,8 @@ from support.fabricated_records import table
 from support.made_up_experiments import experiment_of, spec
 from support.paper_play import Attempts, material, play, same
 
+pytestmark = pytest.mark.slow
+
 LEARNERS = ("able", "half", "never", "told")
 
 

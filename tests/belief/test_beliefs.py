@@ -34,6 +34,8 @@ from support.belief_by_hand import (
 from support.belief_play import LONG, Key, Played, by_behaviour
 from support.session_play import HUMAN, SCHEMAS, named
 
+pytestmark = pytest.mark.slow
+
 KNOWN = Prior(by_colour=1.0, by_white=0.0)
 """Grey levers are active: nothing else is to be found out about colours."""
 

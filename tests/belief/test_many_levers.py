@@ -22,6 +22,8 @@ from causal_openlock.running.expected_cost import Cost, cost_cautions, expected_
 from causal_openlock.schemas.schema import Schema
 from openlock_learners.bayes import Bayes, BayesParameters
 
+pytestmark = pytest.mark.slow
+
 SIMPLICITY = float(np.log(2.0))
 SIGHT = RoomSight(positions=12, grey=12, solutions=8, action_limit=3)
 

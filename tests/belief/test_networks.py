@@ -43,6 +43,8 @@ from causal_openlock.world.room import Room, position_names
 from openlock_learners.bayes import Bayes
 from support.session_play import HUMAN, SCHEMAS, named, one_room
 
+pytestmark = pytest.mark.slow
+
 Node = tuple[frozenset[int], int]
 """The causes of a lever or of the door, and how many of them must be pushed."""
 

@@ -40,6 +40,8 @@ from causal_openlock.world.room import Layout, Room
 from openlock_learners.bayes import Bayes
 from support.waiting import HANGS
 
+pytestmark = pytest.mark.slow
+
 SEED = 2018
 HUMAN = PROTOCOLS["human"]
 LEVERS = [f"L{index}" for index in range(8)]

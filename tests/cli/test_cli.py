@@ -26,6 +26,8 @@ from support.processes import start_prepared
 from support.undrawn import THEN
 from support.waiting import HANGS, until
 
+pytestmark = pytest.mark.slow
+
 SLOW = """\
 name: slow
 seed: 11

@@ -19,6 +19,8 @@ from causal_openlock.errors import ExperimentError, Interrupted, LearnerError, O
 from causal_openlock.running.workers import Here
 from support.processes import start_prepared
 
+pytestmark = pytest.mark.slow
+
 VAULT = ol.Schema(
     "vault",
     ["key", "dial", "second"],

@@ -19,6 +19,8 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
 from causal_openlock.storage.store import Store
 
+pytestmark = pytest.mark.slow
+
 LAST = Path(__file__).parents[1] / "data" / "last_release"
 """An experiment, a folder of its results without one cell, and a bundle of it, made with 0.2.0."""
 BY_CLASS = "bayes"

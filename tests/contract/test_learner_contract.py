@@ -25,6 +25,8 @@ from causal_openlock.world.randomness import Streams, generators
 from support.places import ROOT
 from support.scripted_server import scripted
 
+pytestmark = pytest.mark.slow
+
 
 class TestRandom(LearnerContract):
     learner = "random"

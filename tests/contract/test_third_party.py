@@ -17,6 +17,8 @@ from support.command import at_once, modules_of
 from support.places import ROOT
 from support.waiting import HANGS
 
+pytestmark = pytest.mark.slow
+
 PROJECT = """\
 [build-system]
 requires = ["hatchling"]

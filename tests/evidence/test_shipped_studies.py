@@ -9,6 +9,8 @@ import pytest
 from causal_openlock.evidence.checking import check
 from causal_openlock.evidence.study import FILE, read_study
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2] / "evidence"
 FOLDERS = sorted(path.parent for path in ROOT.glob(f"*/{FILE}"))
 

@@ -21,6 +21,8 @@ from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import Selection, read_studies, read_study
 from causal_openlock.evidence.units import selected
 
+pytestmark = pytest.mark.slow
+
 EXPERIMENT = "name: small\nsubjects: 3\ncell_size: 3\nconditions: [CC3, CC3-CC4]\n"
 STUDY = """
 title: A small study

@@ -30,6 +30,8 @@ from support.command import play_here, report_shortly
 from support.made_up_experiments import NOBODY, condition_called, edit_stored, spec, stored
 from support.processes import start_prepared
 
+pytestmark = pytest.mark.slow
+
 LEARNER = """
 from dataclasses import dataclass
 

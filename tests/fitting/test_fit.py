@@ -67,6 +67,8 @@ from openlock_learners.oracle import Oracle
 from support.figures import KINDS, drawn
 from support.processes import start_prepared
 
+pytestmark = pytest.mark.slow
+
 ME = "test_fit:Careless"
 
 

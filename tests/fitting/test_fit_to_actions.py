@@ -22,6 +22,8 @@ from causal_openlock.running.runner import run
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
 from causal_openlock.storage.store import Store
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("optuna")
 SHORT = ol.Protocol("short", 10, stop_when_solved=True, baseline_trials=2)
 SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})

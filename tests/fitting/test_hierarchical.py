@@ -39,6 +39,8 @@ from causal_openlock.scoring.model_selection import frequencies_of
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
 from causal_openlock.storage.store import Store
 
+pytestmark = pytest.mark.slow
+
 HEAT = Range(0.02, 2.0, log=True)
 SPACE = search_space("associative", {"temperature": HEAT})
 PLAN = ActionPlan(SPACE, candidates=4, hold_out="none")

@@ -19,6 +19,8 @@ from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, r
 from causal_openlock.fitting.search import Range, bundled_search
 from support.command import at_once
 
+pytestmark = pytest.mark.slow
+
 EXPERIMENT = """
 name: three
 seed: 4

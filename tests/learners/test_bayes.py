@@ -27,6 +27,8 @@ from openlock_learners import bayes
 from openlock_learners.bayes import Bayes, BayesParameters
 from support.session_play import HUMAN, SCHEMAS, named, one_room, play, trials_of
 
+pytestmark = pytest.mark.slow
+
 POLICIES = (
     "solve_and_learn",
     "solve",

@@ -18,6 +18,8 @@ from openlock_learners.ddqn import DDQN, DDQNParameters
 from support.checkpoints import same
 from support.session_play import HUMAN, Scripted, named, one_room
 
+pytestmark = pytest.mark.slow
+
 SMALL: dict[str, Any] = {
     "hidden_layers": 1,
     "hidden_units": 8,

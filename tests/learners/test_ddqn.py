@@ -20,6 +20,8 @@ from openlock_learners.ddqn import DDQN, DDQNParameters
 from support.checkpoints import kept_and_resumed, same
 from support.plain_ddqn import PlainDDQN, distance, plain_network
 
+pytestmark = pytest.mark.slow
+
 CC3 = find_schema("CC3")
 HUMAN = Protocol("t", attempt_limit=30, stop_when_solved=True, baseline_trials=2)
 

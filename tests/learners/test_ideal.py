@@ -21,6 +21,8 @@ from causal_openlock.schemas.schema import Gate, Schema
 from support.checkpoints import same
 from support.session_play import SCHEMAS, named, play, trials_of
 
+pytestmark = pytest.mark.slow
+
 MIXED = Schema(
     "mixed",
     ["A", "B", "C", "D"],

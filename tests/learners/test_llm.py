@@ -44,6 +44,8 @@ from support.scripted_server import (
     some_action,
 )
 
+pytestmark = pytest.mark.slow
+
 CC3 = find_schema("CC3")
 LAYOUT = Layout.of(CC3, "trial1")
 ONE_ROOM = Condition("room", (Trials(CC3, (LAYOUT,)),))

@@ -23,6 +23,8 @@ from openlock_learners.recurrent import Recurrent, RecurrentParameters
 from support.checkpoints import kept_and_resumed, same
 from support.plain_recurrent import PlainNetwork, PlainRecurrent
 
+pytestmark = pytest.mark.slow
+
 CC3 = find_schema("CC3")
 PROTOCOL = Protocol("t", attempt_limit=12, stop_when_solved=False, baseline_trials=3)
 SMALL = RecurrentParameters(

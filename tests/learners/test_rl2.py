@@ -27,6 +27,8 @@ from openlock_learners.networks.recurrent_policy import Sizes, make_policy
 from openlock_learners.rl2 import RL2, RL2Parameters
 from support.small_policies import weights_of
 
+pytestmark = pytest.mark.slow
+
 PROTOCOL = Protocol("t", attempt_limit=12, stop_when_solved=False, baseline_trials=3)
 
 

@@ -24,6 +24,8 @@ from causal_openlock.world.room import Layout
 from openlock_learners.sb3 import StableBaselines
 from support.waiting import HANGS
 
+pytestmark = pytest.mark.slow
+
 sb3 = pytest.importorskip("stable_baselines3")
 sb3_contrib = pytest.importorskip("sb3_contrib")
 

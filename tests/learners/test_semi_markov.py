@@ -13,6 +13,8 @@ from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 from openlock_learners.ddqn import DDQN, SemiMarkovDDQN, SemiMarkovDDQNParameters
 
+pytestmark = pytest.mark.slow
+
 CC4 = find_schema("CC4")
 ROOM = Condition("room", (Trials(CC4, (Layout.of(CC4, "trial7"),)),))
 HUMAN = Protocol("t", attempt_limit=30, stop_when_solved=False)

@@ -19,6 +19,8 @@ from openlock_learners.theory.schemas import edit_distances, schemas_of
 from openlock_learners.theory_based import TheoryBased
 from support.session_play import HUMAN, named, one_room, play
 
+pytestmark = pytest.mark.slow
+
 PLAIN = {"beliefs": "mean", "local_gain": 1.0, "global_gain": 2.0, "schema_gain": 1.0,
          "edit_weight": 0.7}  # fmt: skip
 

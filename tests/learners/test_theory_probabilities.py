@@ -13,6 +13,8 @@ from openlock_learners.theory.draws import DRAWS, AttemptDraws, Moment, RoomDraw
 from openlock_learners.theory_based import TheoryBased
 from support.session_play import HUMAN, one_room
 
+pytestmark = pytest.mark.slow
+
 PLAIN = {"beliefs": "mean", "local_gain": 1.0}
 
 

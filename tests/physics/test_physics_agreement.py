@@ -19,6 +19,8 @@ from causal_openlock.world.room import Layout, Room
 from support.physical_play import Guard, effects, room_of
 from support.places import ROOT
 
+pytestmark = pytest.mark.slow
+
 PAPER = [("CC3", "trial1"), ("CE3", "trial5"), ("CC4", "trial7"), ("CE4", "trial8")]
 # Of sequences with the same effects, how many; with EACH = 3375 these are all sequences, and
 # benchmarks/physics.py plays them all.

@@ -23,6 +23,8 @@ from support import browsers
 from support.accessibility import violations
 from support.play_clients import serving
 
+pytestmark = pytest.mark.browser
+
 REQUIRED = os.environ.get("OPENLOCK_BROWSER") == "required"
 if not REQUIRED and not browsers.installed():
     pytest.skip(browsers.MISSING, allow_module_level=True)

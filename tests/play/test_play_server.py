@@ -24,6 +24,8 @@ from support.command import at_once
 from support.play_clients import Caller, people, serving, solving
 from support.waiting import HANGS, until
 
+pytestmark = pytest.mark.slow
+
 
 @contextmanager
 def in_a_thread(server: PlayServer) -> Iterator[PlayServer]:

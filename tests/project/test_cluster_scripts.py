@@ -16,6 +16,8 @@ from ruamel.yaml import YAML
 from support.documents import unknown_options
 from support.places import ROOT
 
+pytestmark = pytest.mark.cluster
+
 PLACE = ROOT / "examples" / "clusters"
 SCRIPTS = sorted(PLACE.glob("*.sh"))
 MANIFEST = PLACE / "kubernetes.yaml"

@@ -13,9 +13,11 @@ import nbformat
 import pytest
 
 import causal_openlock
-import learners
+import openlock_learners
 from support.command import Reports
 from support.documents import DOCS, ROOT, Reader, broken_links, unknown_options, words_of
+
+pytestmark = pytest.mark.slow
 
 PAGES = sorted(
     path
@@ -90,7 +92,7 @@ def every_module_is_in_the_reference(site: Path) -> None:
     shown = set(re.findall(r"^(\S+) py:module", text, flags=re.MULTILINE))
     there = {
         module.name
-        for package in (causal_openlock, learners)
+        for package in (causal_openlock, openlock_learners)
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
         if not module.name.endswith("__main__")
     }

@@ -12,6 +12,8 @@ import pytest
 from support import played_results
 from support.places import ROOT
 
+pytestmark = pytest.mark.slow
+
 
 def module_name(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")

@@ -12,6 +12,8 @@ import pytest
 from causal_openlock.errors import OpenLockError
 from support.places import ROOT
 
+pytestmark = pytest.mark.slow
+
 with pytest.MonkeyPatch.context() as _patch:
     _patch.syspath_prepend(ROOT / "benchmarks")
     import fuzz

@@ -20,6 +20,8 @@ from nbclient import NotebookClient
 
 from support.places import ROOT
 
+pytestmark = pytest.mark.slow
+
 FOLDER = ROOT / "notebooks"
 LESSONS = sorted(FOLDER.glob("[0-9]*.ipynb"))
 TEMPLATE = FOLDER / "template.ipynb"

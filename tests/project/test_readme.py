@@ -16,6 +16,8 @@ from support.command import at_once, modules_of
 from support.documents import ROOT, broken_links, code, unknown_options, words_of
 from support.processes import start_prepared
 
+pytestmark = pytest.mark.slow
+
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 

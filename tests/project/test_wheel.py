@@ -16,6 +16,8 @@ import pytest
 
 from support.places import ROOT
 
+pytestmark = pytest.mark.slow
+
 PROBE = """
 import causal_openlock, openlock_learners, sys
 from causal_openlock.schemas.finding import bundled, bundled_schemas

@@ -33,6 +33,8 @@ from causal_openlock.running.runner import run
 from causal_openlock.world.room import Layout
 from support.session_play import HUMAN, RL, Curious, named, one_room
 
+pytestmark = pytest.mark.slow
+
 FPS = 20
 
 

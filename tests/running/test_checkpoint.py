@@ -50,6 +50,8 @@ from support.processes import prepared, start_prepared
 from support.session_play import HUMAN, Curious, named
 from support.waiting import until
 
+pytestmark = pytest.mark.slow
+
 SMALL = "batch_size: 8, hidden_units: 16, hidden_layers: 2, replay_size: 40, target_period: 7"
 TEXT = f"""\
 name: interrupted

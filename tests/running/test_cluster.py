@@ -33,6 +33,8 @@ from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.processes import prepared, start_prepared
 
+pytestmark = pytest.mark.cluster
+
 # Its workers begin with everything imported, as those of other tests do.
 os.environ["DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD"] = "forkserver"
 pytest.importorskip("distributed")

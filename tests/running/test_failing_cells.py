@@ -24,6 +24,8 @@ from support.command import at_once, modules_of
 from support.html_page import Page
 from support.processes import prepared, start_prepared
 
+pytestmark = pytest.mark.slow
+
 LETHAL = """\
 import os, signal, sys, time
 from causal_openlock import OneSubjectLearner

@@ -20,6 +20,8 @@ from openlock_learners.associative import Associative
 from openlock_learners.theory_based import TheoryBased
 from openlock_learners.win_stay import WinStay
 
+pytestmark = pytest.mark.slow
+
 SHORT = ol.Protocol("short", 6, stop_when_solved=True, baseline_trials=2)
 LEARNERS = ["win_stay", "associative", "theory_based", "posterior_sampling"]
 Played = tuple[pa.Table, StoredExperiment]

@@ -26,6 +26,8 @@ from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
 from openlock_learners.ddqn import DDQN
 
+pytestmark = pytest.mark.slow
+
 SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)
 LEARNERS = [
     ol.learner("bayes", label="thompson", policy="thompson"),

@@ -32,6 +32,8 @@ from causal_openlock.version import RESULTS_VERSION
 from support.places import ROOT
 from support.processes import prepared
 
+pytestmark = pytest.mark.slow
+
 flipped = runpy.run_path(str(ROOT / "benchmarks" / "bit_flips.py"))["flipped"]
 
 TEXT = """\

@@ -34,6 +34,8 @@ from support.command import at_once, modules_of
 from support.made_up_experiments import NOBODY, condition_called, spec, stored
 from support.reward_play import Play
 
+pytestmark = pytest.mark.slow
+
 NO_FUNCTION = "a text"
 
 # -- weights --------------------------------------------------------------------------------------

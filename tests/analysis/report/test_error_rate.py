@@ -25,6 +25,8 @@ from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.schemas.fsm import FloatArray
 from support.paper_play import Attempts, material, play
 
+pytestmark = pytest.mark.slow
+
 REPORTS, SUBJECTS, LEARNERS = 1000, 20, ("a", "b")
 
 IDEAL = {"3": ([2, 3], [1 / 3, 2 / 3]), "4": ([3, 4], [1 / 4, 3 / 4])}

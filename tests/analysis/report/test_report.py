@@ -23,6 +23,8 @@ from support.figures import drawn
 from support.html_page import Page
 from support.made_up_experiments import condition_called, experiment_of, spec, stored
 
+pytestmark = pytest.mark.slow
+
 
 def written(record: pa.Table, folder: Path, **known: Any) -> Path:
     return write_report(record, folder, experiment_of(record, **known))

@@ -19,6 +19,8 @@ from support.accessibility import violations
 from support.figures import drawn
 from support.paper_play import material, play, same, scattered
 
+pytestmark = pytest.mark.browser
+
 if os.environ.get("OPENLOCK_BROWSER") != "required" and not browsers.installed():
     pytest.skip(browsers.MISSING, allow_module_level=True)
 

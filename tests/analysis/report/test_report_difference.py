@@ -33,6 +33,8 @@ from support.fabricated_records import table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import stored
 
+pytestmark = pytest.mark.slow
+
 
 def described(**changed: Any) -> StoredExperiment:
     learners = changed.pop("learners", ["bayes", "random"])

@@ -19,6 +19,8 @@ from support.fabricated_records import random_cells, table, trial_rows
 from support.figures import KINDS, drawn
 from support.made_up_experiments import experiment_of
 
+pytestmark = pytest.mark.slow
+
 
 def written(record: pa.Table, folder: Path, **known: Any) -> Path:
     return write_report(record, folder, experiment_of(record, **known))

@@ -23,6 +23,8 @@ from causal_openlock.running.runner import run
 from causal_openlock.storage.store import Store
 from support.html_page import Page
 
+pytestmark = pytest.mark.slow
+
 DECLARED = """
 name: numbers
 seed: 11

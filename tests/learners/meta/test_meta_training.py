@@ -37,6 +37,8 @@ from openlock_learners.networks.network_file import read_network
 from support.checkpoints import same
 from support.small_policies import rng
 
+pytestmark = pytest.mark.slow
+
 CC3, CE4 = find_schema("CC3"), find_schema("CE4")
 PROTOCOL = Protocol("t", attempt_limit=12, stop_when_solved=False, baseline_trials=3)
 

@@ -20,6 +20,8 @@ from openlock_learners.networks.double_q_compiled import CompiledDoubleQ
 from openlock_learners.networks.replay_buffer import Batch
 from support.checkpoints import same
 
+pytestmark = pytest.mark.slow
+
 AGENTS = 4
 SIZES = [16, 24, 40, 24, 15]
 
