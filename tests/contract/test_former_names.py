@@ -95,6 +95,7 @@ def test_ones_own_package_of_that_name_is_ones_own(
     (own / "__init__.py").touch()
     (own / "random.py").write_text("class RandomLearner: pass\n")
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "learners", raising=False)  # a folder of these tests
     assert present_name("learners.random:RandomLearner") == "learners.random:RandomLearner"
     assert present_name("learners.oracle:Oracle") == "openlock_learners.oracle:Oracle"
 
