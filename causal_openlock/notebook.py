@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from causal_openlock.contract.learner import Learner
     from causal_openlock.envs.playable import Picture, PlayableRoom
     from causal_openlock.experiment.experiment import Experiment, LearnerSpec
-    from causal_openlock.play.background import OpenedRoom
     from causal_openlock.render.film import Shot
     from causal_openlock.render.watch import WatchedTrial
     from causal_openlock.schemas.schema import Schema
@@ -86,7 +85,7 @@ def playable_html(room: PlayableRoom) -> str:
     return card.removesuffix("</div>") + f"<div>push or pull {names}; or push door</div></div>"
 
 
-def opened_html(opened: OpenedRoom) -> str:
+def opened_html(opened: Any) -> str:
     """The link of a room that is open in the browser."""
     url = escape(opened.url)
     return _card(repr(opened).strip("<>"), f'<div><a href="{url}" target="_blank">{url}</a></div>')
