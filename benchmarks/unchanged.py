@@ -52,8 +52,7 @@ def played(experiment: str, folder: Path) -> Path:
 def digests(folder: Path) -> dict[str, str]:
     """SHA-256 of the summary and of each cell, by the cell's name without its identity."""
     summary = (folder / "summary.csv").read_bytes()
-    listed = json.loads((folder / "experiment.json").read_text(encoding="utf-8"))
-    cells = (listed.get("content") or listed)["cells"]
+    cells = json.loads((folder / "experiment.json").read_text(encoding="utf-8"))["cells"]
     return {"summary.csv": hashlib.sha256(summary).hexdigest()} | {
         name.rpartition("_")[0]: content(folder / "cells" / name) for name in cells
     }

@@ -31,7 +31,9 @@ def present_name(name: str) -> str:
         name: ``module:Class``, or the name of a registered learner.
     """
     present = _present(name)
-    return name if module_source(name.partition(":")[0]) else present
+    if present == name or module_source(name.partition(":")[0]):
+        return name
+    return present
 
 
 def present_class(name: str, package: str) -> str:

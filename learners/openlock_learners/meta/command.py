@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -35,5 +36,10 @@ def train(
     declared = read_training(file)
     if seed is not None:
         declared = declared.model_copy(update={"seed": seed})
+
+    def log(line: str) -> None:
+        say(line)
+        sys.stdout.flush()  # it may be a file, which people read while the network is trained
+
     with denormals_flushed(), resumable():
-        run_training(MetaTraining(declared, file.parent), out, say)
+        run_training(MetaTraining(declared, file.parent), out, log)
