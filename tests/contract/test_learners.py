@@ -27,6 +27,7 @@ from causal_openlock.contract.registry import (
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
+from causal_openlock.files.plugins import LEARNERS
 from causal_openlock.schemas.finding import bundled_schemas, find_schema
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.testing import LearnerContract
@@ -34,6 +35,7 @@ from causal_openlock.world.randomness import Streams, generators, unrelated_gene
 from causal_openlock.world.room import Layout
 from openlock_learners.oracle import Oracle
 from openlock_learners.random import RandomLearner
+from support.packages import register
 
 HUMAN = PROTOCOLS["human"]
 LONG = replace(HUMAN, attempt_limit=300, stop_when_solved=False, baseline_trials=3)
@@ -255,11 +257,7 @@ def test_streams_hand_out_each_generator_s_own_numbers_in_order() -> None:
 
 
 def fake_distribution(folder: Path, package: str, **names: str) -> None:
-    info = folder / f"{package}-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
-    lines = [f"{name} = {value}" for name, value in names.items()]
-    (info / "entry_points.txt").write_text("\n".join(["[causal_openlock.learners]", *lines]))
+    register(folder, package, LEARNERS, **names)
 
 
 def test_our_learners_are_registered() -> None:
