@@ -27,7 +27,7 @@ class RandomSchemas(StrictModel):
 
     number: Count
     levers: Annotated[list[Annotated[int, Field(ge=2, le=7)]], Field(min_length=1)]
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int | None, Field(ge=0, description="null: that of the training.")] = 0
     weight: Annotated[float, Field(gt=0, description="Of all of them together.")] = 1.0
     excluded: Annotated[
         list[str], Field(description="Schemas; none of them behaves as one of these.")
@@ -81,6 +81,9 @@ class TrainingFile(StrictModel):
         0.002
     )
     gamma: Share = 0.95
+    credit: Annotated[
+        Literal["trial", "life"], Field(description="Where returns end: with the trial, or later.")
+    ] = "trial"
     decay: Share = 0.95
     clip: Annotated[float, Field(gt=0)] = 0.2
     epochs: Count = 2
@@ -95,7 +98,8 @@ class TrainingFile(StrictModel):
         drawn = rooms.random_schemas
         if drawn:
             others = [find_schema(name, [beside]) for name in drawn.excluded]
-            made = random_schemas(drawn.number, drawn.levers, drawn.seed, others, drawn.solutions)
+            seed = self.seed if drawn.seed is None else drawn.seed
+            made = random_schemas(drawn.number, drawn.levers, seed, others, drawn.solutions)
             for schema in made:
                 weights[schema] = drawn.weight / drawn.number
         if not weights:

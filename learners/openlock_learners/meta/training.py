@@ -10,6 +10,9 @@ A solution that is new in the trial earns 1, and every action costs a little. Un
 earns nothing: where it was rewarded too, as by the paper's rewards, the network came to unlock it
 again and again and to open it at the last moment.
 
+Duan et al. and Wang et al. maximise what a whole life earns (``credit: life``): what is found out
+in one trial and pays in the next is then worth something. By default returns end with the trial.
+
 The checkpoint holds the weights, the sizes of the network and the YAML file. A second file beside
 it lets a training that was interrupted go on as if it had not been: run the same command again.
 """
@@ -126,7 +129,7 @@ class MetaTraining(Checkpointed):
                     "log_prob": log_prob(logits, action),
                     "value": value.numpy()[0],
                     "reward": (step.new_solution - file.action_cost).astype(np.float32),
-                    "done": step.trial_over,
+                    "done": rooms.life_over if file.credit == "life" else step.trial_over,
                 }
             )
             self.perception.note(step)

@@ -246,6 +246,29 @@ def test_a_trained_network_plays(tmp_path: Path, kind: str) -> None:
             create("rl2", {"checkpoint": str(out)}).begin(large)
 
 
+def test_returns_end_with_the_trial_or_with_the_life(tmp_path: Path) -> None:
+    declared = read_training(small(tmp_path))
+    ends = {}
+    for credit in ("trial", "life"):
+        training = MetaTraining(declared.model_copy(update={"credit": credit, "steps": 60}))
+        ends[credit] = training.rollout().done.numpy()
+    # Both play the same: nothing is learned before the first update.
+    assert ends["life"].any()
+    assert (ends["trial"] >= ends["life"]).all()
+    assert ends["trial"].sum() > ends["life"].sum()
+
+
+def test_schemas_can_be_drawn_by_the_seed_of_the_training(tmp_path: Path) -> None:
+    path = small(tmp_path)
+    path.write_text(path.read_text().replace("levers: [3]}", "levers: [3], seed: null}"))
+    declared = read_training(path)
+    drawn = [
+        declared.model_copy(update={"seed": seed}).distribution(tmp_path).schemas for seed in (1, 2)
+    ]
+    assert list(drawn[0][1:]) == random_schemas(5, [3], 1)
+    assert list(drawn[1][1:]) == random_schemas(5, [3], 2) != list(drawn[0][1:])
+
+
 def test_meta_training_improves_its_play() -> None:
     file = TrainingFile.model_validate(
         {
