@@ -27,7 +27,7 @@ from fuzz_mutations import (
     spoil_text,
 )
 
-from causal_openlock.analysis.report.sections.language_models import _counts
+from causal_openlock.analysis.topics.language_models import _counts
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.evidence.stored import read_run, read_units

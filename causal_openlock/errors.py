@@ -7,6 +7,7 @@ names the remedy, so the command line prints it as it is and exits with status 2
 from __future__ import annotations
 
 import traceback
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -184,3 +185,8 @@ def in_short(error: BaseException) -> str:
         return f"{at_a_word if len(at_a_word) > 150 else text[:199]} …"
     except Exception:
         return ""
+
+
+def renamed(former: str, present: str) -> None:
+    """Warn that something has another name now; the former one stays for one release."""
+    warnings.warn(f"{former} is now {present}", DeprecationWarning, stacklevel=3)

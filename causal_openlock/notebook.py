@@ -250,14 +250,14 @@ def learner_html(learner: Learner) -> str:
 
 def results_html(results: Results) -> str:
     """Results: the table of each protocol, and below it what a reader should know."""
-    from causal_openlock.analysis.results.verdict import in_cell, number
+    from causal_openlock.analysis.results.by_condition import in_cell, number
 
     def small(texts: Sequence[str]) -> str:
         first, *rest = map(escape, texts or [""])
         return "".join([first, *(f"<br><small>{text}</small>" for text in rest)])
 
     parts = []
-    for table in results.verdict:
+    for table in results.by_condition:
         heads = ["attempts", *(f"{name}, {measured}" for name, measured in table.columns)]
         rows = [
             [f"<i>{escape(name)}</i>", *("" if one is None else number(one) for one in row)]
@@ -268,7 +268,7 @@ def results_html(results: Results) -> str:
             for learner, cells in table.rows.items()
         ]
         parts.append(f"<div>protocol {escape(table.protocol)}</div>{_table(heads, rows)}")
-    known = escape(" ".join(results.cautions))
+    known = escape(" ".join(results.warnings))
     about = (
         "Mean attempts to find every solution, in small type their 95% interval if subjects differ."
     )

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.report.difference_page import sentence_on_changes
-from causal_openlock.analysis.report.prose import Prose
 from causal_openlock.analysis.report.what_was_run import budgets
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.contract.registry import create
@@ -40,7 +40,7 @@ def test_sentences_with_numbers_are_right_for_one(tmp_path: Path) -> None:
     going_on = replace(once, stop_when_solved=False)
     assert budgets(going_on).startswith("1 attempt in every trial")
     found = dict.fromkeys(("families", "undefined", "alpha", "effects", "power"), ())
-    text = Prose("paper_findings").sentence("text", **found, subjects=1, weak=0)
+    text = Prose("causal_openlock.paper.paper_tests").sentence("text", **found, subjects=1, weak=0)
     assert "With 1 subject in each" in text
     assert sentence_on_changes(pd.DataFrame({"what": ["seed"]})).startswith("1 thing differs in")
     assert repr(Schema("x", ["A"], {"A": ["door"]})) == "<Schema x: 1 lever, 1 solution>"

@@ -265,6 +265,30 @@ def mean_by_trial(trials: pd.DataFrame, by: Sequence[str] = ("phase", "trial")) 
     return means.reset_index()
 
 
+def judged(trials: pd.DataFrame) -> pd.DataFrame:
+    """The trials that a condition is judged by; those of the test all get number 1.
+
+    A condition with a test phase is judged by its test (the mean of a subject's test trials, in the
+    human protocol a single one); one without, by the last trial of its last loop.
+    """
+    is_test = trials["phase"] == "test"
+    tested = is_test.groupby([trials[name] for name in CELL], observed=True).transform("any")
+    last_loop = trials["loop"] == trials.groupby(CELL, observed=True)["loop"].transform("max")
+    chosen = trials[is_test | (~tested & last_loop)]
+    last = chosen["trial"] == chosen.groupby(CELL, observed=True)["trial"].transform("max")
+    chosen = chosen[last | (chosen["phase"] == "test")]
+    # People's test is one trial, number 1; a baseline is compared trial by trial.
+    return chosen.assign(trial=np.where(chosen["phase"] == "test", 1, chosen["trial"]))
+
+
+def measured(table: pd.DataFrame) -> list[str]:
+    """What a condition was judged by, in words: ``test``, or such as ``trial 5``."""
+    return [
+        "test" if phase == "test" else f"trial {trial}"
+        for phase, trial in zip(table["phase"], table["trial"], strict=True)
+    ]
+
+
 @dataclass(frozen=True)
 class _Trials:
     """The trials of a record, and of each row the number of its trial and its category."""

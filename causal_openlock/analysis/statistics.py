@@ -15,6 +15,9 @@ import pandas as pd
 
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 
+FEW_SUBJECTS = 20
+"""Groups of fewer subjects than this are warned about."""
+
 LEVEL = 0.95
 RESAMPLES = 2000
 SEED = 2018

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from causal_openlock.cli.options import ProtocolName, Seed, Workers
+from causal_openlock.cli.options import ProtocolName, ReferenceFolders, Seed, Workers
 from causal_openlock.cli.report import report_store
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.comparison.progress import shown
@@ -71,6 +71,7 @@ def compare(
             help="Seconds after which a cell is ended and counted as failed; by default never.",
         ),
     ] = None,
+    reference: ReferenceFolders = None,
     tensorboard: Annotated[
         Path | None, typer.Option(help="Folder for TensorBoard's logs, a run for each cell.")
     ] = None,
@@ -80,6 +81,7 @@ def compare(
     Exit status: 0 if everything was played, 1 if cells failed and all others were played, 2 if what
     was asked for cannot be done, 130 or 143 if it was stopped.
     """
+    from causal_openlock.analysis.results.references import find_references
     from causal_openlock.comparison.comparing import play
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import Changes
@@ -93,6 +95,7 @@ def compare(
     if cluster and workers:
         raise OpenLockError("a --cluster has workers of its own; leave out --workers")
     changes = Changes(condition or None, learner or None, protocol, subjects, seed)
+    references = find_references(reference)  # before anything is played: one may be misspelt
     console = Terminal()
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     # A changed experiment is another one, and has results of its own.
@@ -125,7 +128,7 @@ def compare(
         if any(before) and not failed:
             console.print(f"{sum(before)} of {len(before)} cells were there already")
         if part is None:
-            report_store(folder, console)
+            report_store(folder, console, references=references)
         else:
             console.print_line(
                 f"shard {part} is over; when all are: causal-openlock report "

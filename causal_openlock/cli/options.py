@@ -22,6 +22,14 @@ def _results_folder(place: str) -> Path:
     return downloaded(place)
 
 
+ReferenceFolders = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--reference",
+        help="Results folder of people of one's own, or of a model, that every learner is compared "
+        "with; with a name: mine=results/people.",
+    ),
+]
 ResultsFolder = Annotated[
     Path,
     typer.Argument(

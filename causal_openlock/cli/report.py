@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from causal_openlock.cli.options import ResultsFolder
+from causal_openlock.cli.options import ReferenceFolders, ResultsFolder
 from causal_openlock.errors import OpenLockError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from causal_openlock.analysis.report.missing import Missing
+    from causal_openlock.analysis.results.missing import Missing
+    from causal_openlock.analysis.results.references import ReferenceForm
     from causal_openlock.comparison.console import Terminal
 
 MOST_MISSING = 40
@@ -33,6 +34,7 @@ def report(
         list[Path] | None,
         typer.Option(help="Another folder whose learners or people the report shows as well."),
     ] = None,
+    reference: ReferenceFolders = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder for the comparison of two; default: the first."),
@@ -47,35 +49,43 @@ def report(
             raise OpenLockError(
                 "--out is for the comparison of two folders; a report is written into its own"
             )
-        report_store(folder, console, beside or ())
-    elif beside:
+        report_store(folder, console, beside or (), reference or ())
+    elif beside or reference:
         raise OpenLockError(
-            "two folders are compared with one another and not shown --beside others; leave one out"
+            "two folders are compared with one another, and not with a --reference or --beside "
+            "others; leave one out"
         )
     else:
         report_difference(folder, against, out or folder, console)
 
 
-def report_store(folder: Path, console: Terminal, others: Sequence[Path] = ()) -> None:
+def report_store(
+    folder: Path,
+    console: Terminal,
+    others: Sequence[Path] = (),
+    references: Sequence[ReferenceForm] = (),
+) -> None:
     """Write the report of a results folder, perhaps beside others, and print its headline."""
-    from causal_openlock.analysis.report.missing import missing_cells
+    from causal_openlock.analysis.results.missing import missing_cells
     from causal_openlock.comparison.results import open_results
-    from causal_openlock.comparison.tables import print_standings
+    from causal_openlock.comparison.tables import print_leaderboard
 
-    results = open_results(folder, *others)
+    results = open_results(folder, *others, reference=references)
     page = results.report(folder)
-    print_standings(page.standings, console, page.answers)
+    print_leaderboard(page.leaderboard, console, page.answers)
     _print_missing(missing_cells(results.experiment), console)
     console.print_line(f"report: {page.path}")
 
 
 def _print_missing(missing: Sequence[Missing], console: Terminal) -> None:
     """The cells that none of the numbers includes, a line for each."""
-    from causal_openlock.analysis.report.prose import Prose
+    from causal_openlock.analysis.prose import Prose
 
     if missing:
         failed = sum(one.failed for one in missing)
-        text = Prose("report").sentence("unfinished", cells=len(missing), failed=failed)
+        text = Prose("causal_openlock.analysis.report.report").sentence(
+            "unfinished", cells=len(missing), failed=failed
+        )
         console.print(f"\n{text}", style="yellow", soft_wrap=True, highlight=False)
     for one in missing[:MOST_MISSING]:
         console.print_line(f"  {one.text}")
@@ -126,7 +136,7 @@ def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Termi
 
 def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Terminal) -> None:
     from causal_openlock.analysis.report.difference_page import DIFFERENT
-    from causal_openlock.analysis.report.section import printed
+    from causal_openlock.analysis.section import printed
     from causal_openlock.comparison.console import plain_table
 
     console.print(f"\nMean attempts in {names[0]} and in {names[1]}", style="bold")

@@ -18,6 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from causal_openlock.analysis.results.references import ReferenceForm, find_references
 from causal_openlock.comparison.progress import Show, shown_here
 from causal_openlock.comparison.results import Results, open_results
 from causal_openlock.errors import CellsFailed, ExperimentError, Interrupted, OpenLockError
@@ -61,6 +62,7 @@ def compare(
     checkpoint_every: float = 60.0,
     time_limit: float | None = None,
     tensorboard: Path | str | None = None,
+    reference: ReferenceForm | Sequence[ReferenceForm] | None = None,
 ) -> Results:
     """Compare learners, with a progress bar in a notebook or on a terminal.
 
@@ -92,6 +94,8 @@ def compare(
         checkpoint_every: Seconds between checkpoints inside a cell.
         time_limit: Seconds after which a cell is ended and counted as failed; by default never.
         tensorboard: Folder for TensorBoard's logs.
+        reference: What the learners are compared with, besides what is published: see
+            :func:`open_results`.
 
     Raises:
         LearnerError: If there is no such learner or parameter; the message has the nearest name.
@@ -107,6 +111,7 @@ def compare(
     declared = {"reward": reward, "name": name, "title": title, "cell_size": cell_size}
     given = {key: one for key, one in {**changes, **declared}.items() if one is not None}
     experiment = _experiment(what, learners, given, out)
+    references = find_references(reference)  # before anything is played: one may be misspelt
     done: list[Cell] = []
 
     def note(cell: Cell, was_there: bool) -> None:
@@ -139,7 +144,7 @@ def compare(
             f"stopped: {len(done)} of {cells} cells are done and kept; compare the same again, "
             "and it goes on where it was"
         ) from None
-    return open_results(folder)
+    return open_results(folder, reference=references)
 
 
 def play(

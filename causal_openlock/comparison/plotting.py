@@ -8,19 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial, update_wrapper
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from causal_openlock.analysis.plots.attempts import plot_attempts, plot_transfer
 from causal_openlock.analysis.plots.belief import plot_beliefs
 from causal_openlock.analysis.plots.categories import plot_categories
-from causal_openlock.analysis.plots.comparisons import plot_congruency, plot_pairs, plot_savings
-from causal_openlock.analysis.plots.cost import plot_cost
 from causal_openlock.analysis.plots.course import plot_course
-from causal_openlock.analysis.plots.likeness import plot_likeness
 from causal_openlock.analysis.plots.subjects import plot_subjects
-from causal_openlock.analysis.plots.survival import plot_survival
-from causal_openlock.analysis.plots.understanding import plot_understanding
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.topics.learning_cost import plot_cost
+from causal_openlock.analysis.topics.pairwise import plot_pairs
+from causal_openlock.analysis.topics.structure_recovery import plot_structure_recovery
+from causal_openlock.analysis.topics.survival import plot_survival
+from causal_openlock.analysis.topics.transfer import plot_congruency, plot_savings
+from causal_openlock.errors import renamed
+from causal_openlock.files.plugins import PLOTS, registered
 
 
 class _Of:
@@ -59,17 +61,29 @@ class Plots:
     categories = _Of(plot_categories)
     survival = _Of(plot_survival)
     cost = _Of(plot_cost)
-    likeness = _Of(plot_likeness)
     congruency = _Of(plot_congruency)
     savings = _Of(plot_savings)
     pairs = _Of(plot_pairs)
     subjects = _Of(plot_subjects)
     beliefs = _Of(plot_beliefs)
-    understanding = _Of(plot_understanding)
+    structure_recovery = _Of(plot_structure_recovery)
+
+    if not TYPE_CHECKING:  # a misspelt name is still an error of types
+
+        def __getattr__(self, name: str) -> Any:
+            """A plot that a package registers (``causal_openlock.plots``)."""
+            if name == "understanding":
+                renamed("results.plot.understanding", "results.plot.structure_recovery")
+                return self.structure_recovery
+            if name.startswith("_") or (entry := registered(PLOTS).get(name)) is None:
+                raise AttributeError(f"{type(self).__name__} has no plot {name!r}", name=name)
+            function = entry.load()
+            return update_wrapper(partial(function, self.results), function)
 
     def __repr__(self) -> str:
         return f"plots: {', '.join(dir(self))}; each takes ax= and returns the axes"
 
     def __dir__(self) -> list[str]:
         """The plots, for completion."""
-        return [name for name, one in vars(type(self)).items() if isinstance(one, _Of)]
+        ours = [name for name, one in vars(type(self)).items() if isinstance(one, _Of)]
+        return [*ours, *registered(PLOTS)]

@@ -15,17 +15,18 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
-from causal_openlock.analysis.report.cautions import warnings_of
-from causal_openlock.analysis.report.missing import missing_cells
-from causal_openlock.analysis.report.sections import columns_of, order_of_all
+from causal_openlock.analysis.report.warnings import warnings_of
+from causal_openlock.analysis.results.by_condition import ConditionTable, condition_tables
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
+from causal_openlock.analysis.results.missing import missing_cells
 from causal_openlock.analysis.results.reading import beside, read_results
-from causal_openlock.analysis.results.standing import standings
-from causal_openlock.analysis.results.understanding import understanding
-from causal_openlock.analysis.results.verdict import VerdictTable, verdict_tables
-from causal_openlock.analysis.results.waste import waste
-from causal_openlock.errors import StoreError, in_short
+from causal_openlock.analysis.results.references import (
+    Reference,
+    ReferenceForm,
+    find_references,
+)
+from causal_openlock.analysis.topic import all_topics, columns_of
+from causal_openlock.errors import StoreError, in_short, renamed
 from causal_openlock.files.plugins import RESULTS, attribute_of, registered
 from causal_openlock.storage.containment import check_inside
 from causal_openlock.storage.folder_lock import LOCK
@@ -45,6 +46,14 @@ SUBJECTS = [*CELL, *SUBJECT]
 """Columns that identify a subject."""
 ROOM = [*VISIT, "schema", "layout"]
 """Columns that identify a trial of a subject, and its room."""
+FORMER = {
+    "standings": "leaderboard",
+    "verdict": "by_condition",
+    "cautions": "warnings",
+    "waste": "regret",
+    "understanding": "structure_recovery",
+}
+"""Former names of attributes, each with the present one; they stay for one release."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -62,36 +71,43 @@ class Results(Material):
     """
 
     @classmethod
-    def read(cls, *folders: Path | str) -> Results:
+    def read(cls, *folders: Path | str, references: Sequence[Reference] = ()) -> Results:
         """The results in these folders together; see :func:`open_results`."""
-        found = [read_results(Store(folder), columns_of(order_of_all())) for folder in folders]
-        return cls._together(found, tuple(Path(folder).resolve() for folder in folders))
+        found = [read_results(Store(folder), columns_of(all_topics())) for folder in folders]
+        return cls._together(found, tuple(Path(one).resolve() for one in folders), references)
 
     @classmethod
     def _together(
-        cls, parts: Sequence[tuple[pa.Table, StoredExperiment]], folders: tuple[Path, ...]
+        cls,
+        parts: Sequence[tuple[pa.Table, StoredExperiment]],
+        folders: tuple[Path, ...],
+        references: Sequence[Reference],
     ) -> Results:
-        made = cls.of(*beside(parts))
+        made = cls.of(*beside(parts), references)
         object.__setattr__(made, "folders", folders)
         return made
 
     # -- tables ---------------------------------------------------------------------------------
 
+    # Topics draw, and what draws takes half a second to load: they are loaded when asked for.
+
     @cached_property
-    def standings(self) -> pd.DataFrame:
+    def leaderboard(self) -> pd.DataFrame:
         """The table that answers first, a row for each learner and protocol.
 
-        See :func:`~causal_openlock.analysis.results.standing.standings`.
+        See :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
         """
-        return standings(self)
+        from causal_openlock.analysis.topics.leaderboard import leaderboard
+
+        return leaderboard(self)
 
     @cached_property
-    def verdict(self) -> list[VerdictTable]:
+    def by_condition(self) -> list[ConditionTable]:
         """Attempts in each condition, a table for each protocol."""
-        return verdict_tables(self.headline, self.learners, self.conditions)
+        return condition_tables(self.headline, self.learners, self.conditions, self.references)
 
     @cached_property
-    def cautions(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """What a reader should know before believing the numbers, a sentence each.
 
         Few subjects, trials that were not solved and count as the limit, cells that are missing.
@@ -100,7 +116,7 @@ class Results(Material):
         missing = missing_cells(experiment)
         unfinished = f"{counted(len(missing), 'cell')} of {len(experiment.files)} missing"
         of_numbers = warnings_of(
-            self.counts.trials, self.summary, experiment.versions, self.like_people
+            self.counts.trials, self.summary, experiment.versions, self.references
         )
         if not missing:
             return of_numbers
@@ -145,29 +161,35 @@ class Results(Material):
         )
 
     @cached_property
-    def waste(self) -> pd.DataFrame:
+    def regret(self) -> pd.DataFrame:
         """What each attempt was worth, by the ideal observer in the subject's place.
 
-        See :func:`~causal_openlock.analysis.results.waste.waste`.
+        See :func:`~causal_openlock.analysis.topics.regret.regret`.
         """
-        return waste(self)
+        from causal_openlock.analysis.topics.regret import regret
+
+        return regret(self)
 
     @cached_property
-    def understanding(self) -> pd.DataFrame:
+    def structure_recovery(self) -> pd.DataFrame:
         """What subjects took the structure of each room to be when they left it, and how it is.
 
-        See :func:`~causal_openlock.analysis.results.understanding.understanding`. People were asked
-        where ``play --ask-structure`` was used.
+        See :func:`~causal_openlock.analysis.topics.structure_recovery.structure_recovery`. People
+        were asked where ``play --ask-structure`` was used.
         """
-        return understanding(self)
+        from causal_openlock.analysis.topics.structure_recovery import structure_recovery
+
+        return structure_recovery(self)
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
         """How many attempts one learner needs more than another, paired by subject.
 
         A row for each pair of learners under a ``protocol``; the other columns are those of
-        :func:`~causal_openlock.analysis.results.pairwise.pairwise_table`.
+        :func:`~causal_openlock.analysis.topics.pairwise.pairwise_table`.
         """
+        from causal_openlock.analysis.topics.pairwise import outcomes, pairwise_table
+
         tables = [
             pairwise_table(outcomes(self.trials, protocol)).assign(protocol=protocol)
             for protocol in self.trials["protocol"].unique()
@@ -205,6 +227,9 @@ class Results(Material):
 
         def __getattr__(self, name: str) -> Any:
             """A method or property that a package registers (``causal_openlock.results``)."""
+            if name in FORMER:
+                renamed(f"results.{name}", f"results.{FORMER[name]}")
+                return getattr(self, FORMER[name])
             return attribute_of(self, RESULTS, name)
 
     def __dir__(self) -> list[str]:
@@ -228,7 +253,7 @@ class Results(Material):
         if folder is None:
             several = len(self.folders) != 1
             folder = tempfile.mkdtemp(prefix="report-") if several else self.folders[0]
-        return make_report(self, folder, order_of_all())
+        return make_report(self, folder)
 
     def save(self, folder: Path | str) -> Path:
         """Copy the results into a folder of their own, where they stay.
@@ -274,27 +299,36 @@ class Results(Material):
             (one.record, replace(one.experiment, title=", and ".join(titles)))
             for one in (self, other)
         ]
-        return self._together(parts, self.folders + other.folders)
+        given = tuple(dict.fromkeys((*self.given, *other.given)))
+        return self._together(parts, self.folders + other.folders, given)
 
     def __repr__(self) -> str:
         """The table that answers first, as text, and what a reader should know."""
         from causal_openlock.comparison.console import Terminal
-        from causal_openlock.comparison.tables import print_standings
+        from causal_openlock.comparison.tables import print_leaderboard
 
         text = StringIO()
         plain = {"force_terminal": False, "force_jupyter": False, "no_color": True}
-        print_standings(self.standings, Terminal(file=text, width=100, **plain), warn=False)
-        return "\n".join([text.getvalue().strip(), *self.cautions])
+        print_leaderboard(self.leaderboard, Terminal(file=text, width=100, **plain), warn=False)
+        return "\n".join([text.getvalue().strip(), *self.warnings])
 
 
-def open_results(folder: Path | str, *others: Path | str) -> Results:
+def open_results(
+    folder: Path | str,
+    *others: Path | str,
+    reference: ReferenceForm | Sequence[ReferenceForm] | None = None,
+) -> Results:
     """The results in a folder that :func:`compare` or the command line wrote.
 
     Args:
         folder: The folder, or an object store: ``"s3://bucket/name"``.
         *others: Further ones, whose results are in the same table.
+        reference: What learners are compared with in every table and figure, besides what is
+            published: a results folder of one's own people, perhaps with a name
+            (``"mine=results/my_people"``), a :class:`Reference`, or several of these.
 
     Raises:
         StoreError: If a folder holds no results, one is damaged, or they cannot be compared.
     """
-    return Results.read(*map(downloaded, (folder, *others)))
+    places = map(downloaded, (folder, *others))
+    return Results.read(*places, references=find_references(reference))

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from causal_openlock.analysis.report.first_screen import SHOWN_PEOPLE, first_tables, legend
+from causal_openlock.analysis.topics.leaderboard import leaderboard_tables, legend
 from causal_openlock.comparison.console import Terminal, plain_table
 
 
-def print_standings(
-    standings: pd.DataFrame,
+def print_leaderboard(
+    ranked: pd.DataFrame,
     console: Terminal,
     answers: Mapping[str, Sequence[str]] | None = None,
     warn: bool = True,
@@ -19,12 +19,12 @@ def print_standings(
     """Print the table of each protocol, and what its numbers mean.
 
     Args:
-        standings: From :func:`~causal_openlock.analysis.results.standing.standings`.
+        ranked: From :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
         console: Where to.
         answers: Sentences above the tables, by protocol, as a report has them.
         warn: Whether to warn of few subjects below a table.
     """
-    tables = list(first_tables(standings))
+    tables = list(leaderboard_tables(ranked))
     for table in tables:
         console.print(f"\nProtocol {table.protocol}: {table.measured}", style="bold")
         for sentence in (answers or {}).get(table.protocol, ()):
@@ -32,7 +32,8 @@ def print_standings(
         shown = plain_table(*table.short_heads)
         shown.columns[0].no_wrap = False
         for name, row in table.short_rows.items():
-            shown.add_row(name, *row, style="bold" if name == SHOWN_PEOPLE else "")
+            is_reference = name in table.references and name not in table.given
+            shown.add_row(name, *row, style="bold" if is_reference else "")
             if table.references[-1:] == (name,):
                 shown.add_row()
         console.print_whole(shown)

@@ -7,20 +7,21 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.results.cost import costs_by_learner
-from causal_openlock.analysis.results.people.human_likeness import Likeness, likeness
-from causal_openlock.analysis.results.people.yardsticks import beside_yardsticks, chosen_settings
+from causal_openlock.analysis.topics.learning_cost import costs_by_learner
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import confusion
 from causal_openlock.evidence.stored import COSTS, read_units
 from causal_openlock.evidence.study import Study
 from causal_openlock.fitting.objective import score
+from causal_openlock.paper.likeness import Likeness, likeness
+from causal_openlock.paper.noise_ceiling import beside_yardsticks, chosen_settings
+from causal_openlock.paper.references import people
 
 
 def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """How far learners are from people's means, beside what such distances are worth.
 
-    Columns: as :func:`~causal_openlock.analysis.results.people.yardsticks.beside_yardsticks`
+    Columns: as :func:`~causal_openlock.paper.noise_ceiling.beside_yardsticks`
     returns; ``effects``, of how many of people's six effects a learner has the sign; and ``model``,
     its distance from the fourteen means of the published model.
 
@@ -44,7 +45,7 @@ def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Like
     """
     trials = units.rename(columns={"unit": "subject"})
     trials = trials.assign(experiment=study.name, seed=0, loop=1)
-    like = likeness(trials, None, list(dict.fromkeys(trials["learner"])))
+    like = likeness(trials, people().beside(None), list(dict.fromkeys(trials["learner"])))
     if like is None:
         raise EvidenceError("no learner has played all six conditions yet")
     return trials, like

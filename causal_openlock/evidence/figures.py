@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from causal_openlock.analysis.results.people.human_likeness import PUBLISHED_MODEL
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import recovery_of
 from causal_openlock.evidence.derived import beside_people
@@ -37,6 +36,7 @@ from causal_openlock.evidence.study import (
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import mean_of
 from causal_openlock.files.digest import digest
+from causal_openlock.paper.likeness import PUBLISHED_MODEL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -244,7 +244,7 @@ def _lines_of_row(
 
 def draw_distances(evidence: Evidence, figure: Any) -> None:
     """People's means, and those of the learner nearest to them and of the published model."""
-    from causal_openlock.analysis.plots.likeness import draw_points
+    from causal_openlock.paper.likeness_figure import draw_points
 
     _, like = beside_people(evidence.study, evidence.own_units)
     nearest = next(name for name in like.points if name != PUBLISHED_MODEL)

@@ -13,14 +13,14 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.results.people.published import (
+from causal_openlock.evidence.study import BLOCK, PUBLISHED, RL_2020
+from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.paper.published import (
     model,
     paper_ddqn,
     people,
     rl_2020,
 )
-from causal_openlock.evidence.study import BLOCK, PUBLISHED, RL_2020
-from causal_openlock.experiment.protocol import PROTOCOLS
 
 
 @cache

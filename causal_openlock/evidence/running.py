@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
-from causal_openlock.analysis.results.cost import subject_costs
+from causal_openlock.analysis.topics.learning_cost import subject_costs
 from causal_openlock.comparison.comparing import play
 from causal_openlock.comparison.results import Results
 from causal_openlock.contract.registry import changed_parameters, file_that_runs

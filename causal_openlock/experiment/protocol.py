@@ -40,6 +40,9 @@ from causal_openlock.world.tables import ACTIONS_LEFT
 
 PAPER_ACTION_LIMIT = 3
 MAX_ACTION_LIMIT = int(ACTIONS_LEFT)
+HUMAN_PROTOCOL = "human"
+"""The protocol under which people played in the paper."""
+
 PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
 MOST_CHARACTERS = 9000
 """Of a condition: two paths are never longer."""

@@ -1,4 +1,4 @@
-"""What packages register: learners, commands, topics of a report, parts of results.
+"""What packages register: learners, commands, topics of a report, references, parts of results.
 
 Each kind has a group of entry points. Any package can add to it, and what comes with the toolkit is
 registered in the same way, so the core knows no guest by name::
@@ -23,7 +23,12 @@ LEARNERS = "causal_openlock.learners"
 COMMANDS = "causal_openlock.commands"
 """Commands of the command line: functions, or Typer apps."""
 TOPICS = "causal_openlock.topics"
-"""Sections of a report: modules, as :mod:`causal_openlock.analysis.report.sections` has them."""
+"""Ideas of a report: each a :class:`~causal_openlock.analysis.topic.Topic`."""
+REFERENCES = "causal_openlock.references"
+"""Results that learners stand beside: functions that return a
+:class:`~causal_openlock.analysis.results.references.Reference`."""
+PLOTS = "causal_openlock.plots"
+"""Plots of results: functions whose first argument is the results."""
 RESULTS = "causal_openlock.results"
 """Methods and properties of :class:`~causal_openlock.comparison.results.Results`."""
 SCHEMAS = "causal_openlock.schemas"

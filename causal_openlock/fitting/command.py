@@ -103,7 +103,6 @@ def fit(
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from causal_openlock.analysis.results.people.human_likeness import published_points
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.registry import learner_class
     from causal_openlock.fitting.objective import conditions_to_fit, objective_called, towards
@@ -117,6 +116,7 @@ def fit(
     )
     from causal_openlock.fitting.study import Plan, require_optuna
     from causal_openlock.fitting.study import fit as run
+    from causal_openlock.paper.likeness import published_points
     from causal_openlock.running.workers import available_cores
 
     if hierarchical and (each or not to):
@@ -227,14 +227,14 @@ def _nothing_searched(learner: str) -> str:
 
 def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
-    from causal_openlock.analysis.plots.likeness import CLEAR, signs
-    from causal_openlock.analysis.results.people.yardsticks import null_curves
     from causal_openlock.cli.marks import legend, marked
     from causal_openlock.comparison.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.actions import at_bound
     from causal_openlock.fitting.objective import TARGETS
     from causal_openlock.fitting.outcome import entries
+    from causal_openlock.paper.likeness_figure import CLEAR, signs
+    from causal_openlock.paper.noise_ceiling import null_curves
 
     plan = fitted.plan
     over = "means" if plan.objective == "means" else "means and standard deviations"

@@ -27,17 +27,17 @@ from typing import Any
 import pandas as pd
 
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
-from causal_openlock.analysis.results.people.human_likeness import (
-    distance,
-    distance_with_spreads,
-    published_points,
-)
-from causal_openlock.analysis.results.people.published import POINT
+from causal_openlock.analysis.results.references import POINT
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.fitting.search import Kind
+from causal_openlock.paper.likeness import (
+    distance,
+    distance_with_spreads,
+    published_points,
+)
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.wording import nearest
@@ -59,7 +59,7 @@ def held_out(points: pd.DataFrame, how: str) -> BoolArray:
 
     Args:
         points: Rows with the columns of
-            :data:`~causal_openlock.analysis.results.people.published.POINT`.
+            :data:`~causal_openlock.paper.published.POINT`.
         how: One of :data:`HOLD_OUT`.
 
     Raises:
@@ -148,7 +148,7 @@ def towards(points: pd.DataFrame, target: str) -> pd.DataFrame:
     """The points, with what the target did in the place of what people did.
 
     Args:
-        points: From :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`.
+        points: From :func:`~causal_openlock.paper.likeness.points_of`.
         target: One of :data:`TARGETS`.
 
     Raises:
@@ -167,7 +167,7 @@ def score(
     """How far one learner is from people, or from the published model.
 
     Args:
-        points: From :func:`~causal_openlock.analysis.results.people.human_likeness.points_of`.
+        points: From :func:`~causal_openlock.paper.likeness.points_of`.
         how: One of :data:`HOLD_OUT`.
         objective: One of :data:`OBJECTIVES`.
         target: One of :data:`TARGETS`.

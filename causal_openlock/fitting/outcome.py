@@ -10,14 +10,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.likeness import draw_points
-from causal_openlock.analysis.results.people.human_likeness import (
-    PUBLISHED_MODEL,
-    effects_of,
-    points_of,
-    points_of_model,
-)
-from causal_openlock.analysis.results.people.yardsticks import noise_ceiling
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
@@ -25,6 +17,14 @@ from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.fitting.objective import TARGETS, Score, held_out, towards
 from causal_openlock.fitting.search import Kind
 from causal_openlock.fitting.study import Fit
+from causal_openlock.paper.likeness import (
+    PUBLISHED_MODEL,
+    effects_of,
+    points_of,
+    points_of_model,
+)
+from causal_openlock.paper.likeness_figure import draw_points
+from causal_openlock.paper.noise_ceiling import noise_ceiling
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,6 @@ from typing import Any
 import pandas as pd
 from pydantic import TypeAdapter
 
-from causal_openlock.analysis.results.people.human_likeness import points_of
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.fitting.effect import without_effect
@@ -41,6 +40,7 @@ from causal_openlock.fitting.objective import (
     score,
 )
 from causal_openlock.fitting.search import SearchSpace, check_chosen
+from causal_openlock.paper.likeness import points_of
 from causal_openlock.running.workers import worker_pool
 from causal_openlock.version import RESULTS_VERSION
 

@@ -14,7 +14,6 @@ from matplotlib.ticker import MaxNLocator
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
-from causal_openlock.analysis.plots.survival import MOST_BANDS
 from causal_openlock.scoring.score_table import GROUP
 
 _NOTHING: Any = {"color": "#666666", "lw": 1.0, "ls": (0, (1, 1.5))}
@@ -61,7 +60,7 @@ def draw_scores(
                     LineCollection(subjects, colors=look["color"], lw=0.6, alpha=0.3, zorder=1)
                 )
                 axes.plot(rows["trial"], rows["bits"], marker="o", ms=3, label=name, **look)
-                if len(names) <= MOST_BANDS:
+                if len(names) <= style.MOST_BANDS:
                     ends = rows["ci_low"], rows["ci_high"]
                     axes.fill_between(rows["trial"], *ends, color=look["color"], alpha=0.15, lw=0)
             style.panel_title(axes, condition, style.sizes(here))

@@ -14,7 +14,7 @@ from functools import cached_property
 import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import StoreError
 from causal_openlock.scoring.score_table import COLUMNS, PLAYED, OutdatedError
@@ -22,7 +22,7 @@ from causal_openlock.scoring.scores import FOLDER, SUBJECT, Scores, choices_in
 from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of, setting_of
 from causal_openlock.storage.store import Store
 
-PROSE = Prose("scores")
+PROSE = Prose("causal_openlock.scoring.section")
 _KEY = {name: (int if name in ("seed", "subject") else str) for name in SUBJECT}
 
 

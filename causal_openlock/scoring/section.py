@@ -12,18 +12,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.effects import ALPHA
-from causal_openlock.analysis.report.section import Section, SectionPlot
-from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import Section, SectionPlot
+from causal_openlock.analysis.topic import Topic
 from causal_openlock.scoring.failures import failures, worst_attempts
 from causal_openlock.scoring.on_record import PROSE, OnRecord, scores_on_record
 from causal_openlock.scoring.scores import SUBJECT, Scores
 from causal_openlock.wording import file_names
 from causal_openlock.world.room import positions_for
 
-BEFORE = "paper_findings"
-"""The section of the report that this one precedes."""
 MOST_PLOTS = 4
 """A figure for the subjects of so many learners; tables have all of them."""
 MOST_SUBJECTS = 200
@@ -59,7 +58,7 @@ def tests(computed: OnRecord) -> dict[Hashable, float]:
     }
 
 
-def section(material: Material, decisions: Decisions) -> Section | None:
+def section(material: Material, decided: Decided) -> Section | None:
     """Which learner predicts best, which ones subjects follow, where the best fails; or None."""
     positions = {
         one.name: max(map(positions_for, one.schemas)) for one in material.experiment.conditions
@@ -68,7 +67,7 @@ def section(material: Material, decisions: Decisions) -> Section | None:
     names = ("scores", "attributed", "failures", "worst_attempts")
     tables: dict[str, list[pd.DataFrame]] = {name: [] for name in names}
     plots: list[SectionPlot] = []
-    on_record: OnRecord = decisions.computed(__name__)
+    on_record: OnRecord = decided.computed
     each = on_record.each
     parts = file_names(each)
     for of, one in each.items():
@@ -78,7 +77,7 @@ def section(material: Material, decisions: Decisions) -> Section | None:
         worst = failures(own, positions)
         ranked = ranked.assign(
             p_corrected=[
-                np.nan if np.isnan(row.worse) else decisions.p(__name__, (of, row.scored))
+                np.nan if np.isnan(row.worse) else decided.p((of, row.scored))
                 for row in ranked.itertuples()
             ],
             followed=shares.loc[ranked["scored"], "frequency"].to_numpy(),
@@ -149,3 +148,6 @@ def _sizes(material: Material, each: Mapping[str, Scores]) -> tuple[int, int]:
     trials = material.trials
     known = trials[trials["learner"].isin(list(each))]
     return scored, len(known[SUBJECT].drop_duplicates())
+
+
+TOPIC = Topic("scores", 65, section, compute, tests)

@@ -37,7 +37,7 @@ def main() -> None:
     }  # fmt: skip
     plots["categories"] = (ol.plot_categories, trained, {})
     plots["subjects"] = (ol.plot_subjects, results, {"learners": ["like_people"]})
-    plots["understanding"] = (ol.plot_understanding, results, {})
+    plots["structure_recovery"] = (ol.plot_structure_recovery, results, {})
     plots["beliefs"] = (ol.plot_beliefs, results, {"condition": "CC3-CC4", "trial": 7})
     for name, (plot, drawn, options) in plots.items():
         figure = Figure()

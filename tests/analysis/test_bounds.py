@@ -17,7 +17,6 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.attempts import plot_attempts, plot_transfer
 from causal_openlock.analysis.plots.course import plot_course
 from causal_openlock.analysis.report.all_figures import figures_of
-from causal_openlock.analysis.report.section import SectionPlot
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results import bounds
 from causal_openlock.analysis.results.bounds import (
@@ -28,6 +27,7 @@ from causal_openlock.analysis.results.bounds import (
 )
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.summary import headline_table, summary_table
+from causal_openlock.analysis.section import SectionPlot
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.stored import StoredExperiment
@@ -219,7 +219,7 @@ def test_the_report_states_it_below_what_is_published(tmp_path: Path) -> None:
         "noisy_CC3": "–",
     }
     every = next(rows for rows in page.tables if rows[0][0] == "Condition")
-    assert every[0][-3:] == ["Model", "SE", "Ideal"]
+    assert every[0][-3:] == ["Published model", "SE", "Ideal"]
     column = every[0].index("Ideal")
     assert {row[0]: row[column] for row in every[1:]} == {"CC4": "3.75", "noisy_CC3": "–"}
 

@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from causal_openlock.analysis.results.deep.chance import chance_of_finding_all, chance_of_opening
+from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout, Room
 from causal_openlock.world.tables import RoomTables

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from causal_openlock.analysis.results.decisions import Decisions
+from causal_openlock.analysis.decisions import Decisions
 
 
 def test_sections_share_one_correction() -> None:

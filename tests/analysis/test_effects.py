@@ -17,7 +17,7 @@ from causal_openlock.analysis.effects import (
     subjects_needed,
     weighted_difference,
 )
-from causal_openlock.analysis.results.people.hypotheses import INTERACTION, contrast_test, t_test
+from causal_openlock.paper.significance import INTERACTION, contrast_test, t_test
 
 
 def test_d_and_hedges_g_worked_by_hand() -> None:

@@ -70,7 +70,7 @@ def test_the_first_panels_of_figure_3_are_people_and_the_published_model(results
     titles = [axes.get_title(loc="left") for axes in panels]
     assert titles == ["People", "Published model", "a", "b", "c <u> & d", "five"]
     details = [axes.texts[0].get_text() for axes in panels]
-    assert details == ["n = 40", "theory-based, n = 40", *["n = 3"] * 3, "n = 1"]
+    assert details == ["published, n = 40", "theory-based, n = 40", *["n = 3"] * 3, "n = 1"]
     for axes, source in zip(panels, PUBLISHED, strict=False):
         means = source["baseline"]
         heights = [bar.get_height() for bar in axes.patches]

@@ -138,7 +138,8 @@ def test_an_empty_record_has_empty_tables() -> None:
     record = table([])
     assert attempts_to_solve(record).empty
     assert category_counts(record).empty
-    assert summary_table(record).columns.tolist() == list(SUMMARY_COLUMNS)
+    columns = summary_table(record).columns.tolist()
+    assert columns[: len(SUMMARY_COLUMNS)] == [*SUMMARY_COLUMNS]
     assert headline_table(record).empty
 
 

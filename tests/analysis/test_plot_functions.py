@@ -23,8 +23,8 @@ from causal_openlock.analysis.measures import TRANSFERS
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.learner_pages import learner_pages
-from causal_openlock.analysis.report.sections import sections_of
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.topic import all_topics, sections_of
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.record import CATEGORIES
@@ -45,7 +45,7 @@ PLOTS: dict[str, tuple[Callable[[], Material], dict[str, Any]]] = {
     "plot_savings": (played_results.results, {}),
     "plot_subjects": (played_results.results, {}),
     "plot_beliefs": (played_results.believed, {}),
-    "plot_understanding": (played_results.asked, {}),
+    "plot_structure_recovery": (played_results.asked, {}),
 }
 EVERY = pytest.mark.parametrize("name", PLOTS)
 
@@ -63,7 +63,7 @@ def draw(name: str, **options: Any) -> list[Axes]:
 
 def test_all_plot_functions_are_kept_to_it() -> None:
     public = {name for name in dir(ol) if name.startswith("plot_")}
-    assert public - set(PLOTS) == {"plot_style", "plot_trace"}
+    assert public - set(PLOTS) == {"plot_style", "plot_trace", "plot_understanding"}
 
 
 @EVERY
@@ -287,7 +287,7 @@ def shown_in(axes: list[Axes]) -> list[str]:
 @pytest.mark.parametrize("made", ["results", "trained", "believed", "fabricated"])
 def test_the_line_under_a_figure_of_the_report_makes_it_again(made: str) -> None:
     results = getattr(played_results, made)()
-    sections = [*sections_of(results), *learner_pages(results)]
+    sections = [*sections_of(results, all_topics()), *learner_pages(results)]
     plots = [*figures_of(results), *(plot for section in sections for plot in section.plots)]
     assert plt.get_fignums() == []  # the report leaves no figure behind
     assert len({plot.call for plot in plots}) == len(plots)
@@ -304,7 +304,7 @@ REPORTED = {
     "results": {"cost", "survival", "course", "likeness", "congruency", "savings",
                 "subjects"},
     "trained": {"categories"},
-    "believed": {"beliefs", "understanding"},
+    "believed": {"beliefs", "structure_recovery"},
     "fabricated": {"course", "pairs"},
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.analysis.results.deep.probe import Probe, true_edges
+from causal_openlock.analysis.results.probe import Probe, true_edges
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.world.room import Layout, Room

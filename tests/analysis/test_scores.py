@@ -11,26 +11,27 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.section import Section
-from causal_openlock.analysis.report.sections import sections_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.people.published import people
-from causal_openlock.analysis.results.scores import (
+from causal_openlock.analysis.results.summary import headline_table, judged
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.topic import sections_of
+from causal_openlock.analysis.topics.leaderboard import normalised_score
+from causal_openlock.analysis.topics.transfer import (
     congruency,
-    normalised_score,
-    published_transfer_scores,
+    reference_scores,
     savings,
     scores_by_condition,
     transfer_scores,
 )
-from causal_openlock.analysis.results.summary import headline_table, judged
+from causal_openlock.paper.references import people
 from causal_openlock.wording import file_names
 from support.fabricated_records import table, trial_rows
 from support.paper_play import material, play, same, scattered
+from support.topics import topics_called
 
 
 def written(held: Material) -> Section | None:
-    return next(iter(sections_of(held, ["transfer"])), None)
+    return next(iter(sections_of(held, topics_called("transfer"))), None)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +103,7 @@ def test_a_baseline_is_judged_by_the_last_trial_of_its_last_loop() -> None:
 
 
 def test_scores_of_people_follow_from_published_means() -> None:
-    scores = published_transfer_scores("People", people()).set_index(["score", "condition"])
+    scores = reference_scores(people(), "human").set_index(["score", "condition"])
     row = scores.loc[("congruency", "CE3-CE4")]
     assert row["value"] == pytest.approx(7.725 - 13.75)
     error = np.hypot(0.769, 1.162) * np.sqrt(40 / 39)
@@ -114,7 +115,7 @@ def test_the_error_of_savings_is_that_of_a_simulation() -> None:
     rng = np.random.default_rng(1)
     one = rng.normal(5.525, 0.49 * np.sqrt(40 / 39), 200_000)
     two = rng.normal(19.375, 1.509 * np.sqrt(40 / 39), 200_000)
-    scores = published_transfer_scores("People", people()).set_index(["score", "condition"])
+    scores = reference_scores(people(), "human").set_index(["score", "condition"])
     row = scores.loc[("savings", "CC3-CC4")]
     wide = row["ci_high"] - row["ci_low"]
     assert wide == pytest.approx(2 * 1.96 * np.std(1 - one / two), rel=0.05)

@@ -8,16 +8,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from causal_openlock.analysis.report.first_screen import answers, first_tables, legend
-from causal_openlock.analysis.report.sections import decisions_of
-from causal_openlock.analysis.results.decisions import Decisions
+from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.people.published import people
-from causal_openlock.analysis.results.scores import PEOPLE
-from causal_openlock.analysis.results.standing import standings
+from causal_openlock.analysis.topic import all_topics, decisions_of
+from causal_openlock.analysis.topics.leaderboard import (
+    answers,
+    leaderboard,
+    leaderboard_tables,
+    legend,
+)
 from causal_openlock.experiment.experiment import Origin
+from causal_openlock.paper.published import people
 from support.fabricated_records import table
-from support.made_up_experiments import experiment_of, spec
+from support.made_up_experiments import NO_ONE_BESIDE, experiment_of, spec
 from support.paper_play import Attempts, material, play, same
 
 pytestmark = pytest.mark.slow
@@ -41,7 +44,7 @@ def played() -> Material:
 
 @pytest.fixture(scope="module")
 def found(played: Material) -> pd.DataFrame:
-    return standings(played).set_index("learner")
+    return leaderboard(played).set_index("learner")
 
 
 def test_shares_medians_and_means_by_hand(found: pd.DataFrame) -> None:
@@ -50,7 +53,7 @@ def test_shares_medians_and_means_by_hand(found: pd.DataFrame) -> None:
     assert found.loc["half", "attempts"] == (9 + 30) / 2
     assert (found.loc["half", "found"], found.loc["half", "solutions"]) == (1.5, 3)
     assert set(found["conditions"]) == {6}
-    assert found["subjects"].to_dict() == {PEOPLE: 40, **dict.fromkeys(LEARNERS, 4)}
+    assert found["subjects"].to_dict() == {"people": 40, **dict.fromkeys(LEARNERS, 4)}
 
 
 def test_the_best_learner_has_to_find_out_how_the_room_works(found: pd.DataFrame) -> None:
@@ -73,16 +76,16 @@ def test_people_are_those_of_the_paper(found: pd.DataFrame) -> None:
     means = people()
     last = means[(means["phase"] == "test") | (means["trial"] == 5)]["mean"]
     assert len(last) == 6
-    assert found.loc[PEOPLE, "attempts"] == pytest.approx(last.mean())
+    assert found.loc["people", "attempts"] == pytest.approx(last.mean())
     assert found.loc["able", "to_people"] == pytest.approx(5 - last.mean())
-    assert found.loc[PEOPLE, "to_best"] == -found.loc["able", "to_people"]
+    assert found.loc["people", "to_best"] == -found.loc["able", "to_people"]
     errors = means[(means["phase"] == "test") | (means["trial"] == 5)]["se"] * np.sqrt(40 / 39)
     half = (found.loc["able", "to_people_high"] - found.loc["able", "to_people_low"]) / 2
     assert half == pytest.approx(2 * np.sqrt((errors**2).sum()) / 6, rel=0.02)
 
 
 def test_values_that_the_limit_cuts_off_are_marked(played: Material) -> None:
-    (shown,) = first_tables(standings(played))
+    (shown,) = leaderboard_tables(leaderboard(played))
     heads = list(shown.heads[1:])
     median, best = (
         heads.index("Attempts where solved (median)"),
@@ -106,23 +109,25 @@ def test_values_that_the_limit_cuts_off_are_marked(played: Material) -> None:
 
 
 def test_only_marks_that_occur_are_explained(played: Material) -> None:
-    every = legend([*first_tables(standings(played))], narrow=True)
+    every = legend([*leaderboard_tables(leaderboard(played))], narrow=True)
     assert "given the schema or the room" in every
     assert "[all]" in every
     assert "≥ marks" in every
     assert "*" not in every
     assert "1 ideal; solved" in every
-    lucky = standings(played).replace({"score": {1.0: 1.01}})
-    assert "1 ideal (above 1 by luck, with few subjects);" in legend([*first_tables(lucky)], True)
+    lucky = leaderboard(played).replace({"score": {1.0: 1.01}})
+    assert "1 ideal (above 1 by luck, with few subjects);" in legend(
+        [*leaderboard_tables(lucky)], True
+    )
     rows = [row for name in "ab" for row in play(name, same(5), 2)]
-    held = replace(material(rows, ("a", "b")), like_people=frozenset())
-    plain = legend([*first_tables(standings(held))], narrow=True)
+    held = replace(material(rows, ("a", "b")), references=NO_ONE_BESIDE)
+    plain = legend([*leaderboard_tables(leaderboard(held))], narrow=True)
     assert not any(mark in plain for mark in ("≥", "*", "schema"))
 
 
 def test_the_answer_in_sentences(played: Material) -> None:
-    table = standings(played)
-    first, second = answers(table, decisions_of(played))["human"]
+    table = leaderboard(played)
+    first, second = answers(table, decisions_of(played, all_topics()))["human"]
     able = table.set_index("learner").loc["able"]
     assert first.startswith(
         "Of the learners that are given neither the schema nor the room, able needs the fewest "
@@ -137,10 +142,10 @@ def test_the_answer_in_sentences(played: Material) -> None:
 
 def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) -> None:
     decisions = Decisions()
-    decisions.register("standing", {("human", "able"): 0.5})
+    decisions.register("leaderboard", {("human", "able", "to_people"): 0.5})
     pairs = {("half", "able"): 0.001, ("able", "told"): 0.03, ("able", "never"): 0.04}
     decisions.register("pairwise", {("human", *pair): p for pair, p in pairs.items()})
-    first, second = answers(standings(played), decisions)["human"]
+    first, second = answers(leaderboard(played), decisions)["human"]
     assert "which is not found after" in first
     assert second == (
         "Not told apart from able after that correction: never and told. "
@@ -150,14 +155,14 @@ def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) 
 
 def test_the_answer_where_nothing_is_solved(played: Material) -> None:
     held = material([*play("a", same(30), 2), *play("b", same(30), 2)], ("a", "b"))
-    assert answers(standings(held), decisions_of(held)) == {
+    assert answers(leaderboard(held), decisions_of(held, all_topics())) == {
         "human": ("No learner solved a trial that counts.",)
     }
 
 
 def test_a_difference_of_two_values_that_are_cut_off_may_be_off_either_way() -> None:
     rows = [*play("a", sometimes(9), 4), *play("b", same(30), 4)]
-    (shown,) = first_tables(standings(material(rows, ("a", "b"))))
+    (shown,) = leaderboard_tables(leaderboard(material(rows, ("a", "b"))))
     best = list(shown.heads[1:]).index("Attempts more than a")
     assert shown.rows["b"][best][0] == "+10.50*"
 
@@ -165,8 +170,8 @@ def test_a_difference_of_two_values_that_are_cut_off_may_be_off_either_way() -> 
 def test_nobody_is_the_best_where_nothing_is_solved(played: Material) -> None:
     rows = [*play("a", same(30), 2), *play("b", same(30), 2)]
     held = material(rows, ("a", "b"))
-    table = standings(replace(held, like_people=frozenset()))
+    table = leaderboard(replace(held, references=NO_ONE_BESIDE))
     assert table["best"].isna().all()
     assert table["learner"].tolist() == ["a", "b"]
-    (shown,) = first_tables(table)
+    (shown,) = leaderboard_tables(table)
     assert not any("more than" in head for head in shown.heads)

@@ -11,19 +11,22 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.results.people.published import PUBLISHED_COLUMNS, model, people
 from causal_openlock.analysis.results.summary import (
     SUMMARY_COLUMNS,
     headline_table,
     summary_table,
     write_table,
 )
+from causal_openlock.paper.published import model, people
 from support.fabricated_records import random_cells, table, trial_rows
 
 
 @pytest.fixture(scope="module")
 def random_record() -> pa.Table:
     return pa.concat_tables(random_cells(7))
+
+
+PUBLISHED = [*("human_attempts", "human_se", "difference", "model_attempts", "model_se")]
 
 
 def test_people_and_the_model_are_the_published_means() -> None:
@@ -65,7 +68,7 @@ def test_summary_beside_what_is_published_worked_by_hand() -> None:
         ("CC4", "rl", "train", 1),
         ("mine", "human", "train", 1),
     ):
-        assert summary.loc[[incomparable], list(PUBLISHED_COLUMNS)].isna().all(axis=None)
+        assert summary.loc[[incomparable], PUBLISHED].isna().all(axis=None)
 
 
 def test_summary_agrees_with_plain_loops(random_record: pa.Table) -> None:
@@ -108,7 +111,7 @@ def test_headline_takes_the_last_trial_or_the_test() -> None:
         ["rl", "CC3-CC4", "test", 3.5],
     ]
     assert headline[["human_attempts", "model_attempts"]].iloc[0].tolist() == [14.875, 12.64]
-    assert headline[list(PUBLISHED_COLUMNS)].iloc[1:].isna().all(axis=None)
+    assert headline[PUBLISHED].iloc[1:].isna().all(axis=None)
 
 
 def test_summary_files_of_equal_data_are_equal(tmp_path: Any) -> None:
@@ -129,7 +132,7 @@ def test_summary_files_of_equal_data_are_equal(tmp_path: Any) -> None:
     first = (tmp_path / "record").read_bytes()
     assert all((tmp_path / name).read_bytes() == first for name in variants)
     lines = first.decode().splitlines()
-    assert lines[0] == ",".join(SUMMARY_COLUMNS)
+    assert lines[0] == ",".join([*SUMMARY_COLUMNS, *PUBLISHED, "ideal_attempts"])
     assert len(lines) == 1 + len(summary_table(record))
     assert b"\r" not in first
     assert b"nan" not in first

@@ -10,15 +10,21 @@ import pytest
 from statsmodels.duration.survfunc import SurvfuncRight
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.sections.learning_cost import section, shown
 from causal_openlock.analysis.results.bounds import Bound
-from causal_openlock.analysis.results.cost import cost_of_learning, learning_costs, median_cost
-from causal_openlock.analysis.results.survival import unsolved_after
+from causal_openlock.analysis.topics.learning_cost import (
+    TOPIC,
+    cost_of_learning,
+    learning_costs,
+    median_cost,
+    shown,
+)
+from causal_openlock.analysis.topics.survival import unsolved_after
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.experiment import Origin
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from support.fabricated_records import Row, table, trial_rows
 from support.made_up_experiments import experiment_of, material_of, spec, stored
+from support.topics import section_on
 
 
 def solved_at(attempt: int, **values: object) -> list[Row]:
@@ -147,7 +153,7 @@ def test_a_median_between_two_numbers_of_attempts_is_not_rounded() -> None:
     record = table([*solved_at(2, subject=0), *solved_at(3, subject=1)])
     held = material_of(record, experiment_of(record, learners=(spec("a"),)), bounds=BOUNDS)
     assert shown(learning_costs(held))["attempts, median"].tolist() == ["2.5"]
-    found = section(held)
+    found = section_on(TOPIC, held)
     assert found is not None
     assert "Medians of subjects: a 2.5." in " ".join(found.text)
 

@@ -15,11 +15,11 @@ from causal_openlock import (
     Layout,
     Session,
     find_schema,
-    plot_understanding,
-    understanding,
+    plot_structure_recovery,
+    structure_recovery,
 )
-from causal_openlock.analysis.report.sections import sections_of
-from causal_openlock.analysis.results.understanding import compared
+from causal_openlock.analysis.results.structures import structure_distance
+from causal_openlock.analysis.topic import sections_of
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
@@ -29,6 +29,7 @@ from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.schemas.schema import DOOR
 from support.played_material import played
+from support.topics import topics_called
 
 NOT_SAID = np.full(8, np.nan)
 
@@ -50,7 +51,7 @@ def test_distances_are_those_of_a_plain_count() -> None:
     truth = nx.DiGraph([*zip(*np.nonzero(edges_of("CE4", layout.places)), strict=True)])
     for _ in range(30):
         edges = generator.random((7, 8)) ** 2
-        found = compared(Structure(edges, NOT_SAID), schema, layout)
+        found = structure_distance(Structure(edges, NOT_SAID), schema, layout)
         pairs = [(a, b) for a in layout.places for b in grey if a != b]
         said = {pair for pair in pairs if edges[pair] > 0.5}
         true = set(truth.edges)
@@ -72,14 +73,16 @@ def test_one_fault_is_one_whatever_it_is() -> None:
         edges = right.copy()
         for pair, value in change.items():
             edges[pair] = value
-        assert compared(Structure(edges, NOT_SAID), schema, layout)["shd"] == distance, change
+        assert structure_distance(Structure(edges, NOT_SAID), schema, layout)["shd"] == distance, (
+            change
+        )
     both = Structure(right, np.array([np.nan] * 7 + [0.25]))
-    assert compared(both, schema, layout)["gate_brier"] == pytest.approx(0.0625)
+    assert structure_distance(both, schema, layout)["gate_brier"] == pytest.approx(0.0625)
 
 
 @pytest.mark.parametrize("learner", ["bayes", "ideal", "theory_based"])
 def test_who_solves_a_room_comes_to_know_it(learner: str) -> None:
-    table = understanding(played(learner, "CC3-CC4", subjects=3))
+    table = structure_recovery(played(learner, "CC3-CC4", subjects=3))
     assert len(table) == 3 * 7
     assert (table["brier"].between(0, 1) & table["f1"].between(0, 1)).all()
     assert table["gate_brier"].isna().all() == (learner == "theory_based")
@@ -144,21 +147,23 @@ def test_what_is_no_structure_is_named(monkeypatch: pytest.MonkeyPatch, wrong: o
     results = played("ideal", "CC3", subjects=1)
     monkeypatch.setattr("openlock_learners.ideal.Ideal.structure", lambda *_: wrong)
     with pytest.raises(LearnerError, match="the structure of ideal is no Structure"):
-        understanding(results)
+        structure_recovery(results)
 
 
 def test_the_figure_and_the_section_have_the_means_of_the_table() -> None:
     material = played("bayes", "CC3-CC4", subjects=3)
-    means = understanding(material).groupby("visit")["shd"].mean()
-    axes = plot_understanding(material, ax=Figure())
+    means = structure_recovery(material).groupby("visit")["shd"].mean()
+    axes = plot_structure_recovery(material, ax=Figure())
     (line,) = axes.lines
     assert dict(zip(*line.get_data(), strict=True)) == pytest.approx(means.to_dict())
-    (section,) = sections_of(material, ["understanding"])
+    (section,) = sections_of(material, topics_called("structure_recovery"))
     (row,) = section.tables[0].frame.to_dict("records")
     assert (row["subjects"], row["rooms"]) == (3, 7)
     assert row["first room"] == pytest.approx(means[1])
     assert row["last room"] == pytest.approx(means[7])
-    assert sections_of(played("random", "CC3", subjects=1), ["understanding"]) == []
+    assert (
+        sections_of(played("random", "CC3", subjects=1), topics_called("structure_recovery")) == []
+    )
 
 
 def test_what_people_say_is_kept_and_compared(tmp_path: Path) -> None:
@@ -173,7 +178,7 @@ def test_what_people_say_is_kept_and_compared(tmp_path: Path) -> None:
     ]
     write_answers(tmp_path / "structures" / "one.parquet", said, 7)
     assert read_answers(tmp_path) == said
-    table = understanding(material, said)
+    table = structure_recovery(material, said)
     assert table["visit"].tolist() == [3, 4]
     assert table["shd"].tolist() == [0, 4]
     assert table["f1"].tolist() == [1.0, 0.0]

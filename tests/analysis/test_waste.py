@@ -7,9 +7,9 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from causal_openlock import Condition, Layout, find_schema, ideal_attempts, waste
+from causal_openlock import Condition, Layout, find_schema, ideal_attempts, regret
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.waste import WORTH, wasted
+from causal_openlock.analysis.topics.regret import WORTH, regret_by_condition
 from causal_openlock.belief.observer import Observer, observer_of
 from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.experiment.experiment import Experiment
@@ -66,13 +66,13 @@ def test_regret_of_a_trial_that_was_not_solved_counts_what_would_still_have_been
 
 
 def test_the_ideal_observer_wastes_nothing_and_random_actions_nearly_everything() -> None:
-    ideal = waste(played("ideal", "CC3-CE4", "CE4"))
+    ideal = regret(played("ideal", "CC3-CE4", "CE4"))
     assert ideal["regret"].max() == 0.0
     trials = ideal.groupby(["condition", "subject", "phase", "trial"], observed=True)
     # What is gained in a trial of the ideal observer is what it did not know, or it had luck.
     assert (trials["gained"].sum() <= 2.0 + 1e-9).all()
-    random = waste(played("random", "CC3-CE4"))
-    row = wasted(random).iloc[0]
+    random = regret(played("random", "CC3-CE4"))
+    row = regret_by_condition(random).iloc[0]
     assert row["regret"] > 20
     assert row["useless"] > 0.8
     assert row["information"] < row["best"]
@@ -108,15 +108,15 @@ def test_what_cannot_be_judged_is_left_out() -> None:
         "fabricated", "", 1, 1, (Condition.named("CC4", find_schema),), (spec("a"),)
     )
     material = Material.of(table(rows), stored(experiment))
-    assert waste(material).empty
-    assert wasted(waste(material)).empty
+    assert regret(material).empty
+    assert regret_by_condition(regret(material)).empty
 
 
 def test_a_schema_that_play_leads_out_of_reach_is_left_out_whole(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     material = played("random", "CC3", "CE3")
-    whole = waste(material)
+    whole = regret(material)
     trial, asked = Observer.trial, []
 
     def out_of_reach(self: Observer, *given: object) -> object:
@@ -126,7 +126,7 @@ def test_a_schema_that_play_leads_out_of_reach_is_left_out_whole(
         return trial(self, *given)
 
     monkeypatch.setattr(Observer, "trial", out_of_reach)
-    left = waste(material)
+    left = regret(material)
     expected = whole[whole["schema"] == "CE3"].reset_index(drop=True)
     assert not left.empty
     assert (left[WORTH] == expected[WORTH]).all(axis=None)

@@ -18,7 +18,7 @@ from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.cli.terminal import write_anything
 from causal_openlock.comparison.console import Terminal
-from causal_openlock.comparison.tables import print_standings
+from causal_openlock.comparison.tables import print_leaderboard
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.places import ROOT
@@ -452,13 +452,14 @@ def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> N
     names = [f"learner_{number}" for number in range(3)]
     row = {
         "protocol": "human", "conditions": 6, "subjects": 40, "limit": 30, "solved": 0.0,
-        "informed": False, "found": 0.25, "solutions": 3.0, "median": float("nan"),
+        "informed": False, "reference": False, "found": 0.25, "solutions": 3.0, "median": float("nan"),
         "attempts": 30.0, "score": 0.5, "best": names[0], "to_best": 26.25, "to_best_low": 25.5,
         "to_best_high": 27.5, "to_people": 21.25, "to_people_low": 20.5, "to_people_high": 22.5,
+        "to_people_p": 0.001,
     }  # fmt: skip
     console = Terminal(width=60, file=io.StringIO())
     rows = [{**row, "learner": name} for name in names]
-    print_standings(pd.DataFrame(rows), console)
+    print_leaderboard(pd.DataFrame(rows), console)
     printed = console.file.getvalue()
     shown = ("human", "at most 30", "together", "0.25 of 3", "> 30", "0.50", "− people")
     assert all(text in printed for text in [*names, *shown])

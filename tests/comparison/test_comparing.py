@@ -231,7 +231,7 @@ def test_cells_that_fail_are_warned_of_and_named(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="failed: ZeroDivisionError") as warned:
         results = ol.compare(["CC3"], [Failing, "oracle"], subjects=2, workers=0)
     assert {Path(one.filename).name for one in warned} == {Path(__file__).name}
-    assert results.cautions[0].startswith("1 cell of 2 missing: the learner Failing in CC3")
+    assert results.warnings[0].startswith("1 cell of 2 missing: the learner Failing in CC3")
     every = pytest.raises(LearnerError, match="every cell failed")
     with every, pytest.warns(UserWarning, match="failed"):
         ol.compare(["CC3"], [Failing], subjects=2, workers=0)

@@ -78,7 +78,7 @@ def test_pairs_are_of_every_two_learners(results: ol.Results) -> None:
 
 
 def test_the_verdict_has_people_beside_what_they_played(results: ol.Results) -> None:
-    (table,) = results.verdict
+    (table,) = results.by_condition
     assert table.columns == (("CE4", "trial 5"), ("CC4", "trial 5"), ("pair", "trial 5"))
     assert list(table.rows) == ["random", "oracle"]
     assert table.beside["people"] == (9.425, 6.45, None)
@@ -133,7 +133,7 @@ def test_together_in_one_table(tmp_path: Path, folder: Path) -> None:
     assert len(both.attempts) == len(both.folders and ol.open_results(folder).attempts) + len(
         other.attempts
     )
-    assert both.cautions[0] == other.cautions[0] or both.cautions
+    assert both.warnings[0] == other.warnings[0] or both.warnings
     elsewhere = ol.open_results(played(tmp_path / "e", ["CC3"], ["oracle"]))
     assert (ol.open_results(folder) + elsewhere).learners == ("random", "oracle")
     page = (ol.open_results(folder) + elsewhere).report()

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from causal_openlock.analysis.report.sections.exploration import USUAL, schedules
-from causal_openlock.analysis.report.sections.reward_study import (
+from causal_openlock.analysis.topics.reward_study import (
     BEST_OF_PAPER,
     reward_terms,
     rewards_of,
@@ -17,6 +16,7 @@ from causal_openlock.analysis.report.sections.reward_study import (
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition, plan
+from causal_openlock.paper.exploration import USUAL, schedules
 from causal_openlock.world.rewards import PRESETS, TERMS
 
 NAMES = ("paper_rl", "deep_quick", "exploration_decay", "reward_study")

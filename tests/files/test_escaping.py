@@ -16,12 +16,11 @@ from rich.progress import Progress, TextColumn
 from rich.table import Table
 
 from causal_openlock import cli
-from causal_openlock.analysis.results.standing import STANDING_COLUMNS
 from causal_openlock.analysis.results.summary import write_table
 from causal_openlock.cli import main
 from causal_openlock.cli.terminal import complain, say
 from causal_openlock.comparison.console import Terminal
-from causal_openlock.comparison.tables import print_standings
+from causal_openlock.comparison.tables import print_leaderboard
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.export.as_csv import flat
@@ -89,7 +88,7 @@ def test_a_folder_of_any_name_is_named_without_power(
 
 def test_the_headline_shows_labels_as_they_are() -> None:
     row = {
-        **dict.fromkeys(STANDING_COLUMNS, np.nan),
+        **{"reference": False, "informed": False, "attempts": 4.0, "score": np.nan},
         **{"conditions": 1, "subjects": 3, "limit": 30, "solved": 1.0, "found": 3.0},
         **{"solutions": 3.0, "median": 4.0, "best": "[/]c"},
         **{"to_best": 1.0, "to_best_low": 0.5, "to_best_high": 1.5},
@@ -98,7 +97,7 @@ def test_the_headline_shows_labels_as_they_are() -> None:
     }
     out = io.StringIO()
     console = Terminal(file=out, width=100)
-    print_standings(pd.DataFrame([row]), console)
+    print_leaderboard(pd.DataFrame([row]), console)
     for said in ("[bold]p[/]", "− [/]c", r"[red]l\x1b[31m", "1.00 [0.50, 1.50]"):
         assert said in out.getvalue()
     assert "\x1b" not in out.getvalue()

@@ -16,15 +16,7 @@ import pandas as pd
 import pytest
 from pydantic import Field
 
-from causal_openlock.analysis.results.people.human_likeness import (
-    distance,
-    distance_with_spreads,
-    points_of,
-    points_of_model,
-    points_of_people,
-    published_points,
-)
-from causal_openlock.analysis.results.people.published import POINT
+from causal_openlock.analysis.results.references import POINT
 from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.cli import main
@@ -59,6 +51,14 @@ from causal_openlock.fitting.search import (
     search_space,
 )
 from causal_openlock.fitting.study import FILE, Plan, fit
+from causal_openlock.paper.likeness import (
+    distance,
+    distance_with_spreads,
+    points_of,
+    points_of_model,
+    points_of_people,
+    published_points,
+)
 from causal_openlock.schemas.finding import bundled, find_schema
 from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.testing import LearnerContract

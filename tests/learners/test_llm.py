@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from causal_openlock.analysis.report.sections import language_models
+from causal_openlock.analysis.topics import language_models
 from causal_openlock.comparison.results import Results
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import CellsFailed, LearnerError

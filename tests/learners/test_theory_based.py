@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.results.people.human_likeness import points_of
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.session import Session
 from causal_openlock.fitting.objective import joined, score
+from causal_openlock.paper.likeness import points_of
 from openlock_learners.theory.chains import chains_of
 from openlock_learners.theory.schemas import edit_distances, schemas_of
 from openlock_learners.theory_based import TheoryBased

@@ -69,7 +69,7 @@ def test_people_are_asked_after_each_room_and_what_they_say_is_scored(tmp_path: 
     again.close()
     told = read_answers(tmp_path)
     assert [answer.visit for answer in told] == [1, 2, 3, 4, 5, 6, 7]
-    table = Results.read(tmp_path).understanding
+    table = Results.read(tmp_path).structure_recovery
     assert table["shd"].tolist() == [0, 0, 4, 0, 0, 0, 0]
     assert table["f1"].tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0]
 

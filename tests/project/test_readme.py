@@ -66,7 +66,7 @@ def test_the_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     results = names["results"]
     assert results.learners == ("bayes", "rl2", "slow_ddqn")
     assert len(results.trials) == 3 * (5 + 7 + 5)
-    (table,) = results.verdict
+    (table,) = results.by_condition
     assert [name for name, _ in table.columns] == ["CC4", "CC3-CC4", "vault"]
     assert table.beside["people"][:2] == (6.45, 5.525)
     assert ol.open_results("results/vault").summary.equals(results.summary)

@@ -14,9 +14,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import causal_openlock as ol
-from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Section
-from causal_openlock.analysis.report.sections import ORDER, decisions_of, order_of_all, sections_of
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.topic import all_topics, decisions_of, sections_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.checksums import read_table, table_bytes
@@ -33,8 +33,9 @@ from causal_openlock.scoring.scores import (
 )
 from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of
 from causal_openlock.storage.store import Store
+from support.topics import topics_called
 
-OURS = "causal_openlock.scoring.section"
+OURS = "scores"
 SHORT = ol.Protocol("short", 8, stop_when_solved=True, baseline_trials=2)
 
 
@@ -52,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def shown(folder: Path) -> Section:
-    (found,) = sections_of(ol.open_results(folder), [OURS])
+    (found,) = sections_of(ol.open_results(folder), topics_called("scores"))
     return found
 
 
@@ -64,11 +65,11 @@ def rows(section: Section, name: str) -> pd.DataFrame:
 def test_it_is_in_the_report_of_a_folder_that_is_scored_and_in_no_other(
     folder: Path, tmp_path: Path
 ) -> None:
-    assert set(order_of_all()) - set(ORDER) == {OURS}
+    assert [topic.name for topic in all_topics()].index("scores") == 7
     shutil.copytree(folder, tmp_path / "other")
     shutil.rmtree(tmp_path / "other" / FOLDER)
     other = ol.open_results(tmp_path / "other")
-    assert sections_of(other, [OURS]) == []
+    assert sections_of(other, topics_called("scores")) == []
     with pytest.raises(StoreError, match="are not scored; do it with: causal-openlock score"):
         _ = other.scores
 
@@ -108,7 +109,10 @@ def test_each_subject_is_attributed_to_who_acted(folder: Path, shown: Section) -
 
 def test_ps_are_corrected_with_all_others_of_the_report(folder: Path) -> None:
     results = ol.open_results(folder)
-    alone, all_of_it = (decisions_of(results, order) for order in ([OURS], [OURS, "pairwise"]))
+    alone, all_of_it = (
+        decisions_of(results, order)
+        for order in (topics_called("scores"), topics_called("scores", "pairwise"))
+    )
     assert all_of_it.total == alone.total + 1 == 5
     keys = [("thompson", "random"), ("win_stay", "random")]
     assert sum(alone.p(OURS, key) for key in keys) < sum(all_of_it.p(OURS, key) for key in keys)
@@ -122,7 +126,7 @@ def test_subjects_that_are_not_on_record_do_not_count(folder: Path, tmp_path: Pa
     Scores(pd.concat([kept, odd])).save(tmp_path / "other" / FOLDER)
     results = ol.open_results(tmp_path / "other")
     assert results.scores.subjects["subject"].max() == 5
-    (section,) = sections_of(results, [OURS])
+    (section,) = sections_of(results, topics_called("scores"))
     assert "10 subjects" in section.text[0]
     assert "2 more of the same learners are on record, and not scored" in section.text[0]
 
@@ -165,7 +169,7 @@ def test_scores_of_other_actions_are_left_out_and_named(folder: Path, tmp_path: 
     results = ol.compare(
         "CC3", [thompson, "win_stay"], protocol=SHORT, subjects=6, seed=5, out=other, workers=0
     )
-    (section,) = sections_of(results, [OURS])
+    (section,) = sections_of(results, topics_called("scores"))
     said = " ".join(section.text)
     assert "Scores of 6 subjects of thompson are left out" in said
     assert "thompson predicts with another code, version or settings than it played with" in said
@@ -193,7 +197,7 @@ def test_subjects_that_different_learners_scored_are_not_compared(
     )
     write_scores(path, actions[first])
     results = ol.open_results(tmp_path / "own")
-    (shown,) = sections_of(results, [OURS])
+    (shown,) = sections_of(results, topics_called("scores"))
     said = " ".join(shown.text)
     assert "Scores of the subjects of win_stay are left out: none of these" in said
     assert "Of thompson, 6 subjects with" in said
@@ -207,7 +211,7 @@ def test_scores_that_do_not_say_of_what_they_are_are_left_out(folder: Path, tmp_
     table = read_table(path.read_bytes()).drop_columns([PLAYED, "setting", "price"])
     path.write_bytes(table_bytes(table))
     results = ol.open_results(tmp_path / "other")
-    (section,) = sections_of(results, [OURS])
+    (section,) = sections_of(results, topics_called("scores"))
     assert section.tables == section.plots == ()
     assert "an earlier version made them" in " ".join(section.text)
     with pytest.raises(StoreError, match="an earlier version made them"):
@@ -283,7 +287,7 @@ def test_the_figure_has_a_line_for_each_learner_at_the_numbers_of_the_table(fold
 
 def test_means_over_subjects_who_follow_several_are_said_to_describe_none() -> None:
     """What is said of five people of whom four follow one learner and one another."""
-    said = Prose("scores").sentence(
+    said = Prose("causal_openlock.scoring.section").sentence(
         "predicted", of="person", uniform=3.91, actions=100, beaten=[], others=["theory"],
         best={"subjects": 5, "scored": "win_stay", "bits": 2.0, "low": 1.0, "high": 3.0},
         most={"followed": 0.7, "scored": "win_stay", "most frequent": 0.8},

@@ -19,8 +19,8 @@ from typing import Any, Literal
 import pytest
 import typer.main
 
+from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.report import writing
-from causal_openlock.analysis.results.decisions import Decisions
 from causal_openlock.cli import main
 from causal_openlock.contract.registry import _learner_class
 from causal_openlock.running import runner, workers

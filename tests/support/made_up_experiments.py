@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.references import references_beside
 from causal_openlock.experiment.experiment import RANDOM_CLASS, Experiment, LearnerSpec, Origin
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition, Protocol
@@ -92,6 +94,9 @@ def edit_stored(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
     path.write_bytes(json_bytes(held))
 
 
+NO_ONE_BESIDE = tuple(replace(one, cells=frozenset()) for one in references_beside(None))
+"""References that stand beside nobody."""
+
 NOBODY = experiment_of(table([]))
 """An experiment that nobody plays."""
 
@@ -103,7 +108,7 @@ def material_of(record: pa.Table, experiment: StoredExperiment, **values: Any) -
     given: dict[str, Any] = {
         "trials": attempts_to_solve(record),
         "learners": tuple(one.name for one in experiment.learners),
-        "like_people": frozenset(),
+        "references": NO_ONE_BESIDE,
         "bounds": {},
         **values,
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.results.people.human_likeness import published_points
+from causal_openlock.paper.likeness import published_points
 
 
 def made_up(name: str = "a", subjects: int = 12, off: float = 0.0, seed: int = 0) -> pd.DataFrame:

@@ -11,6 +11,7 @@ import pyarrow as pa
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.references import references_beside
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from support.fabricated_records import Row, table, trial_rows
 from support.made_up_experiments import experiment_of
@@ -81,6 +82,6 @@ def material(rows: list[Row], learners: tuple[str, ...], **values: Any) -> Mater
         experiment=values.get("experiment") or experiment_of(record),
         trials=attempts_to_solve(record),
         learners=learners,
-        like_people=values.get("like_people"),
+        references=values.get("references", references_beside(None)),
         bounds=bounds,
     )

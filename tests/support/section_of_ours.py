@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.topic import Topic
 
-COLUMNS = ("reward",)
 
-
-def section(material: Material) -> Section | None:
+def section(material: Material, _: Decided) -> Section | None:
     """How much each learner was paid, on average; None for an empty record."""
     if not material.record.num_rows:
         return None
@@ -31,3 +31,6 @@ def section(material: Material) -> Section | None:
     text = (f"{len(paid)} learners & one < two.",)
     plot = SectionPlot("paid", "Pay", "A line.", figure)
     return Section("paid", "What was paid", text, (table,), (plot,))
+
+
+TOPIC = Topic("paid", 1, section, columns=("reward",))

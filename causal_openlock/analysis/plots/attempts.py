@@ -1,8 +1,8 @@
 """The paper's Figures 3 and 4: attempts in the baseline trials and in the transfer test.
 
-People come first, the published model of them next (see
-:mod:`~causal_openlock.analysis.results.people.published`) and then every learner that did what
-people did, one panel each with a common scale. Error bars are the paper's, population SD / √n, so
+References come first, such as people and the published model of them (see
+:mod:`~causal_openlock.analysis.results.references`), and then every learner that did what one of
+them did, one panel each with a common scale. Error bars are the paper's, population SD / √n, so
 that those of people and of learners mean the same. A dashed line shows what the ideal observer
 needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 """
@@ -23,25 +23,23 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.bounds import bounds_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.people.published import did_what_people_did, model, people
 from causal_openlock.errors import NothingToDrawError
 
 _PAPER = {"train": BASELINES, "test": TRANSFERS}
 
 
-def means_like_people(
+def comparable_means(
     results: Material,
     phase: str,
     learners: Names = None,
     conditions: Names = None,
 ) -> pd.DataFrame:
-    """Means of what learners did as people had: the baselines (``train``) or the ``test``.
+    """Means of what learners did as a reference had: the baselines (``train``) or the ``test``.
 
     Returns:
         As :func:`~causal_openlock.analysis.measures.mean_by_trial`; no rows if no one did.
     """
-    trials = results.trials[did_what_people_did(results.trials, results.like_people)]
-    trials = rows_of(results, trials, learners, conditions)
+    trials = rows_of(results, results.compared(results.trials), learners, conditions)
     trials = trials[trials["condition"].isin(_PAPER[phase]) & (trials["phase"] == phase)]
     return mean_by_trial(trials, ["phase", "trial"] if phase == "train" else ["phase"])
 
@@ -63,9 +61,9 @@ def plot_attempts(
 
     Args:
         results: What was played.
-        learners: Labels of the learners to draw; by default all that played as people did.
+        learners: Labels of the learners to draw; by default all that a reference stands beside.
         conditions: Conditions to draw; by default those of the paper's that were played.
-        published: Whether people and the published model have panels before the learners.
+        published: Whether references have panels before the learners.
         ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
             pyplot.
 
@@ -76,7 +74,7 @@ def plot_attempts(
         NothingToDrawError: If no such learner played CC4 or CE4 as people did.
         OpenLockError: If a learner or a condition is not in the results, or ``ax`` does not fit.
     """
-    means = means_like_people(results, "train", learners, conditions)
+    means = comparable_means(results, "train", learners, conditions)
     count = max([5, *means["trial"]])
 
     def panel(axes: Axes, rows: pd.DataFrame, ideal: Mapping[str, float]) -> None:
@@ -89,7 +87,7 @@ def plot_attempts(
         axes.set(xlim=(0.4, count + 0.6), xlabel="Trial")
 
     keys = {name: name for name in BASELINES}
-    return _beside_people(results, means, "CC4 or CE4", published, panel, keys, ax)
+    return _beside(results, means, "CC4 or CE4", published, panel, keys, ax)
 
 
 def plot_transfer(
@@ -114,7 +112,7 @@ def plot_transfer(
     Returns:
         ``[P]`` the axes of the panels; of a single panel its axes.
     """
-    means = means_like_people(results, "test", learners, conditions)
+    means = comparable_means(results, "test", learners, conditions)
     played = {str(name)[-3:] for name in means["condition"]}
     tests = [name for name in BASELINES if name in played]
 
@@ -135,10 +133,10 @@ def plot_transfer(
         axes.set(xlim=(-0.6, len(tests) - 0.4), xlabel="Transfer test")
 
     keys = {f"{name} training": name for name in ("CC3", "CE3")}
-    return _beside_people(results, means, "a transfer condition", published, panel, keys, ax)
+    return _beside(results, means, "a transfer condition", published, panel, keys, ax)
 
 
-def _beside_people(
+def _beside(
     results: Material,
     means: pd.DataFrame,
     played: str,
@@ -147,27 +145,29 @@ def _beside_people(
     keys: Mapping[str, str],
     ax: Any,
 ) -> Any:
-    """A panel for people, one for the published model, and one for each learner."""
+    """A panel for each reference, and one for each learner."""
     if means.empty:
         raise NothingToDrawError(
             f"no such learner played {played} as people did, in the paper's rooms under the "
-            "protocol human; plot_course draws any condition"
+            "protocol human, or as another reference did; plot_course draws any condition"
         )
     known = bounds_of(results.bounds, means)
     ideal = {condition: bound.attempts for (condition, _), bound in known.items()}
-    sources = (("People", "", people()), ("Published model", "theory-based, ", model()))
-    shown = [
-        (name, detail, rows[rows["phase"] == means["phase"].iloc[0]])
-        for name, detail, rows in sources
-        if published
-    ]
+    phase = str(means["phase"].iloc[0])
+    shown = []
+    for one in results.references if published else ():
+        reference = one.reference
+        known = reference.points if reference.judged is None else reference.judged
+        known = reference.points if phase == "train" else known
+        rows = known[(known["phase"] == phase) & known["condition"].isin(_PAPER[phase])]
+        if len(rows) and one.stands(means).any():
+            shown.append((reference.title, f"{reference.detail}, ", rows))
     shown += [(str(name), "", rows) for name, rows in means.groupby("learner", observed=True)]
     handles: list[Any] = [
         Patch(fc=style.current().trained(condition), ec="black", lw=0.6, label=text)
         for text, condition in keys.items()
     ]
-    limit = float(results.trials.loc[results.trials["protocol"] == "human", "last_attempt"].max())
-    top = max(30.0, limit)
+    top = max(30.0, float(results.compared(results.trials)["last_attempt"].max()))
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.3)) as at:
         for axes, (name, detail, rows) in zip(at.axes, shown, strict=True):
             panel(axes, rows, ideal)

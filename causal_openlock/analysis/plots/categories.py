@@ -2,8 +2,8 @@
 
 Each segment's *height* is log10 of its count, and segments are stacked: the form that the paper
 chose. So a stack is a sum of logarithms; it shrinks as one category takes over. The paper's own
-DDQN is the first panel, from its published counts; then come the learners under protocols with many
-attempts in a trial, that is, all but ``human``.
+DDQN is the first panel, from its published counts, with any other reference that has counts; then
+come the learners under protocols with many attempts in a trial, that is, all but ``human``.
 """
 
 from __future__ import annotations
@@ -21,12 +21,9 @@ from causal_openlock.analysis.measures import BASELINES, TRANSFERS, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.people.published import (
-    HUMAN_PROTOCOL,
-    paper_conditions,
-    paper_ddqn,
-)
 from causal_openlock.errors import NothingToDrawError, OpenLockError
+from causal_openlock.experiment.paper_conditions import paper_conditions
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.wording import nearest
 
@@ -79,7 +76,7 @@ def plot_categories(
 
     A learner has a panel for each protocol other than ``human``. Arguments, what is returned and
     errors are those of :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`;
-    ``published`` is about the paper's DDQN.
+    ``published`` is about references.
     """
     counts = counts_like_ddqn(results, kind, learners, conditions)
     if counts.empty:
@@ -89,9 +86,11 @@ def plot_categories(
         )
     _, phase = KINDS[kind]
     shown = []
-    if published:
-        ddqn = paper_ddqn()
-        shown.append(("DDQN of the paper", "published counts", ddqn[ddqn["phase"] == phase]))
+    for one in results.references if published else ():
+        known = one.reference.categories
+        if known is not None and one.stands(counts).any():
+            rows = known[(known["phase"] == phase) & known["condition"].isin(KINDS[kind][0])]
+            shown.append((one.reference.title, one.reference.detail, rows))
     for name in ordered(counts["learner"], results.learners):
         own = counts[counts["learner"] == name]
         for protocol in ordered(own["protocol"], ()):

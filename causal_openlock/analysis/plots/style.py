@@ -184,6 +184,10 @@ def settings() -> Iterator[None]:
     mpl.interactive(interactive)  # a notebook's first figure turns it on, for those that follow
 
 
+MOST_BANDS = 4
+"""With more learners than this their bands would cover each other, and are not drawn."""
+
+
 def sizes(rows: pd.DataFrame) -> str:
     """How many subjects rows of means are of: ``n = 40``, or ``n = 20 to 40`` if they differ."""
     low, high = int(rows["subjects"].min()), int(rows["subjects"].max())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from causal_openlock.analysis.measures import by_subject, ordered
+from causal_openlock.analysis.measures import by_subject, judged, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.summary import judged
 from causal_openlock.errors import NothingToDrawError
 
 _BINS = 30  # heights that circles can have
@@ -55,11 +55,14 @@ def plot_subjects(
         Line2D([], [], **_circle(), marker="o", ls="", ms=7, label="subjects"),
         Line2D([], [], color="black", lw=2, label="mean, 95% interval"),
     ]
-    if table["human_attempts"].notna().any():
-        keys.append(
-            Line2D([], [], color=style.current().other(2), marker="D", ls="", ms=4.5,
-                   label="people")
-        )  # fmt: skip
+    looks: dict[str, dict[str, Any]] = {
+        one.reference.prefix: {"color": style.current().other(2), "marker": marker, "ms": 4.5}
+        for one, marker in zip(results.leading, cycle("Ds^v"), strict=False)
+    }
+    for one in results.leading:
+        if table[f"{one.reference.prefix}_attempts"].notna().any():
+            look = looks[one.reference.prefix]
+            keys.append(Line2D([], [], ls="", label=one.reference.name, **look))
     if table["ideal_attempts"].notna().any():
         keys.append(style.ideal_key())
     protocols, most = table["protocol"].nunique(), max(len(own) for _, _, own in shown)
@@ -74,15 +77,15 @@ def plot_subjects(
         for axes, (name, protocol, own) in zip(at.axes, shown, strict=True):
             played = values[values["protocol"] == protocol]
             means = results.headline[results.headline["protocol"] == protocol]
-            people = (means["human_attempts"] + means["human_se"]).max()
+            known = [(means[f"{of}_attempts"] + means[f"{of}_se"]).max() for of in looks]
             ideal = means["ideal_attempts"].max()
-            highest = float(np.nanmax([played["attempts"].max(), people, ideal]))
+            highest = float(np.nanmax([played["attempts"].max(), *known, ideal]))
             widest = _scale(axes, list(own["condition"]), highest)
             for place, row in enumerate(own.to_dict("records")):
                 of_row = (played["learner"] == name) & (played["condition"] == row["condition"])
                 mine = played.loc[of_row, "attempts"].to_numpy(float)
                 _circles(axes, place, mine, highest, widest)
-                _means(axes, place, row)
+                _means(axes, place, row, looks)
             if len(shown) > 1:
                 title = protocol if table["learner"].nunique() == 1 else name
                 under = f"{protocol}, " if protocols > 1 and title != protocol else ""
@@ -107,16 +110,19 @@ def _circles(axes: Axes, place: float, attempts: Any, highest: float, widest: fl
     )  # fmt: skip
 
 
-def _means(axes: Axes, place: float, row: Mapping[Any, Any]) -> None:
-    """The mean with its interval; people's beside it, and the ideal observer's across."""
+def _means(
+    axes: Axes, place: float, row: Mapping[Any, Any], looks: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """The mean with its interval; those of references beside it, the ideal observer's across."""
     mean, low, high = (row[name] for name in ("attempts", "ci_low", "ci_high"))
     axes.plot([place + 0.14] * 2, [low, high], color="black", lw=1.4, zorder=3)
     axes.plot([place + 0.08, place + 0.2], [mean] * 2, color="black", lw=2, zorder=3)
-    if row["human_attempts"] == row["human_attempts"]:
-        axes.errorbar(
-            place + 0.3, row["human_attempts"], row["human_se"],
-            fmt="D", ms=4.5, color=style.current().other(2), elinewidth=1, capsize=2, zorder=3,
-        )  # fmt: skip
+    for number, (of, look) in enumerate(looks.items()):
+        if row[f"{of}_attempts"] == row[f"{of}_attempts"]:
+            axes.errorbar(
+                place + 0.3 + 0.08 * number, row[f"{of}_attempts"], row[f"{of}_se"],
+                ls="", elinewidth=1, capsize=2, zorder=3, **look,
+            )  # fmt: skip
     if row["ideal_attempts"] == row["ideal_attempts"]:
         style.ideal_line(axes, row["ideal_attempts"], place - 0.38, place + 0.4)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from causal_openlock.analysis.plots.categories import KINDS, counts_like_ddqn, plot_categories
 from causal_openlock.analysis.plots.course import course_of, plot_course
-from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import SectionPlot
+from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.bounds import bounds_in_words
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import SectionPlot
 from causal_openlock.wording import file_names
 
-_PROSE = Prose("figures")
+_PROSE = Prose(__name__)
 
 
 def figures_of(material: Material) -> list[SectionPlot]:

@@ -15,15 +15,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 
 from causal_openlock.analysis.effects import ALPHA, difference, holm
-from causal_openlock.analysis.measures import CELL, SUBJECT, by_subject, count, ordered
-from causal_openlock.analysis.plots.comparisons import MOST_DRAWN, plot_differences
+from causal_openlock.analysis.measures import (
+    CELL,
+    SUBJECT,
+    by_subject,
+    count,
+    judged,
+    measured,
+    ordered,
+)
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.panels import in_rows, panels
+from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.report.page import Written, render
-from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Section
 from causal_openlock.analysis.report.what_was_run import edges, in_words
-from causal_openlock.analysis.results.summary import judged, measured
+from causal_openlock.analysis.section import Section
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.storage.stored import StoredExperiment
@@ -34,7 +43,10 @@ if TYPE_CHECKING:
 Results = tuple["pa.Table", StoredExperiment]
 """A record and what it is the record of."""
 
-_PROSE = Prose("difference")
+MOST_DRAWN = 60
+"""Differences between two results that are drawn: the first ones."""
+
+_PROSE = Prose(__name__)
 FORMATS = {
     **dict.fromkeys(("subjects_first", "subjects_second"), ","),
     **dict.fromkeys(("attempts_first", "attempts_second"), ".2f"),
@@ -247,3 +259,33 @@ def _noise_section(
         (_PROSE.table("means", table, FORMATS, f"{label}_means", names=names, alpha=ALPHA),),
         (plot,),
     )
+
+
+def plot_differences(table: pd.DataFrame, names: Sequence[str], ax: Any = None) -> Axes:
+    """Differences between two results with their intervals, a line each.
+
+    The table has ``learner``, ``condition``, ``difference``, ``ci_low``, ``ci_high`` and whether a
+    difference is ``sure``; names are those of the two results.
+    """
+    rows: list[Mapping[Any, Any]] = table.head(MOST_DRAWN).to_dict("records")
+    with panels(ax, 1, in_rows(1, 1, 0.19 * len(rows) + 0.5, style.WIDTH / 0.62)) as at:
+        (axes,) = at.axes
+        for place, row in enumerate(rows):
+            colour = style.current().other(2) if row["sure"] else "#666666"
+            axes.plot([row["ci_low"], row["ci_high"]], [place] * 2, color=colour, lw=1.6)
+            face = colour if row["sure"] else "white"
+            axes.plot(row["difference"], place, "o", color=colour, mfc=face, ms=4.5, zorder=3)
+        labels = [
+            f"{style.label(row['learner'], 24)}  {style.label(row['condition'], 24)}"
+            for row in rows
+        ]
+        axes.set_yticks(range(len(rows)), labels, fontsize="small")
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.axvline(0, color="black", lw=0.8, zorder=1)
+        most = max([1.0, *(abs(x) for x in axes.get_xlim())])
+        axes.set_xlim(-most, most)
+        axes.grid(True, axis="x")
+        axes.grid(False, axis="y")
+        first, second = (style.label(name, 24) for name in names)
+        axes.set_xlabel(f"Attempts, {second} less {first}")
+    return axes

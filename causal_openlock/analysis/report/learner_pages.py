@@ -15,24 +15,14 @@ import pandas as pd
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.subjects import plot_subjects
-from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.section import Section
+from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.references import Beside, difference_from
+from causal_openlock.analysis.section import Section
 from causal_openlock.wording import file_names
 
-FORMATS = {
-    "subjects": ",",
-    **dict.fromkeys(("attempts", "ci_low", "ci_high", "people", "model", "ideal"), ".2f"),
-    "difference": "+.2f",
-    "solved": ".1%",
-}
-_RENAMED = {
-    "share_solved": "solved",
-    "human_attempts": "people",
-    "model_attempts": "model",
-    "ideal_attempts": "ideal",
-}
-_PROSE = Prose("learner")
+_RENAMED = {"share_solved": "solved", "ideal_attempts": "ideal"}
+_PROSE = Prose(__name__)
 
 
 def learner_pages(material: Material, described: Sequence[Mapping[str, Any]] = ()) -> list[Section]:
@@ -53,12 +43,24 @@ def learner_pages(material: Material, described: Sequence[Mapping[str, Any]] = (
             "learner", plot_subjects, material, {"learners": [name]}, label,
             learner=name,
             size=f"protocol {own['protocol'].iloc[0]}, {style.sizes(own)}" if one else "",
-            people=bool(own["human_attempts"].notna().any()),
+            known=[
+                one.reference.name
+                for one in material.leading
+                if own[f"{one.reference.prefix}_attempts"].notna().any()
+            ],
             ideal=bool(own["ideal_attempts"].notna().any()),
         )  # fmt: skip
         page = _PROSE.section(
             f"learner_{learners.index(name) + 1}",
-            [_PROSE.table("learner", _shown(own), FORMATS, label, learner=name)],
+            [
+                _PROSE.table(
+                    "learner",
+                    _shown(own, material.references),
+                    _formats(material.references),
+                    label,
+                    learner=name,
+                )
+            ],
             [plot],
             learner=known.get(name),
         )
@@ -66,9 +68,23 @@ def learner_pages(material: Material, described: Sequence[Mapping[str, Any]] = (
     return pages
 
 
-def _shown(own: pd.DataFrame) -> pd.DataFrame:
+def _shown(own: pd.DataFrame, references: Sequence[Beside]) -> pd.DataFrame:
     """The headline of a learner, without columns that say nothing."""
-    frame = own.drop(columns=["learner", "human_se", "model_se"]).rename(columns=_RENAMED)
+    names = {f"{one.reference.prefix}_attempts": one.reference.name for one in references}
+    errors = {f"{one.reference.prefix}_se" for one in references} & {*own.columns}
+    frame = own.drop(columns=["learner", *errors]).rename(columns=names | _RENAMED)
     if frame["protocol"].nunique() == 1:
         frame = frame.drop(columns="protocol")
     return frame.dropna(axis="columns", how="all").reset_index(drop=True)
+
+
+def _formats(references: Sequence[Beside]) -> dict[str, str]:
+    """How the columns of :func:`_shown` are printed."""
+    differences = [difference_from(one.reference, references) for one in references]
+    return {
+        "subjects": ",",
+        **dict.fromkeys(("attempts", "ci_low", "ci_high", "ideal"), ".2f"),
+        **{one.reference.name: ".2f" for one in references},
+        **{name: "+.2f" for name in differences if name},
+        "solved": ".1%",
+    }

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.report.prose import environment
-from causal_openlock.analysis.report.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.prose import environment
 from causal_openlock.analysis.results.summary import write_table
+from causal_openlock.analysis.section import Section, SectionPlot, SectionTable
 from causal_openlock.files.atomic import write_text
 
 _LATEX = {

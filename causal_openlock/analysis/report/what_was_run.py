@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.analysis.report.prose import Prose
+from causal_openlock.analysis.prose import Prose
 from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.stored import StoredExperiment
@@ -13,7 +13,7 @@ from causal_openlock.storage.stored import StoredExperiment
 if TYPE_CHECKING:
     import pandas as pd
 
-_PROSE = Prose("what_was_run")
+_PROSE = Prose(__name__)
 
 
 def what_was_run(experiment: StoredExperiment) -> dict[str, Any]:

@@ -21,18 +21,22 @@ import pandas as pd
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.all_figures import figures_of
-from causal_openlock.analysis.report.cautions import warnings_of
-from causal_openlock.analysis.report.first_screen import answers, first_tables, legend
 from causal_openlock.analysis.report.learner_pages import learner_pages
-from causal_openlock.analysis.report.missing import missing_cells, with_missing
 from causal_openlock.analysis.report.page import Written, render
-from causal_openlock.analysis.report.sections import ORDER, decisions_of, sections_of
+from causal_openlock.analysis.report.warnings import warnings_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
+from causal_openlock.analysis.results.by_condition import condition_tables, in_cell, records
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.people.published import model, people
-from causal_openlock.analysis.results.standing import standings
+from causal_openlock.analysis.results.missing import missing_cells, with_missing
+from causal_openlock.analysis.results.references import Beside, difference_from
 from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.analysis.results.verdict import in_cell, records, verdict_tables
+from causal_openlock.analysis.topic import Topic, all_topics, decisions_of, sections_of
+from causal_openlock.analysis.topics.leaderboard import (
+    answers,
+    leaderboard,
+    leaderboard_tables,
+    legend,
+)
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.storage.stored import StoredExperiment
@@ -51,13 +55,13 @@ class Report:
     Attributes:
         path: Its page, ``report.html``.
         answers: The sentences that it opens with, by protocol.
-        standings: Its first table, from
-            :func:`~causal_openlock.analysis.results.standing.standings`.
+        leaderboard: Its first table, from
+            :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
     """
 
     path: Path
     answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    standings: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
+    leaderboard: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
 
     def open(self) -> None:
         """Open the page in a browser."""
@@ -68,7 +72,7 @@ def write_report(
     record: pa.Table,
     out_dir: Path | str,
     experiment: StoredExperiment,
-    sections: Sequence[str] = ORDER,
+    topics: Sequence[Topic] | None = None,
 ) -> Path:
     """Write the report of a record.
 
@@ -81,9 +85,9 @@ def write_report(
         experiment: What was run, as :meth:`causal_openlock.storage.store.Store.record` gives it
             beside the record. Learners appear in its order; the page opens with the cells that are
             missing. Published results are shown beside learners that did what people did; see
-            :mod:`~causal_openlock.analysis.results.people.published`.
-        sections: The modules that make its sections; see
-            :mod:`~causal_openlock.analysis.report.sections`.
+            :mod:`~causal_openlock.analysis.results.references`.
+        topics: What it is about; by default
+            :func:`~causal_openlock.analysis.topic.all_topics`.
 
     Returns:
         The path of ``report.html``.
@@ -92,10 +96,12 @@ def write_report(
         StoreError: If the record has attempts missing or twice.
         OpenLockError: If a file cannot be written; those that were there stay whole.
     """
-    return make_report(Material.of(record, experiment), out_dir, sections).path
+    return make_report(Material.of(record, experiment), out_dir, topics).path
 
 
-def make_report(material: Material, out_dir: Path | str, sections: Sequence[str] = ORDER) -> Report:
+def make_report(
+    material: Material, out_dir: Path | str, topics: Sequence[Topic] | None = None
+) -> Report:
     """Write a report as :func:`write_report` does, of what is counted already."""
     folder = Path(out_dir)
     path = folder / "report.html"
@@ -108,44 +114,52 @@ def make_report(material: Material, out_dir: Path | str, sections: Sequence[str]
     write_table(with_missing(summary, missing), folder / "summary.csv")
     written = Written(folder)
     plots, pages = figures_of(material), learner_pages(material, described["learners"])
-    stand = standings(material)
-    decisions = decisions_of(material, sections, stand)
-    write_table(stand, folder / "tables" / "standings.csv")
-    written.files.append("tables/standings.csv")
-    first, opening = list(first_tables(stand)), answers(stand, decisions)
+    topics = all_topics() if topics is None else topics
+    decisions = decisions_of(material, topics)
+    ranked = decisions.computed("leaderboard")
+    ranked = leaderboard(material) if ranked is None else ranked
+    write_table(ranked, folder / "tables" / "leaderboard.csv")
+    written.files.append("tables/leaderboard.csv")
+    first, opening = list(leaderboard_tables(ranked)), answers(ranked, decisions)
     page = render(
         "report.html.j2",
         title=experiment.title or experiment.name,
         experiment=experiment,
         attempts=material.record.num_rows,
         trials=len(trials),
-        people_size=style.sizes(people()),
-        model_size=style.sizes(model()),
         missing=[cell.text for cell in missing],
         failed=sum(cell.failed for cell in missing),
         first=first,
         answers=opening,
         legends={table.protocol: legend([table]) for table in first},
-        headline={one.protocol: one for one in verdict_tables(material.headline, learners)},
+        headline={
+            one.protocol: one
+            for one in condition_tables(material.headline, learners, references=material.references)
+        },
+        details={
+            one.reference: f"{one.reference.detail}, {style.sizes(one.reference.points)}"
+            for one in material.references
+            if len(one.reference.points)
+        },
         in_cell=in_cell,
         sizes={
             key: style.sizes(rows)
             for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)
         },
         figures=[written.plot(plot) for plot in plots],
-        sections=[written.section(one) for one in sections_of(material, sections, decisions)],
+        sections=[written.section(one) for one in sections_of(material, topics, decisions)],
         tests=decisions.total,
         alpha=ALPHA,
         learners=[written.section(one) for one in pages],
-        summary=_summary_blocks(summary, learners),
+        summary=_summary_blocks(summary, learners, material.references),
         described=described,
         played=trials_played(trials),
-        warnings=warnings_of(trials, summary, experiment.versions, material.like_people),
+        warnings=warnings_of(trials, summary, experiment.versions, material.references),
         files=written.files,
     )
     write_text(path, page)
     _remove(folder, earlier - set(written.files))
-    return Report(path, opening, stand)
+    return Report(path, opening, ranked)
 
 
 def files_of(path: Path) -> set[str]:
@@ -168,7 +182,9 @@ def _remove(folder: Path, files: Collection[str]) -> None:
         ) from None
 
 
-def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict[str, Any]]:
+def _summary_blocks(
+    summary: pd.DataFrame, learners: Sequence[str], references: Sequence[Beside]
+) -> list[dict[str, Any]]:
     """The summary by learner and protocol; ``starts`` marks a row where a condition begins."""
     starts = summary["condition"] != summary["condition"].shift()
     blocks = []
@@ -180,9 +196,23 @@ def _summary_blocks(summary: pd.DataFrame, learners: Sequence[str]) -> list[dict
                     "learner": learner,
                     "protocol": protocol,
                     "size": style.sizes(part),
-                    "compared": bool(part["human_attempts"].notna().any()),
+                    "references": _columns_of(part, references),
                     "bounded": bool(part["ideal_attempts"].notna().any()),
                     "rows": records(part),
                 }
             )
     return blocks
+
+
+def _columns_of(part: pd.DataFrame, references: Sequence[Beside]) -> list[dict[str, str]]:
+    """The columns of references that stand beside some of the rows."""
+    return [
+        {
+            "title": one.reference.title,
+            "mean": f"{one.reference.prefix}_attempts",
+            "se": f"{one.reference.prefix}_se",
+            "difference": difference_from(one.reference, references),
+        }
+        for one in references
+        if len(one.reference.points) and part[f"{one.reference.prefix}_attempts"].notna().any()
+    ]

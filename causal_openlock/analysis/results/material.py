@@ -1,12 +1,13 @@
 """Results in memory: what every table, figure and section is made of.
 
 A record is counted once (:func:`~causal_openlock.analysis.measures.count`); what may stand beside
-it follows from the experiment: published results where learners did what people did, and the
-attempts of the ideal observer wherever they are known.
+it follows from the experiment: references where learners did what these did, and the attempts of
+the ideal observer wherever they are known.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +17,12 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import Counts, count, ordered
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
-from causal_openlock.analysis.results.people.published import Pairs, comparable
+from causal_openlock.analysis.results.references import (
+    Beside,
+    Reference,
+    beside_any,
+    references_beside,
+)
 from causal_openlock.analysis.results.summary import headline, summarise
 from causal_openlock.storage.stored import StoredExperiment
 
@@ -34,18 +40,20 @@ class Material:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners
             are categories in the order of ``learners``.
         learners: Labels in the order in which they are shown.
-        like_people: Which learners in which conditions did what people did.
+        references: What learners are compared with, and which of them.
         bounds: What the ideal observer needs.
         folders: The results folders that it was read from.
+        given: References besides those that packages register.
     """
 
     record: pa.Table
     experiment: StoredExperiment
     trials: pd.DataFrame
     learners: tuple[str, ...]
-    like_people: Pairs
+    references: tuple[Beside, ...]
     bounds: Bounds
     folders: tuple[Path, ...] = ()
+    given: tuple[Reference, ...] = ()
 
     def __post_init__(self) -> None:
         names = ordered(self.trials["learner"].unique(), self.learners)
@@ -53,16 +61,23 @@ class Material:
         object.__setattr__(self, "trials", self.trials.assign(learner=learner))
 
     @classmethod
-    def of(cls, record: pa.Table, experiment: StoredExperiment) -> Self:
+    def of(
+        cls, record: pa.Table, experiment: StoredExperiment, references: Sequence[Reference] = ()
+    ) -> Self:
         """The results of an experiment, its learners in its order.
+
+        Args:
+            record: As above.
+            experiment: What was run.
+            references: What learners are compared with, besides what is published.
 
         Raises:
             StoreError: If the record has attempts missing or twice.
         """
         counts = count(record)
         learners = ordered(counts.trials["learner"], [spec.name for spec in experiment.learners])
-        pairs, bounds = comparable(experiment), ideal_bounds(experiment)
-        made = cls(record, experiment, counts.trials, learners, pairs, bounds)
+        beside, bounds = references_beside(experiment, references), ideal_bounds(experiment)
+        made = cls(record, experiment, counts.trials, learners, beside, bounds, (), (*references,))
         made.__dict__["counts"] = counts
         return made
 
@@ -70,6 +85,15 @@ class Material:
     def conditions(self) -> tuple[str, ...]:
         """Names of the conditions in the order in which they are shown."""
         return tuple(condition.name for condition in self.experiment.conditions)
+
+    @property
+    def leading(self) -> list[Beside]:
+        """References that the leaderboard has."""
+        return [one for one in self.references if one.reference.in_leaderboard]
+
+    def compared(self, trials: pd.DataFrame) -> pd.DataFrame:
+        """The rows of a table that any reference stands beside."""
+        return trials[beside_any(trials, self.references)]
 
     @cached_property
     def counts(self) -> Counts:
@@ -79,9 +103,9 @@ class Material:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """A row for each trial of a condition; see :func:`~.summary.summarise`."""
-        return summarise(self.counts.trials, self.like_people, self.bounds)
+        return summarise(self.counts.trials, self.references, self.bounds)
 
     @cached_property
     def headline(self) -> pd.DataFrame:
         """A row for each learner in each condition; see :func:`~.summary.headline`."""
-        return headline(self.counts.trials, self.like_people, self.bounds)
+        return headline(self.counts.trials, self.references, self.bounds)

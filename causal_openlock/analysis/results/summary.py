@@ -1,7 +1,7 @@
-"""The tables of results, with published results beside them.
+"""The tables of results, with references beside them.
 
 Beside learners that played as people did stand people and a published model of them (see
-:mod:`~causal_openlock.analysis.results.people.published`), and wherever it is known what the ideal
+:mod:`~causal_openlock.analysis.results.references`), and wherever it is known what the ideal
 observer needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,14 +20,15 @@ from causal_openlock.analysis.measures import (
     CELL,
     attempts_to_solve,
     by_subject,
+    judged,
     mean_by_trial,
+    measured,
 )
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
-from causal_openlock.analysis.results.people.published import (
-    PUBLISHED_COLUMNS,
-    Pairs,
-    beside_published,
-    comparable,
+from causal_openlock.analysis.results.references import (
+    Beside,
+    references_beside,
+    with_references,
 )
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.experiment.experiment import Experiment
@@ -38,8 +40,9 @@ if TYPE_CHECKING:
 
 SUMMARY_COLUMNS = (
     *(*CELL, "phase", "trial", "loops", "subjects"),
-    *("attempts", "se", "ci_low", "ci_high", "share_solved", *PUBLISHED_COLUMNS, "ideal_attempts"),
+    *("attempts", "se", "ci_low", "ci_high", "share_solved"),
 )
+"""The first columns of :func:`summarise`; those of references and ``ideal_attempts`` follow."""
 
 
 def summary_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
@@ -73,12 +76,12 @@ def headline_table(record: pa.Table, experiment: Experiment | None = None) -> pd
     return headline(attempts_to_solve(record), *_beside(experiment))
 
 
-def _beside(experiment: Experiment | None) -> tuple[Pairs | None, Bounds | None]:
-    return (comparable(experiment), ideal_bounds(experiment)) if experiment else (None, None)
+def _beside(experiment: Experiment | None) -> tuple[Sequence[Beside], Bounds | None]:
+    return references_beside(experiment), ideal_bounds(experiment) if experiment else None
 
 
 def summarise(
-    trials: pd.DataFrame, pairs: Pairs | None = None, bounds: Bounds | None = None
+    trials: pd.DataFrame, references: Sequence[Beside] = (), bounds: Bounds | None = None
 ) -> pd.DataFrame:
     """Every trial of every condition, of trials that are counted already.
 
@@ -87,9 +90,7 @@ def summarise(
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        pairs: Learners and conditions that people can be compared with, from
-            :func:`~causal_openlock.analysis.results.people.published.comparable`; by default all
-            that have a condition of the paper's name under ``human``.
+        references: Whom references stand beside.
         bounds: What the ideal observer needs, from
             :func:`~causal_openlock.analysis.results.bounds.ideal_bounds`.
 
@@ -105,11 +106,12 @@ def summarise(
         - ``human_attempts``, ``human_se``: people's, as published; NaN where there are none.
         - ``difference``: ``attempts`` minus ``human_attempts``.
         - ``model_attempts``, ``model_se``: the published model's, where people's are.
+        - ``NAME_attempts``, ``NAME_se``, ``NAME_difference``: the same of each further reference.
         - ``ideal_attempts``: what the ideal observer needs, which knows the schema; NaN if that is
           not known.
     """
-    table = _means(trials, pairs, bounds).rename(columns={"visits": "loops"})
-    return table[list(SUMMARY_COLUMNS)]
+    table, added = _means(trials, references, bounds)
+    return table.rename(columns={"visits": "loops"})[[*SUMMARY_COLUMNS, *added]]
 
 
 def write_table(table: pd.DataFrame, path: Path | str) -> None:
@@ -140,52 +142,35 @@ def _cell(value: object) -> str:
 
 
 def headline(
-    trials: pd.DataFrame, pairs: Pairs | None = None, bounds: Bounds | None = None
+    trials: pd.DataFrame, references: Sequence[Beside] = (), bounds: Bounds | None = None
 ) -> pd.DataFrame:
     """The result of each learner in each condition, of trials that are counted already.
 
     Returns:
         One row for each ``learner``, ``protocol`` and ``condition``, with ``measured`` (such as
         ``trial 5`` or ``test``), ``subjects``, ``attempts``, ``ci_low``, ``ci_high``,
-        ``share_solved``,
-        :data:`~causal_openlock.analysis.results.people.published.PUBLISHED_COLUMNS` and
-        ``ideal_attempts`` as in :func:`summarise`.
+        ``share_solved``, the columns of references and ``ideal_attempts`` as in
+        :func:`summarise`.
     """
-    table = _means(judged(trials), pairs, bounds)
+    table, added = _means(judged(trials), references, bounds, of_judged=True)
     table = table.assign(measured=measured(table)).sort_values(
         ["learner", "protocol", "condition"], kind="stable", ignore_index=True
     )
     first = ["learner", "protocol", "condition", "measured", "subjects", "attempts"]
-    last = ["ci_low", "ci_high", "share_solved", *PUBLISHED_COLUMNS, "ideal_attempts"]
-    return table[first + last]
+    return table[[*first, "ci_low", "ci_high", "share_solved", *added]]
 
 
-def judged(trials: pd.DataFrame) -> pd.DataFrame:
-    """The trials that a condition is judged by; those of the test all get number 1.
+def _means(
+    trials: pd.DataFrame,
+    references: Sequence[Beside],
+    bounds: Bounds | None,
+    of_judged: bool = False,
+) -> tuple[pd.DataFrame, list[str]]:
+    """The means of each trial with intervals; beside them references, and the ideal attempts.
 
-    A condition with a test phase is judged by its test (the mean of a subject's test trials, in the
-    human protocol a single one); one without, by the last trial of its last loop.
+    Returns:
+        The table, and the names of the columns that stand beside the means.
     """
-    is_test = trials["phase"] == "test"
-    tested = is_test.groupby([trials[name] for name in CELL], observed=True).transform("any")
-    last_loop = trials["loop"] == trials.groupby(CELL, observed=True)["loop"].transform("max")
-    chosen = trials[is_test | (~tested & last_loop)]
-    last = chosen["trial"] == chosen.groupby(CELL, observed=True)["trial"].transform("max")
-    chosen = chosen[last | (chosen["phase"] == "test")]
-    # People's test is one trial, number 1; a baseline is compared trial by trial.
-    return chosen.assign(trial=np.where(chosen["phase"] == "test", 1, chosen["trial"]))
-
-
-def measured(table: pd.DataFrame) -> list[str]:
-    """What a condition was judged by, in words: ``test``, or such as ``trial 5``."""
-    return [
-        "test" if phase == "test" else f"trial {trial}"
-        for phase, trial in zip(table["phase"], table["trial"], strict=True)
-    ]
-
-
-def _means(trials: pd.DataFrame, pairs: Pairs | None, bounds: Bounds | None) -> pd.DataFrame:
-    """The means of each trial with intervals, published results and ideal attempts beside them."""
     by = ["phase", "trial"]
     means = mean_by_trial(trials, by).rename(columns={"mean": "attempts"})
     intervals = mean_intervals(by_subject(trials, by), [*CELL, *by], "attempts")
@@ -195,4 +180,5 @@ def _means(trials: pd.DataFrame, pairs: Pairs | None, bounds: Bounds | None) -> 
     )
     known = [(bounds or {}).get(key) for key in keys]
     ideal = [np.nan if one is None else one.attempts for one in known]
-    return beside_published(table, pairs).assign(ideal_attempts=np.array(ideal, float))
+    table, added = with_references(table, references, of_judged)
+    return table.assign(ideal_attempts=np.array(ideal, float)), [*added, "ideal_attempts"]

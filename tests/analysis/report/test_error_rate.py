@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.effects import ALPHA, Group, weighted_difference
-from causal_openlock.analysis.report.sections import ORDER, decisions_of
-from causal_openlock.analysis.results.decisions import Decisions
-from causal_openlock.analysis.results.people.human_likeness import EFFECTS
-from causal_openlock.analysis.results.people.hypotheses import contrast_test
-from causal_openlock.analysis.results.people.paper_tests import TESTS
-from causal_openlock.analysis.results.scores import _COMPARED, CONGRUENCY
+from causal_openlock.analysis.topic import all_topics, decisions_of
+from causal_openlock.analysis.topics.transfer import _COMPARED, CONGRUENCY
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.paper.likeness import EFFECTS
+from causal_openlock.paper.paper_tests import TESTS
+from causal_openlock.paper.significance import contrast_test
 from causal_openlock.schemas.fsm import FloatArray
 from support.paper_play import Attempts, material, play
 
@@ -89,7 +89,7 @@ def decided(played: Played) -> tuple[Decisions, dict[tuple[str, object], float]]
     each = {
         "pairwise": pairs,
         "transfer": transfer,
-        "paper_findings": paper,
+        "paper_tests": paper,
         "human_likeness": likeness,
     }
     for section, tests in each.items():
@@ -126,7 +126,7 @@ def test_these_are_the_tests_that_a_report_makes() -> None:
     rows = [row for name in LEARNERS for row in play(name, as_drawn(name), SUBJECTS)]
     ours, tests = decided(played)
     # Without the first screen's tests against people, from whom learners do differ.
-    sections = [name for name in ORDER if name != "exploration"]
+    sections = [topic for topic in all_topics() if topic.name not in ("exploration", "leaderboard")]
     theirs = decisions_of(material(rows, LEARNERS), sections)
     assert ours.total == theirs.total == len(tests)
     for key in tests:

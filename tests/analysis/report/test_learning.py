@@ -10,22 +10,11 @@ import pyarrow as pa
 import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.prose import Prose
-from causal_openlock.analysis.report.sections.learning import (
-    FALLS,
-    FLAT,
-    LEARNS,
-    NOT,
-    SOME,
-    UNDECIDED,
-    by_verdict,
-    judge,
-    progress,
-    section,
-)
+from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.bounds import ideal_bounds
-from causal_openlock.analysis.results.deep.chance import chance_of_finding_all, chance_of_opening
-from causal_openlock.analysis.results.deep.visits import (
+from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.visits import (
     FINDS_ALL,
     OPENS,
     each_group,
@@ -34,12 +23,24 @@ from causal_openlock.analysis.results.deep.visits import (
     shares,
     starts,
 )
-from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.topics.learning import (
+    FALLS,
+    FLAT,
+    LEARNS,
+    NOT,
+    SOME,
+    TOPIC,
+    UNDECIDED,
+    by_verdict,
+    judge,
+    progress,
+)
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.storage.stored import StoredExperiment
 from support.fabricated_courses import around, course, described
 from support.fabricated_records import random_cells, table, trial_rows
 from support.made_up_experiments import material_of
+from support.topics import section_on
 
 RANDOM_AND_A = "conditions: [CC4]\nlearners: [random, {learner: ddqn, name: a}]\n"
 
@@ -249,7 +250,7 @@ def test_section_has_both_tables_and_says_the_verdicts(tmp_path: Path) -> None:
     record = pa.concat_tables(
         [course(around([0.3] * 5)), course(around([0.0] * 5, spread=0), learner="random")]
     )
-    made = section(material(record, experiment))
+    made = section_on(TOPIC, material(record, experiment))
     assert made is not None
     assert [one.name for one in made.tables] == ["learning_door", "learning_all"]
     assert made.text[0] == "Opening the door. Learns: a (CC4). Does not learn: random (CC4)."
@@ -259,11 +260,13 @@ def test_section_has_both_tables_and_says_the_verdicts(tmp_path: Path) -> None:
         for column, how in one.formats.items():
             assert all(format(value, how) for value in one.frame[column])
     human = course(around([0.3] * 5), protocol="human")
-    assert section(material(human, experiment)) is None
+    assert section_on(TOPIC, material(human, experiment)) is None
 
 
 def said(rows: pd.DataFrame) -> str:
-    return Prose("learning").sentence("verdicts", found=by_verdict(rows))
+    return Prose("causal_openlock.analysis.topics.learning").sentence(
+        "verdicts", found=by_verdict(rows)
+    )
 
 
 def test_verdicts_in_sentences_name_protocols_only_if_there_are_several() -> None:

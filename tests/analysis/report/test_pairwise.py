@@ -10,12 +10,13 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis.plots.comparisons import plot_pairs
 from causal_openlock.analysis.plots.style import WIDTH
-from causal_openlock.analysis.report.sections import decisions_of, pairwise, sections_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.pairwise import outcomes, pairwise_table
+from causal_openlock.analysis.topic import decisions_of, sections_of
+from causal_openlock.analysis.topics import pairwise
+from causal_openlock.analysis.topics.pairwise import outcomes, pairwise_table, plot_pairs
 from support.paper_play import Attempts, material, play, same, scattered
+from support.topics import topics_called
 
 LEARNERS = ("random", "quick", "slow", "perfect")
 
@@ -95,7 +96,7 @@ def test_the_section_names_the_pairs_of_which_no_difference_is_found() -> None:
     assert table["p corrected"].tolist() == pytest.approx([3 * 2 / 2**72, 3 * 2 / 2**72, 1.0])
     told, _ = said(material([*play("a", scattered(1), 4), *play("b", scattered(9), 4)], ("a", "b")))
     assert "Protocol human: of 1 pair of learners 0 differ in" in told
-    whole = pairwise.section(held, decisions_of(held, ["pairwise"]))
+    whole = pairwise.section(held, decisions_of(held, topics_called("pairwise")).of("pairwise"))
     assert whole is not None
     assert (
         "An interval is for its comparison alone; what is found is decided after" in whole.text[1]
@@ -103,7 +104,7 @@ def test_the_section_names_the_pairs_of_which_no_difference_is_found() -> None:
 
 
 def said(held: Material) -> tuple[str, pd.DataFrame]:
-    section = pairwise.section(held, decisions_of(held, ["pairwise"]))
+    section = pairwise.section(held, decisions_of(held, topics_called("pairwise")).of("pairwise"))
     assert section is not None
     (table,) = section.tables
     return section.text[0], table.frame
@@ -112,13 +113,13 @@ def said(held: Material) -> tuple[str, pd.DataFrame]:
 def test_protocols_are_kept_apart_and_a_single_learner_has_nobody_to_compare_with() -> None:
     rows = [*play("a", scattered(1), 3), *play("b", scattered(2), 3)]
     alone = play("c", scattered(3), 3, protocol="mine")
-    (section,) = sections_of(material(rows + alone, ("a", "b", "c")), ["pairwise"])
+    (section,) = sections_of(material(rows + alone, ("a", "b", "c")), topics_called("pairwise"))
     assert [one.name for one in section.tables] == ["pairwise_human"]
     assert section.plots == ()  # a single pair is told in a sentence
     assert section.tables[0].frame[["learner", "other"]].to_numpy().tolist() == [["a", "b"]]
-    assert sections_of(material(alone, ("c",)), ["pairwise"]) == []
+    assert sections_of(material(alone, ("c",)), topics_called("pairwise")) == []
     apart = [*play("a", same(4), 2, ("CC4",)), *play("b", same(5), 2, ("CE4",))]
-    assert sections_of(material(apart, ("a", "b")), ["pairwise"]) == []
+    assert sections_of(material(apart, ("a", "b")), topics_called("pairwise")) == []
 
 
 def test_a_single_subject_of_each_decides_nothing() -> None:

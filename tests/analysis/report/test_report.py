@@ -159,14 +159,17 @@ def test_full_tables_have_the_published_numbers_in_place(page: Page) -> None:
             assert key not in by_trial
             by_trial[key] = cells
     results = reference.results()
-    sources = {"People": results["cogsci2018"]["human"], "Model": results["aaai2020"]["model"]}
+    sources = {
+        "People": results["cogsci2018"]["human"],
+        "Published model": results["aaai2020"]["model"],
+    }
     for column, source in sources.items():
         shown = [by_trial["five", "CC4", "human", str(t), "train"][column] for t in range(1, 6)]
         assert shown == [f"{mean:.2f}" for mean in source["baseline"]["CC4"]["mean"]]
     first = by_trial["five", "CC4", "human", "1", "train"]
-    assert (first["People"], first["Model"], first["SE"]) == ("19.38", "11.44", "0.34")
+    assert (first["People"], first["Published model"], first["SE"]) == ("19.38", "11.44", "0.34")
     assert by_trial["five", "CC4", "human", "1", "train"]["Difference"] == "−16.38"
-    for column, test in (("People", "5.53"), ("Model", "7.06")):
+    for column, test in (("People", "5.53"), ("Published model", "7.06")):
         assert column not in by_trial["a", "CC4", "loops", "1", "train"]
         assert by_trial["a", "CC3-CC4", "human", "1", "train"][column] == "–"
         assert by_trial["a", "CC3-CC4", "human", "1", "test"][column] == test

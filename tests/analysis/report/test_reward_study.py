@@ -7,11 +7,12 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.report.section import Section
-from causal_openlock.analysis.report.sections.reward_study import reward_terms, rewards_of, section
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.topics.reward_study import TOPIC, reward_terms, rewards_of
 from causal_openlock.storage.stored import StoredExperiment
 from support.fabricated_courses import around, course, described
 from support.made_up_experiments import material_of
+from support.topics import section_on
 
 LEARNERS = (
     "conditions: [CC4, CE4]\n"
@@ -37,7 +38,7 @@ def made(experiment: StoredExperiment, shares: dict[str, tuple[float, float]]) -
             for condition, share in zip(("CC4", "CE4"), both, strict=True)
         ]
     )
-    return section(material_of(record, experiment))
+    return section_on(TOPIC, material_of(record, experiment))
 
 
 def test_terms_of_sums_and_of_ladders(tmp_path: Path) -> None:

@@ -11,15 +11,15 @@ import pandas as pd
 import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.section import SectionTable, printed
-from causal_openlock.analysis.report.sections import ORDER, columns_of, sections_of
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import SectionTable, printed
+from causal_openlock.analysis.topic import all_topics, columns_of, sections_of
 from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import NOBODY, experiment_of, material_of, stored
-
-OURS = "support.section_of_ours"
+from support.section_of_ours import TOPIC as OURS
+from support.topics import section_on
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_columns_that_sections_ask_for_are_told() -> None:
 
 def test_every_section_is_there_and_says_nothing_of_an_empty_record() -> None:
     record = table([])
-    assert sections_of(material_of(record, NOBODY), ORDER) == []
+    assert sections_of(material_of(record, NOBODY), all_topics()) == []
 
 
 @pytest.mark.parametrize(
@@ -139,8 +139,8 @@ def test_values_are_printed_as_a_reader_expects(value: object, form: str | None,
 
 
 def test_long_tables_are_closed_on_the_page() -> None:
+    from causal_openlock.analysis.prose import LONG
     from causal_openlock.analysis.report.page import render
-    from causal_openlock.analysis.report.prose import LONG
 
     frame = pd.DataFrame({"name": [f"n{i}" for i in range(LONG + 1)], "value": 1.0})
     told = [SectionTable("t", "T", part) for part in (frame, frame.head(LONG))]
@@ -162,7 +162,7 @@ def test_long_tables_are_closed_on_the_page() -> None:
 def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> None:
     import pyarrow.compute as pc
 
-    from causal_openlock.analysis.report.sections.belief_traces import section
+    from causal_openlock.analysis.topics.belief_traces import TOPIC
     from causal_openlock.contract.registry import create
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
@@ -178,7 +178,7 @@ def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> N
     def made(seed: int) -> object:
         trials = attempts_to_solve(record).assign(seed=seed)
         told = Material(record, stored(experiment), trials, ("bayes",), frozenset(), {})
-        return section(told)
+        return section_on(TOPIC, told)
 
     shown = made(6)
     assert shown is not None

@@ -1,0 +1,192 @@
+"""The sentences of a report, each in one place: templates in plain text.
+
+A module ``NAME.py`` that writes has a template ``NAME.txt.j2`` beside it, made of macros. ``title``
+is its heading and ``text`` what it says; ``X_table`` and ``X_plot`` give the title and the caption
+of a table or plot X. A pilcrow (¶) starts a paragraph; line breaks and indentation mean nothing.
+Python passes what was found, as numbers and names; filters print these (:data:`FILTERS`).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
+from importlib.resources import files
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from causal_openlock.analysis.section import Section, SectionPlot, SectionTable, printed
+from causal_openlock.wording import counted, joined
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+LONG = 24
+"""Tables of more rows than this are closed until they are opened; in print they are open."""
+
+_PAGE = "causal_openlock.analysis.report"  # where the templates of the page are
+_SHOWN = 8  # names in a list before "and n more"
+
+
+class Prose:
+    """The sentences of one module, from the template beside it.
+
+    >>> REPORT = "causal_openlock.analysis.report"
+    >>> Prose(f"{REPORT}.difference_page").sentence("changes", things=["seed"])
+    '1 thing differs in what was run: seed.'
+
+    Args:
+        module: Its full name, ``__name__``.
+    """
+
+    def __init__(self, module: str) -> None:
+        package, _, self.name = module.rpartition(".")
+        self._template = f"{package}/{self.name}.txt.j2"
+
+    def paragraphs(self, macro: str, **findings: Any) -> tuple[str, ...]:
+        """The paragraphs of a macro, filled in."""
+        template = environment().get_template(self._template)
+        parts = getattr(template.module, macro)(**findings).split("¶")
+        return tuple(text for part in parts if (text := re.sub(r"\s+", " ", part).strip()))
+
+    def sentence(self, macro: str, **findings: Any) -> str:
+        """The same, as one paragraph."""
+        return " ".join(self.paragraphs(macro, **findings))
+
+    def section(
+        self,
+        name: str,
+        tables: Sequence[SectionTable] = (),
+        plots: Sequence[SectionPlot] = (),
+        **findings: Any,
+    ) -> Section:
+        """A section of which ``title`` and ``text`` are filled in."""
+        text = self.paragraphs("text", **findings)
+        return Section(name, self.sentence("title"), text, tuple(tables), tuple(plots))
+
+    def table(
+        self,
+        kind: str,
+        frame: pd.DataFrame,
+        formats: Mapping[str, str],
+        name: str = "",
+        **findings: Any,
+    ) -> SectionTable:
+        """A table with the title and caption of the macro ``KIND_table``.
+
+        Formats say how to print its columns, and perhaps others; its file is called ``name``, or
+        else ``kind``.
+        """
+        title, *caption = self.paragraphs(f"{kind}_table", **findings)
+        own = {column: form for column, form in formats.items() if column in frame}
+        return SectionTable(name or kind, title, frame, own, " ".join(caption))
+
+    def plot(
+        self,
+        kind: str,
+        function: Callable[..., Any],
+        data: Any,
+        options: Mapping[str, Any] = MappingProxyType({}),
+        name: str = "",
+        call: str | None = None,
+        **findings: Any,
+    ) -> SectionPlot:
+        """What a plot function draws, with the title and caption of the macro ``KIND_plot``.
+
+        Args:
+            kind: Of the macro.
+            function: A function of ``analysis.plots``.
+            data: Its first argument.
+            options: Other arguments.
+            name: Of the files; by default ``kind``.
+            call: The line that makes the figure again; by default that of the results' accessor.
+            findings: For the macro.
+        """
+        from matplotlib.figure import Figure
+
+        figure = Figure()
+        function(data, **options, ax=figure)
+        if call is None:
+            given = ", ".join(f"{key}={value!r}" for key, value in options.items())
+            call = f"results.plot.{function.__name__.removeprefix('plot_')}({given})"
+        title, *caption = self.paragraphs(f"{kind}_plot", **findings)
+        return SectionPlot(name or kind, title, " ".join(caption), figure, call)
+
+
+@lru_cache(maxsize=1)
+def environment() -> Environment:
+    """The templates of all packages, such as ``my_package/pay.txt.j2``.
+
+    Those of HTML escape what they are given; those of the page are named without their package.
+    """
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    def load(name: str) -> str:
+        package, _, file = name.rpartition("/")
+        return (files(package or _PAGE) / file).read_text(encoding="utf-8")
+
+    made = Environment(
+        loader=FunctionLoader(load),
+        autoescape=lambda name: name is not None and ".html" in name,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    made.filters.update(FILTERS)
+    made.globals["LONG"] = LONG
+    return made
+
+
+def some(names: Iterable[str] | Mapping[str, Any]) -> str:
+    """A list of names, or of names with values, that is cut off when it gets long."""
+    if isinstance(names, Mapping):
+        names = [f"{name}: {value}" for name, value in names.items()]
+    names = list(names)
+    more = len(names) - _SHOWN
+    shown = "; ".join(names[:_SHOWN])
+    return f"{shown}; and {more} more" if more > 0 else shown
+
+
+def percent(share: float) -> str:
+    """A share, such as ``12.5%``; never 0 or 100 where it is not."""
+    if 0 < share < 0.0005 or 0.9995 < share < 1:  # some is not none, and not all
+        return "<0.1%" if share < 0.5 else ">99.9%"
+    return f"{100 * share:.1f}%"
+
+
+def _decimals(value: float) -> str:
+    return f"{value + 0.0:.2f}"
+
+
+def _signed(value: float) -> str:
+    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
+
+
+def _interval(row: Mapping[str, Any]) -> str:
+    """The interval, or nothing where subjects do not differ or there is only one."""
+    low = row["ci_low"]
+    if low is None or math.isnan(low) or low == row["ci_high"]:
+        return ""
+    return f"{_decimals(low)}–{_decimals(row['ci_high'])}"
+
+
+def _plain(values: Iterable[Any]) -> bool:
+    return all(value is None or isinstance(value, str | int | float) for value in values)
+
+
+FILTERS: dict[str, Callable[..., Any]] = {
+    "counted": counted,
+    "decimals": _decimals,
+    "interval": _interval,
+    "joined": lambda names: joined(list(names)),
+    "number": printed,
+    "percent": percent,
+    "plain": _plain,
+    "signed": _signed,
+    "some": some,
+}
+"""``3 | counted("attempt")``, ``names | joined`` (a, b and c), ``names | some`` (cut off if long),
+``0.5 | number(".0%")``, and, for the tables of the page, ``decimals``, ``signed``, ``percent``,
+``interval``, ``plain``."""

@@ -1,0 +1,138 @@
+"""Attempts by condition: a row for each learner, a column for each condition.
+
+References such as people, and the ideal observer, have rows of their own above the learners, where
+the learners played what these are known for. A mean that unsolved trials are in is a lower bound,
+since they count as the limit, and is marked as that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.results.references import Beside, Reference
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+
+Row = Mapping[str, Any]
+"""A row of :func:`~causal_openlock.analysis.results.summary.headline`; None is no value."""
+
+
+@dataclass(frozen=True)
+class ConditionTable:
+    """The results of one protocol.
+
+    Attributes:
+        protocol: Its name.
+        columns: The conditions, and what each was judged by, such as ``trial 5`` or ``test``.
+        references: By reference that stands beside a learner, by column, its mean
+            attempts and their standard error, or None where it does not.
+        ideal: By column, attempts of the ideal observer, or None; empty if none are known.
+        rows: By learner, by column, its row or None.
+    """
+
+    protocol: str
+    columns: tuple[tuple[str, str], ...]
+    references: Mapping[Reference, tuple[tuple[float, float] | None, ...]]
+    ideal: tuple[float | None, ...]
+    rows: Mapping[str, tuple[Row | None, ...]]
+
+    @property
+    def beside(self) -> dict[str, tuple[float | None, ...]]:
+        """Attempts of references and of the ideal observer, where known."""
+        found: dict[str, tuple[float | None, ...]] = {
+            one.name: tuple(None if cell is None else cell[0] for cell in cells)
+            for one, cells in self.references.items()
+        }
+        return {**found, "ideal observer": self.ideal} if self.ideal else found
+
+
+def condition_tables(
+    headline: pd.DataFrame,
+    learners: Sequence[str] = (),
+    conditions: Sequence[str] = (),
+    references: Sequence[Beside] = (),
+) -> list[ConditionTable]:
+    """The headline as tables, one for each protocol.
+
+    Args:
+        headline: From :func:`~causal_openlock.analysis.results.summary.headline`.
+        learners: The order of the rows; others follow.
+        conditions: The order of the columns; others follow.
+        references: Whose columns the headline has.
+    """
+    tables = []
+    for protocol, rows in headline.groupby("protocol", observed=True):
+        cells = {(str(cell["learner"]), str(cell["condition"])): cell for cell in records(rows)}
+        names = ordered(rows["condition"], conditions or PAPER_CONDITIONS)
+        columns, ideal = [], []
+        known: dict[Reference, list[tuple[float, float] | None]] = {
+            one.reference: [] for one in references if len(one.reference.points)
+        }
+        for condition in names:
+            of = [cell for (_, played), cell in cells.items() if played == condition]
+            columns.append((condition, " or ".join(dict.fromkeys(c["measured"] for c in of))))
+            for one, found in known.items():
+                ends = {(cell["measured"], cell[f"{one.prefix}_attempts"]) for cell in of}
+                mean, se = (of[0][f"{one.prefix}_{name}"] for name in ("attempts", "se"))
+                found.append((mean, se) if len(ends) == 1 and mean is not None else None)
+            bounds = {cell["ideal_attempts"] for cell in of}
+            ideal.append(bounds.pop() if len(bounds) == 1 else None)
+        tables.append(
+            ConditionTable(
+                protocol=str(protocol),
+                columns=tuple(columns),
+                references={one: tuple(cells) for one, cells in known.items() if any(cells)},
+                ideal=tuple(ideal) if any(ideal) else (),
+                rows={
+                    name: tuple(cells.get((name, condition)) for condition in names)
+                    for name in ordered(rows["learner"], learners)
+                },
+            )
+        )
+    return tables
+
+
+def in_cell(row: Row | None) -> list[str]:
+    """A learner's result in a condition as lines: the mean, its interval, and what was not solved.
+
+    >>> in_cell({"attempts": 28.0, "ci_low": 24.8, "ci_high": 30.0, "share_solved": 0.1})
+    ['≥ 28.00', '24.80–30.00', '10% solved']
+    """
+    if row is None:
+        return ["–"]
+    mean = number(row["attempts"])
+    if row["share_solved"] == 0:
+        return [f"not within {row['attempts']:g}"]
+    found = [mean if row["share_solved"] == 1 else f"≥ {mean}"]
+    if row["ci_low"] is not None and row["ci_low"] < row["ci_high"]:
+        found.append(f"{number(row['ci_low'])}–{number(row['ci_high'])}")
+    if row["share_solved"] < 1:
+        found.append(f"{share(row['share_solved'])} solved")
+    return found
+
+
+def number(attempts: float) -> str:
+    """Attempts as tables print them.
+
+    >>> number(3.7512), number(150.2)
+    ('3.75', '150')
+    """
+    return f"{attempts:.2f}" if attempts < 100 else f"{attempts:,.0f}"
+
+
+def share(value: float) -> str:
+    """A share as tables print it: 0% is none and 100% is all.
+
+    >>> share(0.125), share(0.001), share(0.999), share(1.0)
+    ('12%', '<1%', '>99%', '100%')
+    """
+    return "<1%" if 0 < value < 0.01 else ">99%" if 0.99 < value < 1 else f"{value:.0%}"
+
+
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows as mappings, with None for what does not exist."""
+    return table.astype(object).where(table.notna(), None).to_dict("records")

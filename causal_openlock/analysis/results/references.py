@@ -1,0 +1,294 @@
+"""References: what learners stand beside, such as published people or people of one's own.
+
+A reference has means of attempts in the trials of conditions, and says which learners are
+comparable with it. It stands beside these in every table and figure, and beside nobody else.
+Published results are registered as entry points, each a function that returns a reference::
+
+    [project.entry-points."causal_openlock.references"]
+    people = "my_package.my_people:people"
+
+A results folder becomes one with :func:`reference_of`, for the people whom ``causal-openlock play``
+or ``import`` put there, or, where there are no people, for its learners.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.measures import CELL, Counts, count, judged, mean_by_trial
+from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.experiment import PERSON, Experiment, LearnerSpec
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, Condition, Protocol
+from causal_openlock.files.plugins import REFERENCES, registered
+from causal_openlock.schemas.fsm import BoolArray
+from causal_openlock.storage.remote import downloaded
+from causal_openlock.storage.store import Store
+
+POINT = ["condition", "phase", "trial"]
+"""What identifies the trials that a reference has means of."""
+
+POINT_COLUMNS = [*POINT, "subjects", "mean", "se"]
+"""Columns of :attr:`Reference.points`."""
+
+Cells = Collection[tuple[str, str, str]]
+"""Labels of learners, each with the names of a condition that it played and of its protocol."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Something that learners stand beside.
+
+    Attributes:
+        name: What tables and sentences call it: letters, digits, spaces, dots and dashes.
+        points: Means of attempts, a row for each ``condition``, ``phase`` and ``trial``, with
+            ``subjects``, ``mean`` and ``se`` (population SD / √n); perhaps no rows.
+        comparable: Whether a learner did what the reference did in a condition.
+        judged: The same of the trials that conditions are judged by, a test as trial 1; by default
+            the points.
+        title: What panels of figures call it; by default its name.
+        detail: What it is, for small type: ``published``.
+        prefix: What its columns begin with, as in ``human_attempts``; by default its name.
+        in_leaderboard: Whether the leaderboard says how many attempts more each learner needs.
+        categories: What attempts came to, in blocks: ``condition``, ``phase``, ``block``,
+            ``category``, ``count`` and ``until``, the attempts up to the end of the block.
+        protocol: Beside what protocol it stands where a record is without its experiment, so that
+            names of conditions must do.
+    """
+
+    name: str
+    points: pd.DataFrame
+    comparable: Callable[[LearnerSpec, Condition], bool]
+    judged: pd.DataFrame | None = None
+    title: str = ""
+    detail: str = ""
+    prefix: str = ""
+    in_leaderboard: bool = True
+    categories: pd.DataFrame | None = None
+    protocol: str = HUMAN_PROTOCOL
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"\w[\w .-]*", self.name):
+            raise OpenLockError(
+                f"a reference cannot be called {self.name!r}; a name begins with a letter and has "
+                "letters, digits, spaces, dots and dashes: give one as NAME=FOLDER"
+            )
+        object.__setattr__(self, "title", self.title or self.name)
+        object.__setattr__(self, "prefix", self.prefix or re.sub(r"\W+", "_", self.name))
+
+    def beside(self, experiment: Experiment | None) -> Beside:
+        """Return the reference with the learners of an experiment that it stands beside."""
+        if experiment is None:
+            return Beside(self, None)
+        cells = frozenset(
+            (spec.name, condition.name, spec.protocol.name)
+            for spec in experiment.learners
+            for condition in experiment.conditions
+            if self.comparable(spec, condition)
+        )
+        return Beside(self, cells)
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """A reference, and whom it stands beside.
+
+    Attributes:
+        reference: The reference.
+        cells: Learners with conditions and protocols; None where names of conditions decide.
+    """
+
+    reference: Reference
+    cells: Cells | None
+
+    def stands(self, table: pd.DataFrame) -> BoolArray:
+        """``[N]`` whether it stands beside each row: its learner, condition and protocol."""
+        if self.cells is None:
+            found: BoolArray = (table["protocol"] == self.reference.protocol).to_numpy(dtype=bool)
+            return found
+        played = zip(*(table[name] for name in CELL), strict=True)
+        return np.array([cell in self.cells for cell in played], dtype=bool)
+
+    def columns(self, table: pd.DataFrame, judged: bool = False) -> dict[str, Any]:
+        """``[N]`` mean and error beside each row of a table of means, NaN where it does not stand.
+
+        Args:
+            table: Rows with ``learner``, ``protocol`` and :data:`POINT`.
+            judged: Whether rows are of the trials that conditions are judged by.
+        """
+        one = self.reference
+        means = one.points if one.judged is None or not judged else one.judged
+        keys = pd.MultiIndex.from_arrays([table[column].astype(object) for column in POINT])
+        beside, stands = means.set_index(POINT).reindex(keys), self.stands(table)
+        return {
+            f"{one.prefix}_{column}": np.where(stands, beside[value].to_numpy(float), np.nan)
+            for column, value in (("attempts", "mean"), ("se", "se"))
+        }
+
+
+def references_beside(
+    experiment: Experiment | None, given: Iterable[Reference] = ()
+) -> tuple[Beside, ...]:
+    """Return the registered references, and those that are given, with whom they stand beside.
+
+    Raises:
+        OpenLockError: If two have the same name.
+    """
+    known = [*_registered(tuple(registered(REFERENCES).values())), *given]
+    names = [one.prefix for one in known]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise OpenLockError(
+            f"two references are called {twice}; give one another name: NAME=FOLDER"
+        )
+    return tuple(one.beside(experiment) for one in known)
+
+
+@lru_cache(maxsize=4)
+def _registered(entries: tuple[Any, ...]) -> tuple[Reference, ...]:
+    return tuple(entry.load()() for entry in entries)
+
+
+def with_references(
+    table: pd.DataFrame, references: Sequence[Beside], judged: bool = False
+) -> tuple[pd.DataFrame, list[str]]:
+    """Return a table of mean ``attempts`` with the references beside each row.
+
+    Args:
+        table: As :meth:`Beside.columns` takes it.
+        references: Those without points are left out.
+        judged: As there.
+
+    Returns:
+        The table with ``PREFIX_attempts`` and ``PREFIX_se`` of each reference and, of those in the
+        leaderboard, the ``difference`` of attempts from them, which is ``PREFIX_difference`` of all
+        but the first; and the names of these columns.
+    """
+    added: dict[str, Any] = {}
+    for one in references:
+        reference = one.reference
+        if reference.points.empty:
+            continue
+        found = one.columns(table, judged)
+        added |= found
+        if name := difference_from(reference, references):
+            added[name] = table["attempts"] - found[f"{reference.prefix}_attempts"]
+    return table.assign(**added), list(added)
+
+
+def difference_from(reference: Reference, references: Sequence[Beside]) -> str:
+    """The column of differences from a reference; empty if it is not in the leaderboard."""
+    leading = [one.reference for one in references if one.reference.in_leaderboard]
+    if reference not in leading:
+        return ""
+    return "difference" if reference is leading[0] else f"{reference.prefix}_difference"
+
+
+def beside_any(table: pd.DataFrame, references: Sequence[Beside]) -> BoolArray:
+    """``[N]`` whether any reference with means stands beside each row."""
+    stands = [one.stands(table) for one in references if not one.reference.points.empty]
+    found: BoolArray = np.logical_or.reduce([np.zeros(len(table), bool), *stands])
+    return found
+
+
+ReferenceForm = Reference | Path | str
+"""A reference, or a results folder, perhaps with a name: ``"mine=results/my_people"``."""
+
+
+def find_references(
+    forms: ReferenceForm | Sequence[ReferenceForm] | None,
+) -> tuple[Reference, ...]:
+    """Return the references that are given, each as a reference or as a results folder.
+
+    Raises:
+        OpenLockError: If a folder holds no results, or a name is none.
+    """
+    if forms is None:
+        return ()
+    listed = [forms] if isinstance(forms, Reference | Path | str) else forms
+    return tuple(
+        found
+        for form in listed
+        for found in ([form] if isinstance(form, Reference) else reference_of(form))
+    )
+
+
+def reference_of(folder: Path | str) -> list[Reference]:
+    """Return the people of a results folder as a reference; without people, each of its learners.
+
+    A learner did what they did in a condition if its rooms have the same schemas in the same order,
+    as many of them, under the same budgets. Where the levers stand makes no difference.
+
+    Args:
+        folder: The folder, or an object store; with a name before it: ``"mine=results/people"``.
+            Without, the folder's name is taken.
+
+    Raises:
+        OpenLockError: If it holds no results, or the name is none.
+    """
+    name, found, place = str(folder).partition("=")
+    if not found or "/" in name:
+        name, place = "", str(folder)
+    path = Path(downloaded(place))
+    record, experiment = read_results(Store(path))
+    counts = count(record)
+    people = [spec.name for spec in experiment.learners if spec.learner == PERSON]
+    played = set(map(str, counts.trials["learner"].unique()))
+    shown = [spec for spec in experiment.learners if spec.name in played]
+    shown = [spec for spec in shown if spec.name in people] or shown
+    if not shown:
+        raise OpenLockError(f"{path} holds no results to compare with; play or import some first")
+    name = name or re.sub(r"\W+", "_", path.resolve().name).strip("_")
+    return [
+        _of_learner(name if len(shown) == 1 else f"{name} {spec.name}", spec, experiment, counts)
+        for spec in shown
+    ]
+
+
+def _of_learner(name: str, spec: LearnerSpec, experiment: Experiment, counts: Counts) -> Reference:
+    trials = counts.trials[counts.trials["learner"] == spec.name]
+    blocks = counts.blocks[counts.blocks["learner"] == spec.name]
+    conditions = {one.name: _form(one, spec.protocol) for one in experiment.conditions}
+    budgets = replace(spec.protocol, name="", layouts="published", test_layout=None)
+
+    def comparable(other: LearnerSpec, condition: Condition) -> bool:
+        theirs = replace(other.protocol, name="", layouts="published", test_layout=None)
+        return theirs == budgets and conditions.get(condition.name) == _form(
+            condition, other.protocol
+        )
+
+    means = [
+        mean_by_trial(rows, ["phase", "trial"]).astype({"condition": str, "phase": str})
+        for rows in (trials, judged(trials))
+    ]
+    return Reference(
+        name,
+        means[0][POINT_COLUMNS],
+        comparable,
+        means[1][POINT_COLUMNS],
+        detail="one's own",
+        categories=blocks.astype({"condition": str, "phase": str}) if len(blocks) else None,
+        protocol=spec.protocol.name,
+    )
+
+
+def _form(condition: Condition, protocol: Protocol) -> list[list[Any]]:
+    """The schemas of each phase, without titles, and how many rooms there are of each."""
+    train = protocol.training_trials if condition.test else protocol.baseline_trials
+    return [
+        [
+            (
+                {**one.schema.as_dict(), "title": ""},
+                one.number or (len(one.layouts) if isinstance(one.layouts, tuple) else number),
+            )
+            for one in group
+        ]
+        for group, number in ((condition.train, train), (condition.test, protocol.test_trials))
+    ]

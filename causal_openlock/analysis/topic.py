@@ -1,0 +1,103 @@
+"""A topic: one idea of a report, whole, from its numbers to its sentences.
+
+A topic is a module with its numbers, its figure and its section, a template beside it with the
+sentences (:mod:`~causal_openlock.analysis.prose`), and a :class:`Topic` called ``TOPIC`` that names
+them. Those of the toolkit are in :mod:`causal_openlock.analysis.topics`; a package of its own
+registers one as an entry point::
+
+    [project.entry-points."causal_openlock.topics"]
+    pay = "my_package.pay:TOPIC"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from causal_openlock.analysis.decisions import Decided, Decisions
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import Section
+from causal_openlock.files.plugins import TOPICS, registered
+
+
+def _nothing(_: Material) -> None:
+    return None
+
+
+def _no_tests(_: Any) -> Mapping[Hashable, float]:
+    return {}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One idea of a report.
+
+    Attributes:
+        name: Names its tests; letters, digits and underscores.
+        place: Where its section stands: topics are read in the order of their places. Those of the
+            toolkit have 10, 20, ...
+        section: From the results, and what was computed and decided, to the section; None where
+            the results hold nothing that it is about.
+        compute: From the results to what the tests are taken from, computed once.
+        tests: From what was computed to the p value of each effect, by a key of its own. All tests
+            of a report are corrected together, before anything of it is written.
+        columns: Columns of the record that it needs, of those that are read on request only
+            (:data:`~causal_openlock.analysis.results.reading.UNREAD`).
+    """
+
+    name: str
+    place: int
+    section: Callable[[Material, Decided], Section | None]
+    compute: Callable[[Material], Any] = _nothing
+    tests: Callable[[Any], Mapping[Hashable, float]] = _no_tests
+    columns: tuple[str, ...] = ()
+
+
+def all_topics() -> list[Topic]:
+    """Return the topics of the toolkit and those that packages register, in reading order."""
+    ours = import_module("causal_openlock.analysis.topics").MODULES
+    topics = [import_module(f"causal_openlock.analysis.topics.{name}").TOPIC for name in ours]
+    topics += [entry.load() for entry in registered(TOPICS).values()]
+    return sorted(topics, key=lambda topic: topic.place)
+
+
+def decisions_of(material: Material, topics: Sequence[Topic]) -> Decisions:
+    """Return what is found in a report on these topics, of all their tests together."""
+    decisions = Decisions()
+    for topic in topics:
+        computed = topic.compute(material)
+        decisions.register(topic.name, topic.tests(computed), computed)
+    return decisions
+
+
+def sections_of(
+    material: Material, topics: Sequence[Topic], decisions: Decisions | None = None
+) -> list[Section]:
+    """Return all sections that the record has something for.
+
+    Args:
+        material: What they are made of.
+        topics: What they are about, in order.
+        decisions: From :func:`decisions_of`; by default of these topics.
+
+    Raises:
+        ValueError: If two sections, tables or plots have the same name.
+    """
+    decided = decisions_of(material, topics) if decisions is None else decisions
+    found = [topic.section(material, decided.of(topic.name)) for topic in topics]
+    sections = [section for section in found if section is not None]
+    for what, names in (
+        ("sections", [section.name for section in sections]),
+        ("tables", [table.name for section in sections for table in section.tables]),
+        ("plots", [plot.name for section in sections for plot in section.plots]),
+    ):
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"two {what} of the report are called {min(twice)}")
+    return sections
+
+
+def columns_of(topics: Sequence[Topic]) -> list[str]:
+    """Return the columns of a record that topics need, of those read on request only."""
+    return sorted({name for topic in topics for name in topic.columns})

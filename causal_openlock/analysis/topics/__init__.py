@@ -1,0 +1,20 @@
+"""The topics of the report, a file for each; see :mod:`causal_openlock.analysis.topic`.
+
+To add one, write ``NAME.py`` and its sentences ``NAME.txt.j2`` here, and name it in
+:data:`MODULES`.
+"""
+
+MODULES = (
+    "leaderboard",
+    "learning_cost",
+    "survival",
+    "regret",
+    "structure_recovery",
+    "language_models",
+    "transfer",
+    "pairwise",
+    "learning",
+    "reward_study",
+    "belief_traces",
+)
+"""Modules of this package, each with a ``TOPIC``."""

@@ -1,0 +1,517 @@
+"""How every learner stands: one row for each, over all conditions of a protocol.
+
+It answers before anything else is explained: which share of trials is solved, how many attempts
+that takes where it succeeds, where that lies between acting at random and the ideal observer, and
+how far it is from the best learner and from people. A trial that is not solved is *censored* at
+the limit: it would have taken more attempts than that, and nobody knows how many. So means that
+such trials are in are lower bounds, and are marked as that.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.decisions import Decided, Decisions
+from causal_openlock.analysis.effects import Difference, Group, weighted_difference
+from causal_openlock.analysis.measures import judged, ordered
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.results.by_condition import number, records, share
+from causal_openlock.analysis.results.chance import attempts_at_random
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.references import Beside
+from causal_openlock.analysis.section import Section, printed
+from causal_openlock.analysis.statistics import FEW_SUBJECTS
+from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topics.pairwise import Outcomes, compared, outcomes
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, default_action_limit
+from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.wording import counted
+from causal_openlock.world.room import positions_for
+
+MOST_ATTEMPTS = 3000
+"""No scores where trials may have more: what random actions need is computed in its square."""
+_NONE = Difference(np.nan, np.nan, np.nan, np.nan)
+Cell = tuple[str, str]
+"""A value, and its interval or what else stands beside it in small type."""
+_PROSE = Prose(__name__)
+_EVERY = "in every subject"
+_EVERY_OF_A_CONDITION = "the same in every subject of a condition"
+
+
+def normalised_score(
+    attempts: FloatArray, random: FloatArray | float, ideal: FloatArray | float
+) -> FloatArray:
+    """Where attempts lie between chance and the best that is possible.
+
+    >>> normalised_score(np.array([30.0, 10.0, 5.0]), 30, 5).tolist()
+    [0.0, 0.8, 1.0]
+
+    Args:
+        attempts: ``[...]`` attempts to solve.
+        random: ``[...]`` or a number: attempts of a learner that acts at random.
+        ideal: Attempts of the ideal observer.
+
+    Returns:
+        ``[...]`` 0 for as many attempts as at random and 1 for the ideal; below 0 or above 1 for
+        more or fewer than these. NaN where random needs no more than ideal.
+    """
+    span = np.asarray(random, float) - np.asarray(ideal, float)
+    width = np.where(span > 0, span, np.nan)
+    score: FloatArray = (np.asarray(random, float) - np.asarray(attempts, float)) / width
+    return score
+
+
+def leaderboard(results: Material) -> pd.DataFrame:
+    """One row for each learner and protocol; references come first where they stand beside any.
+
+    >>> import causal_openlock as ol
+    >>> table = ol.leaderboard(results)
+    >>> table[["learner", "solved", "median"]].values.tolist()[-1]
+    ['oracle', 1.0, 3.0]
+
+    Args:
+        results: What was played. The trials are those that a condition is judged by: its test, or
+            the last trial of a baseline. Shares and means are those of conditions, averaged.
+
+    Returns:
+        ``learner``; whether it is a ``reference``, such as people, of which the row has what is
+        known; whether it is ``informed``: given the schema or the room, and so no competitor
+        either; ``protocol``, ``conditions`` (how many), ``subjects`` (the fewest in one);
+        ``limit``, the most attempts that a trial may have; ``solved``, the share of trials;
+        ``found`` of so many ``solutions``, means of trials; ``median`` attempts where trials were
+        solved, NaN if none was; mean ``attempts``, where an unsolved trial counts as the limit;
+        ``score``, 0 for the attempts of random actions and 1 for those of the ideal observer, NaN
+        where these are not known; the ``best`` learner, which is one that has to find out how the
+        room works; ``to_best`` and, of each reference, ``to_people`` and the like, how many
+        attempts more than these the learner needs, each with the ends of its 95% interval,
+        ``_low`` and ``_high``; NaN if nobody differs
+        (:func:`~causal_openlock.analysis.effects.weighted_difference`); and ``to_people_p``, the p
+        of the difference from a reference as if it were the only test.
+    """
+    tables = [
+        _rows(results, protocol)
+        for protocol in ordered(results.trials["protocol"].unique(), (HUMAN_PROTOCOL,))
+    ]
+    columns = [
+        *("learner", "reference", "informed", "protocol", "conditions", "subjects", "limit"),
+        *("solved", "found", "solutions", "median", "attempts", "score", "best"),
+        *(f"to_best{end}" for end in ("", "_low", "_high")),
+        *(_to(one) + end for one in results.leading for end in ("", "_low", "_high", "_p")),
+    ]
+    return pd.DataFrame([row for rows in tables for row in rows], columns=columns)
+
+
+def _to(one: Beside) -> str:
+    """The column of differences from a reference."""
+    return "to_" + re.sub(r"\W+", "_", one.reference.name)
+
+
+def _gap(name: str, gap: Difference) -> dict[str, float]:
+    return {name: gap.value, f"{name}_low": gap.low, f"{name}_high": gap.high, f"{name}_p": gap.p}
+
+
+def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
+    held = outcomes(results.trials, protocol)
+    trials = judged(results.trials[results.trials["protocol"] == protocol])
+    medians = trials[trials["solved"]].groupby("learner", observed=True)["attempts"].median()
+    limits = {one.name: one.attempt_limit for one in results.experiment.protocols}
+    limit = limits.get(protocol, int(trials["last_attempt"].max()))
+    ends = _ends(results, protocol, limit)
+    best = best_learner(results, held)
+    headline = results.headline[results.headline["protocol"] == protocol]
+    informed = _informed(results)
+    played = {condition for own in held.values() for condition in own}
+    common = {"protocol": protocol, "limit": limit, "best": best}
+    rows: list[dict[str, Any]] = []
+    for one in results.leading:
+        known = _groups(one, headline)
+        if not known:
+            continue
+        attempts = {name: group.mean for name, group in known.items()}
+        rows.append(
+            {
+                **common,
+                "learner": one.reference.name,
+                "reference": True,
+                "informed": False,
+                "conditions": len(known),
+                "subjects": min(group.size for group in known.values()),
+                "attempts": np.mean([*attempts.values()]),
+                # Beside learners' it would be of other rooms if they have not played them all.
+                "score": _score(attempts, ends) if set(attempts) == played else np.nan,
+                **_gap("to_best", _against(known, held[best]) if best else _NONE),
+            }
+        )
+    for name, own in held.items():
+        means = pd.DataFrame({condition: one.mean() for condition, one in own.items()}).T
+        to_best = _NONE
+        if best is not None and best != name and not own.keys().isdisjoint(held[best]):
+            to_best = compared(own, held[best])[0]
+        row = {
+            **common,
+            "learner": name,
+            "reference": False,
+            "informed": name in informed,
+            "conditions": len(own),
+            "subjects": min(map(len, own.values())),
+            **means[["solved", "found", "solutions"]].mean(),
+            "median": medians.get(name, np.nan),
+            "attempts": means["attempts"].mean(),
+            "score": _score(means["attempts"].to_dict(), ends),
+            **_gap("to_best", to_best),
+        }
+        for one in results.leading:
+            gap = _against(_groups(one, headline, name), own)
+            row |= _gap(_to(one), Difference(-gap.value, -gap.high, -gap.low, gap.p))
+        rows.append(row)
+    return rows
+
+
+def tests(computed: pd.DataFrame) -> dict[Hashable, float]:
+    """The p of every learner against every reference, by protocol, learner and column."""
+    return {
+        (row["protocol"], row["learner"], column): row[f"{column}_p"]
+        for column in _columns_to(computed)
+        for row in computed[computed[column].notna()].to_dict("records")
+    }
+
+
+def _columns_to(table: pd.DataFrame) -> list[str]:
+    """The columns of differences from references."""
+    return [str(one)[:-2] for one in table.columns if re.fullmatch("to_.*_p", str(one))]
+
+
+def best_learner(results: Material, held: Outcomes) -> str | None:
+    """The learner that needs the fewest attempts, of those that have to find out how rooms work.
+
+    Learners that know the schema or the room are no competitors, unless there are no others; none
+    is the best where none solves a trial. Only those count that played the most conditions.
+    """
+    informed = _informed(results)
+    able = {
+        name: np.mean([one["attempts"].mean() for one in own.values()])
+        for name, own in held.items()
+        if any((one["solved"] > 0).any() for one in own.values())
+    }
+    most = max((len(held[name]) for name in able), default=0)
+    whole = [name for name in able if len(held[name]) == most]
+    chosen = [name for name in whole if name not in informed] or whole
+    return min(chosen, key=able.__getitem__, default=None)
+
+
+def _informed(results: Material) -> set[str]:
+    """Learners that are given what subjects cannot perceive."""
+    return {spec.name for spec in results.experiment.learners if spec.origin.informed}
+
+
+def _ends(results: Material, protocol: str, limit: int) -> dict[str, tuple[float, float]]:
+    """By condition, what random actions need where it is judged, and what the ideal observer."""
+    budgets = {one.name: one.action_limit for one in results.experiment.protocols}
+    found = {}
+    for condition in results.experiment.conditions:
+        phase = "test" if condition.test else "train"
+        bound = results.bounds.get((condition.name, protocol, phase))
+        schemas = {one.name: one for one in condition.schemas}
+        if bound is None or bound.schema not in schemas or limit > MOST_ATTEMPTS:
+            continue
+        schema = schemas[bound.schema]
+        actions = budgets.get(protocol) or default_action_limit(schema)
+        positions = max(map(positions_for, condition.schemas))
+        random = attempts_at_random(schema, actions, positions, limit)
+        found[condition.name] = (random, bound.attempts)
+    return found
+
+
+def _score(attempts: Mapping[str, float], ends: Mapping[str, tuple[float, float]]) -> float:
+    scores = [
+        float(normalised_score(np.array(mean), *ends[name]))
+        for name, mean in attempts.items()
+        if name in ends
+    ]
+    return float(np.mean(scores)) if scores else np.nan
+
+
+def _groups(one: Beside, headline: pd.DataFrame, of: str | None = None) -> dict[str, Group]:
+    """A reference by condition, where it stands beside this learner, or beside any."""
+    if one.reference.points.empty:
+        return {}
+    rows = headline[headline[f"{one.reference.prefix}_attempts"].notna()]
+    rows = rows if of is None else rows[rows["learner"] == of]
+    sizes = one.reference.points.groupby("condition")["subjects"].min()
+    found = {}
+    for row in rows.to_dict("records"):
+        n = int(sizes[row["condition"]])
+        mean, se = (float(row[f"{one.reference.prefix}_{of}"]) for of in ("attempts", "se"))
+        found[str(row["condition"])] = Group(1.0, n, mean, se**2 * n**2 / max(n - 1, 1))
+    return found
+
+
+def _against(known: Mapping[str, Group], own: Mapping[str, pd.DataFrame]) -> Difference:
+    """How many attempts more a reference needs than a learner."""
+    common = [name for name in known if name in own]
+    if not common:
+        return _NONE
+    weight = 1 / len(common)
+    groups = [known[name]._replace(weight=weight) for name in common]
+    groups += [Group.of(-weight, own[name]["attempts"].to_numpy(float)) for name in common]
+    return weighted_difference(groups)
+
+
+@dataclass(frozen=True)
+class LeaderboardTable:
+    """The standing of every learner under a protocol.
+
+    Attributes:
+        protocol: Its name.
+        limit: The most attempts of a trial.
+        conditions: How many were played.
+        best: The best learner that is given neither the schema nor the room; None where there is
+            none.
+        references: Names of the rows that are no competitors: references such as people, and
+            learners that are given the schema or the room. They stand first.
+        given: Names of these learners.
+        marks: Which marks its values have: ``≥``, ``≤``, ``*`` and ``all``.
+        few: Warns of few subjects; empty where there are enough.
+        uneven: Whether rows are of different numbers of conditions.
+        columns: What the columns are, those on the left mattering most.
+        heads: Over the columns, in words; the first is over the names.
+        short_heads: The same for a narrow table.
+        rows: By learner, what is in the other columns; references stand first.
+        short_rows: The same for a narrow table, a text each.
+        above: Whether a score is shown as above 1, that of the ideal observer.
+    """
+
+    protocol: str
+    limit: int
+    conditions: int
+    best: str | None
+    references: tuple[str, ...]
+    given: frozenset[str]
+    few: str
+    uneven: bool
+    columns: tuple[str, ...]
+    heads: tuple[str, ...]
+    short_heads: tuple[str, ...]
+    rows: Mapping[str, tuple[Cell, ...]]
+    short_rows: Mapping[str, tuple[str, ...]]
+    marks: frozenset[str]
+    above: bool
+
+    @property
+    def measured(self) -> str:
+        """What is counted, in words."""
+        of = f", {self.conditions} conditions together" if self.conditions > 1 else ""
+        of += " at most: each row is of those that it has" * self.uneven
+        return f"at most {counted(self.limit, 'attempt')} in a room{of}"
+
+
+def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
+    """A table for each protocol.
+
+    Args:
+        table: From :func:`leaderboard`.
+    """
+    for protocol, rows in table.groupby("protocol", sort=False):
+        best = next((name for name in rows["best"] if isinstance(name, str)), None)
+        gaps = {name: _called(name) for name in _columns_to(rows) if rows[name].notna().any()}
+        columns = {
+            "attempts": ("Attempts (mean)", "attempts"),
+            **{name: (f"Attempts more than {of}", f"− {of}") for name, of in gaps.items()},
+            "to_best": (f"Attempts more than {best}", f"− {best}"),
+            "score": ("Score, 0 random to 1 ideal", "score"),
+            "solved": ("Trials solved", "solved"),
+            "found": ("Solutions found", "found"),
+            "median": ("Attempts where solved (median)", "median"),
+            "n": ("n", "n"),
+        }
+        if best is None:
+            del columns["to_best"]
+        if rows["score"].isna().all():
+            del columns["score"]
+        narrow = ("attempts", *gaps, "to_best", "score", "solved", "found", "n")
+        narrow = tuple(name for name in narrow if name in columns)
+        # References come first, people before all others; the rest stay in their order.
+        asked = sorted(records(rows), key=lambda row: (not row["reference"], not row["informed"]))
+        cut_off = {row["learner"]: (row["solved"] or 1) < 1 for row in asked}
+        beside = cut_off.get(best, False)
+        wide = {
+            str(row["learner"]): tuple(_cell(name, row, beside) for name in columns)
+            for row in asked
+        }
+        yield LeaderboardTable(
+            protocol=str(protocol),
+            limit=int(rows["limit"].iloc[0]),
+            conditions=int(rows["conditions"].max()),
+            best=best,
+            references=tuple(
+                str(row["learner"]) for row in asked if row["reference"] or row["informed"]
+            ),
+            given=frozenset(str(row["learner"]) for row in asked if row["informed"]),
+            few=_few(rows[~rows["reference"].astype(bool)]),
+            uneven=rows["conditions"].nunique() > 1,
+            columns=tuple(columns),
+            heads=("Learner", *(wide_head for wide_head, _ in columns.values())),
+            short_heads=("", *(columns[name][1] for name in narrow)),
+            rows=wide,
+            short_rows={
+                str(row["learner"]): tuple(_short_cell(name, row, beside) for name in narrow)
+                for row in asked
+            },
+            marks=frozenset(
+                mark
+                for mark, text in (("≥", "≥"), ("≤", "≤"), ("*", "*"), ("all", "in every subject"))
+                if any(text in part for cells in wide.values() for cell in cells for part in cell)
+            ),
+            above=bool((rows["score"].astype(float).round(2) > 1).any()),
+        )
+
+
+def _called(column: str) -> str:
+    """The reference that a column of differences is about, in words."""
+    return column.removeprefix("to_").replace("_", " ")
+
+
+def legend(tables: Sequence[LeaderboardTable], narrow: bool = False) -> str:
+    """What the columns and marks of tables mean, of those that occur.
+
+    Args:
+        tables: From :func:`leaderboard_tables`.
+        narrow: Whether it is below the narrow tables, whose heads are shorter.
+    """
+    columns = {name for table in tables for name in table.columns}
+    return _PROSE.sentence(
+        "legend",
+        narrow=narrow,
+        columns=columns,
+        gaps=any(name.startswith("to_") for name in columns),
+        marks=frozenset().union(*(table.marks for table in tables)),
+        given=any(table.given for table in tables),
+        above=any(table.above for table in tables),
+    )
+
+
+def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, ...]]:
+    """What was found, in a few sentences, by protocol.
+
+    Which learner needs the fewest attempts and how that compares with people, which ones cannot be
+    distinguished from it, and which solved no trial that counts.
+
+    Args:
+        table: From :func:`leaderboard`.
+        decisions: From :func:`~causal_openlock.analysis.topic.decisions_of`.
+    """
+    found = {}
+    for protocol, rows in table.groupby("protocol", sort=False):
+        own = {row["learner"]: row for row in records(rows) if not row["reference"]}
+        best = next((name for name in rows["best"] if isinstance(name, str)), None)
+        gaps = [
+            {
+                "name": _called(name),
+                **{end: own[best][f"{name}{end}"] for end in ("_low", "_high")},
+                "value": own[best][name],
+                "found": decisions.found(TOPIC.name, (protocol, best, name)),
+            }
+            for name in _columns_to(rows)
+            if best is not None and decisions.has(TOPIC.name, (protocol, best, name))
+        ]
+        found[str(protocol)] = _PROSE.paragraphs(
+            "answer",
+            best=own.get(best),
+            several=sum(not row["informed"] for row in own.values()) > 1,
+            gaps=gaps,
+            alike=[name for name in own if best and _alike(decisions, str(protocol), best, name)],
+            unsolved=[name for name, row in own.items() if row["solved"] == 0],
+        )
+    return found
+
+
+def _alike(decisions: Decisions, protocol: str, best: str, other: str) -> bool:
+    """Whether a learner was compared with the best and no difference was found."""
+    keys = ((protocol, best, other), (protocol, other, best))
+    tested = [key for key in keys if decisions.has("pairwise", key)]
+    return any(not decisions.found("pairwise", key) for key in tested)
+
+
+def _few(rows: pd.DataFrame) -> str:
+    few = {row["learner"]: row["subjects"] for row in records(rows)}
+    few = {name: size for name, size in few.items() if size < FEW_SUBJECTS}
+    sizes = set(few.values())
+    return _PROSE.sentence(
+        "few", few=few, all=len(few) == len(rows), sizes=sorted(sizes), least=FEW_SUBJECTS
+    )
+
+
+def _cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> Cell:
+    value = row["subjects" if column == "n" else column]
+    if column == "attempts" and None not in (row["solved"], value):
+        if row["solved"] == 0:
+            return f"> {row['limit']}", ""
+        return ("≥ " if row["solved"] < 1 else "") + number(value), ""
+    if column == "median" and row["solved"] is not None and value is None:
+        return f"not within {row['limit']}", ""
+    if value is None:
+        return ("best", "") if column == "to_best" and row["learner"] == row["best"] else ("–", "")
+    if column == "attempts":
+        return number(value), ""
+    if column == "solved":
+        return share(value), ""
+    if column == "found":
+        return f"{_plain(value)} of {_plain(row['solutions'])}", ""
+    if column in ("n", "median"):
+        return f"{value:g}", ""
+    if column == "score":
+        return printed(float(value), ".2f"), ""
+    low, high = row[f"{column}_low"], row[f"{column}_high"]
+    before, after = _marks(column, row, best_cut_off)
+    small = _without_interval(column, row)
+    if low is not None:
+        small = f"{printed(float(low), '+.2f')} to {printed(float(high), '+.2f')}"
+    return f"{before}{printed(float(value), '+.2f')}{after}", small
+
+
+def _without_interval(column: str, row: Mapping[str, Any]) -> str:
+    """Why there is no interval: too few subjects, or all of them differ by the same."""
+    if column != "to_best" or row["subjects"] < 2:
+        return "no interval"
+    return _EVERY if row["conditions"] == 1 else _EVERY_OF_A_CONDITION
+
+
+def _short_cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> str:
+    main, small = _cell(column, row, best_cut_off)
+    if not small:
+        return main.replace("not within ", "> ")
+    low, value, high = row[f"{column}_low"], row[column], row[f"{column}_high"]
+    before, after = _marks(column, row, best_cut_off)
+    interval = "all" if small in (_EVERY, _EVERY_OF_A_CONDITION) else "–"
+    if low is not None:
+        interval = f"{_narrow(low)}, {_narrow(high)}"
+    return f"{before}{_narrow(value)}{after} [{interval}]"
+
+
+def _marks(column: str, row: Mapping[str, Any], best_cut_off: bool) -> tuple[str, str]:
+    """What is before and after a difference that the limit of attempts has cut off."""
+    if row["solved"] is None or row["solved"] == 1:
+        return ("≤ " if column == "to_best" and best_cut_off else ""), ""
+    return ("", "*") if column == "to_best" and best_cut_off else ("≥ ", "")
+
+
+def _narrow(value: float) -> str:
+    return printed(float(value), ".2f" if abs(value) < 10 else ".1f")
+
+
+def _plain(value: float) -> str:
+    return f"{value:.2f}".rstrip("0").rstrip(".")
+
+
+def section(_: Material, __: Decided) -> Section | None:
+    """None: the leaderboard is no section of the report; the page opens with it."""
+    return None
+
+
+TOPIC = Topic("leaderboard", 0, section, leaderboard, tests)

@@ -1,0 +1,297 @@
+"""What learning costs: attempts until a subject solves a new room about as well as can be done.
+
+Two learners that do equally well in the end may have needed ten attempts or a million to get there.
+So every attempt counts here, those of all trials of training too, up to the first new room that is
+solved within some multiple of what the ideal observer needs
+(:mod:`~causal_openlock.analysis.results.bounds`).
+
+What a learner was trained with before the experiment, such as the meta-training of ``rl2``, counts
+as well: a learner declares it (``Learner.prior_attempts``), and it is kept with the experiment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from causal_openlock.analysis.decisions import Decided
+from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, ordered
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.results.bounds import Bounds
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.statistics import SEED, bootstrap_interval
+from causal_openlock.analysis.topic import Topic
+from causal_openlock.errors import NothingToDrawError
+from causal_openlock.schemas.fsm import FloatArray
+
+WITHIN = 1.5
+"""A room is solved well in so many times the attempts of the ideal observer."""
+_NEVER = "#F2F2F2"  # behind subjects that never came so far
+_PROSE = Prose(__name__)
+
+
+def learning_costs(
+    results: Material, within: float = WITHIN, repeats: bool = False
+) -> pd.DataFrame:
+    """How many attempts each learner needs, all training counted, until it solves a new room well.
+
+    >>> import causal_openlock as ol
+    >>> table = ol.learning_costs(results)
+    >>> table[["learner", "before", "attempts", "reached"]].values.tolist()
+    [['random', 0, inf, 0.0], ['oracle', 0, 2.0, 1.0]]
+
+    Args:
+        results: What was played.
+        within: As in :func:`cost_of_learning`, as ``repeats``.
+        repeats: As there.
+
+    Returns:
+        A row for each ``learner`` and ``protocol``, of all conditions in which the attempts of the
+        ideal observer are known: ``subjects`` (in all of them); ``before``, the attempts of its
+        training before the experiment; the share of subjects that ``reached`` it; ``attempts``,
+        the median of subjects, ``before`` included, with its 95% interval ``ci_low`` and
+        ``ci_high``, inf where it is beyond what was played; and ``asked``, the most attempts that
+        one of its subjects had, ``before`` included.
+    """
+    return costs_by_learner(subject_costs(results, results.trials, within, repeats))
+
+
+def costs_by_learner(each: pd.DataFrame) -> pd.DataFrame:
+    """:func:`learning_costs` of subjects, as :func:`subject_costs` returns them."""
+    rows = []
+    for (learner, protocol), own in each.groupby(["learner", "protocol"], observed=True, sort=True):
+        cost = own["cost"].to_numpy(float)
+        reached = float(np.isfinite(cost).mean())
+        size, before = len(own), int(own["before"].iloc[0])
+        about = (str(learner), str(protocol), size, before, reached)
+        rows.append((*about, *median_cost(cost), int(own["asked"].max())))
+    columns = ["learner", "protocol", "subjects", "before", "reached"]
+    return pd.DataFrame(rows, columns=[*columns, "attempts", "ci_low", "ci_high", "asked"])
+
+
+def subject_costs(
+    results: Material, trials: pd.DataFrame, within: float = WITHIN, repeats: bool = False
+) -> pd.DataFrame:
+    """:func:`cost_of_learning` with what learners were trained with ``before``, which it counts."""
+    table = cost_of_learning(trials, results.bounds, within, repeats)
+    known = {spec.name: spec.origin.prior_attempts for spec in results.experiment.learners}
+    before = table["learner"].astype(str).map(known).fillna(0).astype(int)
+    added = table[["cost", "asked"]].add(before, axis=0)
+    return table.assign(before=before, **added)
+
+
+def cost_of_learning(
+    trials: pd.DataFrame, bounds: Bounds, within: float = WITHIN, repeats: bool = False
+) -> pd.DataFrame:
+    """How many attempts each subject made until it first solved a new room well.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        bounds: What the ideal observer needs.
+        within: How well: in at most so many times its attempts.
+        repeats: Whether rooms count that the subject has visited before. A room is new if the
+            subject has not met its schema with its layout; where a protocol goes through the same
+            layouts over and over, only the first visits are new.
+
+    Returns:
+        A row for each subject of each ``learner``, ``condition`` and ``protocol`` in which a bound
+        is known: :data:`~causal_openlock.analysis.measures.SUBJECT`; ``cost``, all its attempts up
+        to the one that solves that room, inf if there is none; and ``asked``, all its attempts up
+        to the end of the last room that could have been.
+    """
+    keys = trials[["condition", "protocol", "phase"]].astype(str).itertuples(index=False, name=None)
+    bound = np.array([bounds[key].attempts if key in bounds else np.nan for key in keys], float)
+    rows = trials.assign(bound=bound).sort_values([*CELL, *SUBJECT, *VISIT], kind="stable")
+    whole = rows.groupby([*CELL, *SUBJECT], observed=True, sort=False)
+    made = whole["last_attempt"].cumsum()
+    room = [*CELL, *SUBJECT, "schema", "layout"]
+    counts = rows["bound"].notna() & (repeats | ~rows.duplicated(room))
+    solved = counts & rows["solved"] & (rows["attempts"] <= within * rows["bound"])
+    until = made - rows["last_attempt"] + rows["attempts"]
+    rows = rows.assign(cost=until.where(solved, np.inf), asked=made.where(counts))
+    found = rows.groupby([*CELL, *SUBJECT], observed=True, sort=True)[["cost", "asked"]]
+    return found.agg({"cost": "min", "asked": "max"}).dropna().reset_index()
+
+
+def median_cost(cost: FloatArray) -> tuple[float, float, float]:
+    """The median of subjects, inf where half of them never came so far, and its 95% interval.
+
+    >>> median_cost(np.array([4.0, 4.0, 4.0]))
+    (4.0, 4.0, 4.0)
+    """
+    never = 1e18  # infinity has no differences; so far above the others it stays there
+    most = np.max(cost, where=np.isfinite(cost), initial=0.0)
+    ends = bootstrap_interval(
+        lambda values: np.median(values, axis=-1),
+        [np.minimum(cost, never)],
+        np.random.default_rng(SEED),
+    )
+    found = (float(np.median(cost)), *map(float, ends))
+    low, middle, high = (np.inf if end > most else end for end in (found[1], found[0], found[2]))
+    return middle, low, high
+
+
+def plot_cost(
+    results: Material,
+    *,
+    learners: Names = None,
+    conditions: Names = None,
+    within: float = WITHIN,
+    repeats: bool = False,
+    ax: Any = None,
+) -> Any:
+    """How many attempts, all training counted, until a new room is first solved well.
+
+    Well is within ``within`` times the attempts of the ideal observer; see
+    :func:`~causal_openlock.analysis.topics.learning_cost.learning_costs`. A row for each learner, a
+    dot for each subject of all conditions, on a logarithmic axis; black: the median with its 95%
+    bootstrap interval. On the right, in grey, are subjects that never came so far, with how many
+    there are, and the most attempts that one of them made. What a learner was trained with before
+    the experiment, such as the meta-training of ``rl2``, counts.
+
+    >>> import causal_openlock as ol
+    >>> axes = ol.plot_cost(results, conditions=["CC4"])
+    >>> [label.get_text() for label in axes.get_yticklabels()]
+    ['random', 'oracle']
+
+    With ``repeats`` rooms count that the subject has visited before. The other arguments, what is
+    returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
+    """
+    trials = rows_of(results, results.trials, learners, conditions)
+    table = subject_costs(results, trials, within, repeats)
+    if table.empty:
+        raise NothingToDrawError(
+            "no such learner played a condition of which the attempts of the ideal observer are "
+            "known"
+        )
+    table = table.assign(row=_rows(table))
+    names = [name for learner in results.learners
+             for name in ordered(table.loc[table["learner"] == learner, "row"])]  # fmt: skip
+    finite = table.loc[np.isfinite(table["cost"]), "cost"]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (1.0, 10.0)
+    edge = max(high, 3 * low) * 1.6
+    end = edge * max(edge / low, 20) ** 0.55  # of the grey part
+    with panels(ax, 1, in_rows(1, 1, 0.27 * len(names) + 0.75, style.WIDTH / 0.62)) as at:
+        (axes,) = at.axes
+        _scale(axes, names, (low / 1.5, edge, end))
+        for place, name in enumerate(names):
+            _row(axes, place, table[table["row"] == name], (edge, end))
+        dots: Any = {"ls": "", "marker": "o", "ms": 4, "mec": "#1F6F9F", "label": "subjects"}
+        line: Any = {"color": "black", "lw": 1.6, "marker": "|", "ms": 9, "mew": 2}
+        at.legend(
+            [
+                Line2D([], [], color=style.current().other(3), **dots),
+                Line2D([], [], label="median, 95% interval", **line),
+            ]
+        )
+    return at.returned
+
+
+def _rows(table: pd.DataFrame) -> list[str]:
+    """Names of rows: of learners, with the protocol where one of them has several."""
+    several = table.groupby("learner", observed=True)["protocol"].nunique()
+    return [
+        f"{learner} ({protocol})" if several[learner] > 1 else str(learner)
+        for learner, protocol in zip(table["learner"], table["protocol"], strict=True)
+    ]
+
+
+def _scale(axes: Axes, names: Sequence[str], limits: tuple[float, float, float]) -> None:
+    low, edge, end = limits
+    axes.set_xscale("log")
+    axes.set_xlim(low, end)
+    few = end < 1000 * low
+    for subs, minor in (((1, 2, 5) if few else (1,), False), (range(1, 10), True)):
+        ticks = np.asarray(LogLocator(subs=subs, numticks=8).tick_values(low, edge))
+        within = ticks[(low <= ticks) & (ticks <= edge)]  # the grey part has no attempts
+        axes.xaxis.set_ticks(within, minor=minor)
+    axes.xaxis.set_major_formatter("{x:,.0f}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel("Attempts, all training counted")
+    axes.set_yticks(range(len(names)), [style.label(name, 28) for name in names])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(True, axis="x")
+    axes.grid(False, axis="y")
+    axes.axvspan(edge, end, color=_NEVER, zorder=0.6)
+
+
+def _row(axes: Axes, place: int, own: pd.DataFrame, never: tuple[float, float]) -> None:
+    cost = np.sort(own["cost"].to_numpy(float))
+    reached = cost[np.isfinite(cost)]
+    edge, end = never
+    # Subjects stand a little above and below one another, the same ones in every drawing.
+    aside = 0.22 * np.sin(2.4 * np.arange(len(reached)))
+    axes.plot(
+        reached, place + aside, "o", ms=3.5, color=style.current().other(3), mec="#1F6F9F", mew=0.4,
+        alpha=0.8, zorder=2,
+    )  # fmt: skip
+    middle, low, high = median_cost(cost)
+    if np.isfinite(low):
+        axes.plot([low, min(high, edge)], [place] * 2, color="black", lw=1.6, zorder=3)
+    if np.isfinite(middle):
+        axes.plot(middle, place, "|", color="black", ms=9, mew=2, zorder=3)
+    if missed := len(cost) - len(reached):
+        asked = int(own.loc[np.isinf(own["cost"]), "asked"].max())
+        axes.text(
+            (edge * end) ** 0.5, place, f"{missed} of {len(cost)} not within {asked:,}",
+            ha="center", va="center", fontsize="small",
+        )  # fmt: skip
+
+
+def section(material: Material, _: Decided) -> Section | None:
+    """The cost of learning; None where the ideal observer's attempts are known of no condition."""
+    table = learning_costs(material)
+    if table.empty:
+        return None
+    able = table[np.isfinite(table["attempts"])].sort_values("attempts", kind="stable")
+    return _PROSE.section(
+        "learning_cost",
+        [_PROSE.table("learning_cost", shown(table), {"reached": ".0%", "n": ","})],
+        [_PROSE.plot("learning_cost", plot_cost, material, name="cost_of_learning")],
+        within=WITHIN,
+        able=able.assign(attempts=able["attempts"].map(_printed)).to_dict("records"),
+        total=len(table),
+        unable=table.loc[np.isinf(table["attempts"]), "learner"].tolist(),
+    )
+
+
+def shown(table: pd.DataFrame) -> pd.DataFrame:
+    """The costs as texts: what is beyond the attempts that were made is "not within" them."""
+    rows = []
+    for row in table.to_dict("records"):
+        never = f"not within {row['asked']:,}"
+        ends = [_printed(row[end]) if np.isfinite(row[end]) else "beyond"
+                for end in ("ci_low", "ci_high")]  # fmt: skip
+        known = np.isfinite(row["attempts"])
+        rows.append(
+            {
+                "learner": row["learner"],
+                "protocol": row["protocol"],
+                "n": row["subjects"],
+                "reached": row["reached"],
+                "before the experiment": f"{row['before']:,}" if row["before"] else "none",
+                "attempts, median": _printed(row["attempts"]) if known else never,
+                "95% interval": " to ".join(ends) if known else "",
+            }
+        )
+    frame = pd.DataFrame(rows)
+    return frame.drop(columns="protocol") if frame["protocol"].nunique() == 1 else frame
+
+
+def _printed(attempts: float) -> str:
+    """Attempts; of a median between two whole numbers with its half."""
+    return f"{attempts:,.1f}".removesuffix(".0")
+
+
+TOPIC = Topic("learning_cost", 10, section)

@@ -1,0 +1,262 @@
+"""Learners against learners, paired by subject: the same number, the same room.
+
+A condition is judged by one number of each subject: the attempts in its test, or in the last trial
+of a baseline. Subjects of the same number meet the same rooms in the same order, whatever learner
+they are of, so that rooms that are harder are harder for both: a comparison is the mean of the
+differences of such pairs, the mean over conditions. Where learners share no rooms, their subjects
+count as independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+
+from causal_openlock.analysis.decisions import Decided
+from causal_openlock.analysis.effects import ALPHA, Difference, Group, weighted_difference
+from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, judged, ordered
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.panels import Names, panels, trials_under
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.topic import Topic
+from causal_openlock.errors import NothingToDrawError
+from causal_openlock.wording import file_names
+
+Outcomes = Mapping[str, Mapping[str, pd.DataFrame]]
+"""By learner, by condition, from :func:`outcomes`."""
+PAIR_COLUMNS = [
+    *("learner", "other", "conditions", "pairs"),
+    *("difference", "ci_low", "ci_high", "p", "probability"),
+]
+"""Columns of :func:`pairwise_table`."""
+_PAIRS = "P(row needs fewer attempts than column)"
+_COLOURS = LinearSegmentedColormap.from_list("worse_better", ["#8C510A", "#F7F7F7", "#01665E"])
+_PROSE = Prose(__name__)
+_NAMES = {
+    **{"ci_low": "low", "ci_high": "high"},
+    **{"p_corrected": "p corrected", "probability": "P(fewer)"},
+}
+_FORMATS = {
+    **dict.fromkeys(("difference", "low", "high"), "+.2f"),
+    **dict.fromkeys(("p", "p corrected"), ".2g"),
+    **{"P(fewer)": ".3f", "pairs": ","},
+}
+
+
+def outcomes(trials: pd.DataFrame, protocol: str) -> dict[str, dict[str, pd.DataFrame]]:
+    """What subjects came to in the trials that conditions are judged by, under a protocol.
+
+    Returns:
+        By learner, by condition: a row for each subject with the means over its trials of
+        ``attempts``, ``solved``, ``found`` (solutions) and ``solutions``. The index is what pairs
+        subjects of different learners: seed, subject, the first layout and how many trials.
+    """
+    rows = judged(trials[trials["protocol"] == protocol]).sort_values(VISIT, kind="stable")
+    grouped = rows.assign(layout=rows["layout"].astype(str)).groupby(
+        ["learner", "condition", *SUBJECT], observed=True, sort=True
+    )
+    table = grouped.agg(
+        layout=("layout", "first"),
+        trials=("layout", "size"),
+        attempts=("attempts", "mean"),
+        solved=("solved", "mean"),
+        found=("solutions_found", "mean"),
+        solutions=("solutions", "mean"),
+    ).reset_index()
+    parts = [table.pop(name).astype(str) for name in (*SUBJECT[1:], "layout", "trials")]
+    table.index = pd.Index(parts[0].str.cat(parts[1:], sep="/"), name="paired by")
+    table = table.drop(columns=SUBJECT[0])
+    held: dict[str, dict[str, pd.DataFrame]] = {}
+    for (learner, condition), own in table.groupby(["learner", "condition"], observed=True):
+        held.setdefault(str(learner), {})[str(condition)] = own.drop(columns=CELL[:2])
+    return held
+
+
+def compared(
+    one: Mapping[str, pd.DataFrame], other: Mapping[str, pd.DataFrame]
+) -> tuple[Difference, int, float]:
+    """How many attempts more the one learner needs than the other, over their common conditions.
+
+    Returns:
+        The difference; how many pairs of subjects it is of (0 where they share no rooms); and how
+        probable it is that a subject of the one needs fewer attempts than its pair, or than any
+        subject of the other; ties count half.
+    """
+    common = [name for name in one if name in other]
+    groups, wins, pairs = [], [], 0
+    for name in common:
+        first, second = one[name]["attempts"], other[name]["attempts"]
+        shared = first.index.intersection(second.index)
+        weight = 1 / len(common)
+        if len(shared):
+            gap = (first[shared] - second[shared]).to_numpy(float)
+            groups.append(Group.of(weight, gap))
+            pairs += len(gap)
+        else:
+            values = first.to_numpy(float), second.to_numpy(float)
+            groups += [Group.of(weight, values[0]), Group.of(-weight, values[1])]
+            gap = np.subtract.outer(*values)
+        wins.append(float(np.mean((gap < 0) + (gap == 0) / 2)))
+    return weighted_difference(groups), pairs, float(np.mean(wins)) if wins else np.nan
+
+
+def pairwise_table(held: Outcomes) -> pd.DataFrame:
+    """Every two learners that played a condition in common, each pair once.
+
+    Args:
+        held: From :func:`outcomes`, in the order of learners.
+
+    Returns:
+        A row for each pair with the columns :data:`PAIR_COLUMNS`: ``learner``, ``other``,
+        ``conditions`` (how many in common), ``pairs`` (of subjects), ``difference`` (by how many
+        attempts the learner needs more than the other) with its 95% interval ``ci_low`` and
+        ``ci_high``, ``p`` (as if it were the only comparison) and ``probability`` (that a subject
+        of the learner needs fewer attempts than one of the other).
+    """
+    rows = []
+    for one, other in combinations(held, 2):
+        common = len(held[one].keys() & held[other].keys())
+        if common:
+            found, pairs, wins = compared(held[one], held[other])
+            rows.append((one, other, common, pairs, *found, wins))
+    return pd.DataFrame(rows, columns=PAIR_COLUMNS)
+
+
+def plot_pairs(
+    results: Material,
+    *,
+    learners: Names = None,
+    conditions: Names = None,
+    protocol: str | None = None,
+    ax: Any = None,
+) -> Axes:
+    """How probable it is that one learner is better than another, as numbers on colours.
+
+    A number is the probability that a subject of the learner in the row needs fewer attempts than
+    the subject of the same number, in the same room, of the learner in the column, in the mean over
+    the conditions that both played; ties count half. The learners stand in the order of their mean
+    attempts, the best first, and each pair is there once.
+
+    >>> import causal_openlock as ol
+    >>> [text.get_text() for text in ol.plot_pairs(results).get_yticklabels()]
+    ['oracle', 'random']
+
+    The protocol is by default ``human``, or else the first by alphabet. The other arguments, what
+    is returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
+    """
+    protocol, trials = trials_under(results, protocol, learners, conditions)
+    held = outcomes(trials, protocol)
+    table = pairwise_table(held)
+    if table.empty:
+        raise NothingToDrawError(
+            f"no two such learners played a condition in common under the protocol {protocol}"
+        )
+    means = {
+        name: np.mean([one["attempts"].mean() for one in held[name].values()])
+        for name in ordered(set(table["learner"]) | set(table["other"]), list(held))
+    }
+    names = sorted(means, key=means.__getitem__)
+    size = len(names)
+    place = {name: number for number, name in enumerate(names)}
+    rows, columns = table["learner"].map(place), table["other"].map(place)
+    values = np.full((size, size), np.nan)
+    values[np.minimum(rows, columns), np.maximum(rows, columns)] = np.where(
+        rows < columns, table["probability"], 1 - table["probability"]
+    )
+    shown = [style.label(name, 22) for name in names]
+    counts = sorted(set(table["conditions"]))
+    note = (
+        f"mean over {' to '.join(map(str, counts[:: max(1, len(counts) - 1)]))} "
+        f"condition{'s' * (counts != [1])}; ties count half"
+    )
+    edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
+    cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
+
+    def lay_out(figure: Figure) -> list[Axes]:
+        figure.set_layout_engine("constrained")
+        figure.set_size_inches(max(3.5, 1.5 * edge + cell * size), 0.75 + 0.7 * edge + cell * size)
+        figure.suptitle(_PAIRS, x=0.01, ha="left", weight="bold", size="medium")
+        figure.supxlabel(note, x=0.01, ha="left", size="medium")
+        return [figure.subplots()]
+
+    with panels(ax, 1, lay_out) as drawn:
+        (axes,) = drawn.axes
+        if drawn.figure is None:
+            axes.set_title(_PAIRS, fontsize="medium")
+            axes.set_xlabel(note, fontsize="small")
+        axes.imshow(values, cmap=_COLOURS, vmin=0, vmax=1)
+        for (row, column), value in np.ndenumerate(values):
+            if row < column:
+                known = not np.isnan(value)
+                axes.text(
+                    column, row, f"{value:.2f}" if known else "–", ha="center", va="center",
+                    fontsize="medium" if cell > 0.45 else "small",
+                    color="white" if known and abs(value - 0.5) > 0.34 else "black",
+                )  # fmt: skip
+        axes.set_xticks(range(size), shown, rotation=40, ha="left", va="bottom")
+        axes.set_yticks(range(size), shown)
+        axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
+        for label in axes.get_xticklabels():
+            label.set_rotation_mode("anchor")
+            label.set_verticalalignment("center")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_ticks(np.arange(size - 1) + 0.5, minor=True)
+        axes.grid(visible=False)
+        axes.grid(visible=True, which="minor", axis="both", color="white", linewidth=1.2)
+        axes.tick_params(which="minor", length=0)
+        axes.set_axisbelow(False)
+        axes.spines[:].set_visible(False)
+    return axes
+
+
+def compute(material: Material) -> dict[str, pd.DataFrame]:
+    """All pairs of learners, by protocol."""
+    protocols = ordered(material.trials["protocol"].unique(), ("human",))
+    tables = {one: pairwise_table(outcomes(material.trials, one)) for one in protocols}
+    return {protocol: table for protocol, table in tables.items() if len(table)}
+
+
+def tests(computed: Mapping[str, pd.DataFrame]) -> dict[Hashable, float]:
+    """The p of every pair, by protocol and names."""
+    return {
+        (protocol, row.learner, row.other): row.p
+        for protocol, table in computed.items()
+        for row in table.itertuples()
+    }
+
+
+def section(material: Material, decided: Decided) -> Section | None:
+    """Comparisons of all learners under each protocol; None if nowhere two of them can compare."""
+    found: dict[str, pd.DataFrame] = decided.computed
+    protocols: list[dict[str, Any]] = []
+    tables: list[SectionTable] = []
+    plots: list[SectionPlot] = []
+    for protocol, part in file_names(found).items():
+        rows = found[protocol].itertuples()
+        corrected = [decided.p((protocol, r.learner, r.other)) for r in rows]
+        table = found[protocol].assign(p_corrected=corrected)
+        differ = table["p_corrected"] < ALPHA
+        alike = table[~differ].to_dict("records")
+        about = {"total": len(table), "differ": int(differ.sum()), "alike": alike}
+        protocols.append({"protocol": protocol, **about})
+        name, options = f"pairwise_{part}", {"protocol": protocol}
+        shown = table.rename(columns=_NAMES)
+        tables.append(_PROSE.table("pairwise", shown, _FORMATS, name, protocol=protocol))
+        if len(table) > 1:
+            plots.append(_PROSE.plot("pairwise", plot_pairs, material, options, name, **options))
+    if not protocols:
+        return None
+    return _PROSE.section("pairwise", tables, plots, protocols=protocols)
+
+
+TOPIC = Topic("pairwise", 90, section, compute, tests)

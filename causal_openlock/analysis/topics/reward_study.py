@@ -1,0 +1,159 @@
+"""The reward study: which rewards a learner learns with, and whether that is what the paper says.
+
+The paper holds that with unique solutions nothing is learned ("an agent incapable of meaningfully
+interacting with the environment"), and that negative immovable, partial sequence and solution
+multiplier together are best. An experiment that gives learners several rewards is held against
+both sentences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from causal_openlock.analysis.decisions import Decided
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.visits import FINDS_ALL, OPENS
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topics.learning import (
+    FALLS,
+    LEARNS,
+    NOT,
+    SOME,
+    by_verdict,
+    progress,
+)
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.world.rewards import AuthorsReward, Reward, RewardFunction
+
+LEAST_REWARDS = 3
+"""Fewer rewards in an experiment are no study of them."""
+
+BEST_OF_PAPER = frozenset({"negative_immovable", "partial_sequence", "solution_multiplier"})
+"""What the paper found best, beside the basic reward."""
+
+_PROSE = Prose(__name__)
+_RUNGS = {
+    "unique": "unique_solutions",
+    "change": "state_change",
+    "immovable": "negative_immovable",
+    "repeat": "negative_repeat",
+    "partial": "partial_sequence",
+    "multiplier": "solution_multiplier",
+}
+
+
+def reward_terms(reward: RewardFunction) -> frozenset[str]:
+    """What a reward is made of, beside the basic one, in the paper's words."""
+    if isinstance(reward, Reward):
+        return frozenset(reward.terms) - {"basic"}
+    if isinstance(reward, AuthorsReward):
+        return frozenset(term for rung, term in _RUNGS.items() if getattr(reward, rung))
+    return frozenset()
+
+
+def rewards_of(experiment: Experiment) -> dict[str, RewardFunction]:
+    """The reward of every learner by its label, but of those that act at random."""
+    return {spec.name: spec.reward for spec in experiment.learners if not spec.is_random}
+
+
+def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
+    """What each reward led to, the best first.
+
+    Returns:
+        One row for each learner: ``learner``; ``door`` and ``all``, its mean shares in the last
+        part of training, averaged over conditions, each followed by the verdict on it in each
+        condition (``door CC4``, ``all CC4``, ...); ``reward``, and its ``terms`` in words.
+    """
+    kept = table[table["learner"].isin(list(rewards))]
+    conditions = ordered(kept["condition"])
+    rows = []
+    for learner, mine in kept.groupby("learner", sort=False):
+        row: dict[str, Any] = {"learner": learner}
+        for name, measure in (("door", OPENS), ("all", FINDS_ALL)):
+            own = mine[mine["measure"] == measure]
+            row[name] = own["last"].mean()
+            for condition in conditions:
+                found = own.loc[own["condition"] == condition, "verdict"]
+                row[f"{name} {condition}"] = ", ".join(dict.fromkeys(found))
+        row["reward"] = rewards[str(learner)].name
+        row["terms"] = " + ".join(sorted(reward_terms(rewards[str(learner)]))) or "none"
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    return frame.sort_values(["door", "all"], ascending=False, kind="stable", ignore_index=True)
+
+
+def without_repeats(
+    doors: pd.DataFrame, rewards: Mapping[str, RewardFunction]
+) -> dict[str, Any] | None:
+    """Whether unique solutions cannot be learned, as the paper says; None if no learner got them.
+
+    Returns:
+        Whether the paper is ``right``: ``yes``, ``no`` (in every condition the door comes to be
+        opened), ``in part`` or ``undecided``; and the learners by ``verdict``.
+    """
+    unique = [name for name, one in rewards.items() if "unique_solutions" in reward_terms(one)]
+    doors = doors[doors["learner"].isin(unique)]
+    if doors.empty:
+        return None
+    able = doors["verdict"].isin([LEARNS, FALLS])
+    if (doors["verdict"] == NOT).all():
+        right = "yes"
+    elif able.all():
+        right = "no"
+    else:
+        right = "in part" if able.any() or (doors["verdict"] == SOME).any() else "undecided"
+    return {"right": right, "verdicts": by_verdict(doors)}
+
+
+def best_rewards(
+    doors: pd.DataFrame, rewards: Mapping[str, RewardFunction]
+) -> list[dict[str, Any]]:
+    """How the learners with the paper's best combination do beside the others.
+
+    Returns:
+        ``learner``, ``condition``, ``last`` (its share in the last part of training), how many
+        others are ``better`` and which of them surely (``above``), by intervals.
+    """
+    best = [
+        name
+        for name, one in rewards.items()
+        if reward_terms(one) == BEST_OF_PAPER and isinstance(one, Reward)
+    ]
+    found = []
+    for row in doors[doors["learner"].isin(best)].to_dict("records"):
+        beside = doors[
+            (doors["condition"] == row["condition"])
+            & (doors["protocol"] == row["protocol"])
+            & ~doors["learner"].isin(best)
+        ]
+        above = beside[beside["ci_low"] > row["ci_high"]].to_dict("records")
+        better = int((beside["last"] > row["last"]).sum())
+        found.append({**row, "better": better, "above": above})
+    return found
+
+
+def section(material: Material, _: Decided) -> Section | None:
+    """The reward study: which rewards learn, or None if the experiment has too few of them."""
+    rewards = rewards_of(material.experiment)
+    if len({one.name for one in rewards.values()}) < LEAST_REWARDS:
+        return None
+    table = progress(material.trials, material.experiment)
+    table = table[table["learner"].isin(list(rewards))]
+    if table.empty:
+        return None
+    doors = table[table["measure"] == OPENS]
+    return _PROSE.section(
+        "reward_study",
+        [_PROSE.table("reward_study", study(table, rewards), {"door": ".2%", "all": ".1%"})],
+        unique=without_repeats(doors, rewards),
+        best=best_rewards(doors, rewards),
+    )
+
+
+TOPIC = Topic("reward_study", 120, section)

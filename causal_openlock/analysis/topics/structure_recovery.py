@@ -1,0 +1,328 @@
+"""Structure recovery, apart from solving: what a subject takes the structure of a room to be.
+
+A subject can find every solution without knowing why it works, and can know the structure and be
+unlucky. So what a subject believes about the room that it has just left is compared with the schema
+of that room, edge by edge. Learners that have such beliefs return them
+(:meth:`~causal_openlock.contract.learner.Learner.structure`); for that, the record is played again.
+People are asked (``causal-openlock play --ask-structure``), and their answers are beside the record
+(:mod:`causal_openlock.experiment.answers`). People tick or do not, and are not asked about gates;
+compare people and learners by ``shd`` and ``f1``. ``ideal`` is given the schema, so it has only to
+find out which lever is which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from causal_openlock.analysis.decisions import Decided
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.structures import structure_distance
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.statistics import mean_intervals
+from causal_openlock.analysis.topic import Topic
+from causal_openlock.contract.learner import Learner, Structure
+from causal_openlock.contract.probes import failures_of, is_structure
+from causal_openlock.contract.registry import create, learner_class
+from causal_openlock.errors import LearnerError, NothingToDrawError, OpenLockError
+from causal_openlock.experiment.answers import Answer, read_answers
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.session import AT_ONCE, Session
+from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.storage.stored import recorded_layout
+from causal_openlock.world.rewards import PAPER_REWARD
+from causal_openlock.world.room import positions_for
+
+COLUMNS = (
+    *("learner", "condition", "protocol", "subject", "visit", "schema"),
+    *("shd", "f1", "brier", "gate_brier"),
+)
+ASKED = 10
+"""Subjects of a learner in a condition that a report lets play again."""
+MOST = 100_000
+"""Records of more attempts than this are not played again."""
+_PROSE = Prose(__name__)
+_FORMATS = {
+    **dict.fromkeys(("first room", "last room", "low", "high", "F1", "Brier"), ".2f"),
+    **{"subjects": ",", "rooms": ","},
+}
+
+
+def structure_recovery(
+    results: Material, answers: Sequence[Answer] | None = None, subjects: int | None = None
+) -> pd.DataFrame:
+    """How well subjects recovered each room when they left it.
+
+    Learners that hold beliefs about structure and are installed as they were play again; those
+    that then do something else than what is on record are left out. It takes as long as it took to
+    play.
+
+    >>> import causal_openlock as ol
+    >>> table = ol.compare("CC3", ["ideal", "random"], subjects=2, workers=1).structure_recovery
+    >>> table.groupby("learner")[["shd", "f1", "brier"]].mean().values.tolist()
+    [[0.0, 1.0, 0.0]]
+
+    Args:
+        results: What was played.
+        answers: What people said; by default what is kept in the folders of the results.
+        subjects: The most subjects of a learner in a condition; by default all.
+
+    Returns:
+        A row for each trial of each subject: ``learner``, ``condition``, ``protocol``, ``subject``,
+        ``visit`` (number of the trial in the whole condition, from 1), ``schema``, and what
+        :func:`compared` gives. A solved room of the paper leaves these learners next to nothing to
+        doubt.
+
+    Raises:
+        StoreError: If a file of answers is damaged.
+        LearnerError: If a learner fails, or what it returns is no structure.
+    """
+    if answers is None:
+        answers = [one for folder in results.folders for one in read_answers(folder)]
+    rows = [row for answer in answers if (row := _answered(results, answer))]
+    for spec in results.experiment.learners:
+        if not _can_say(spec):
+            continue
+        for condition in results.experiment.conditions:
+            own = _own(results, spec, condition, subjects)
+            for first in range(0, own["subject"].nunique(), AT_ONCE):
+                numbers = own["subject"].unique()[first : first + AT_ONCE]
+                rows += _again(own[own["subject"].isin(numbers)], spec, condition)
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    return table.sort_values(list(COLUMNS[:5]), kind="stable", ignore_index=True)
+
+
+def recovered(table: pd.DataFrame) -> pd.DataFrame:
+    """What that comes to, over subjects.
+
+    Args:
+        table: From :func:`structure_recovery`.
+
+    Returns:
+        A row for each learner, condition, protocol and ``visit``: how many ``subjects``; the means
+        of ``shd``, with its 95% bootstrap interval ``ci_low`` and ``ci_high``, ``f1`` and
+        ``brier``.
+    """
+    by = ["learner", "condition", "protocol", "visit"]
+    grouped = table.groupby(by, observed=True)
+    means = grouped[["shd", "f1", "brier"]].mean().assign(subjects=grouped.size()).reset_index()
+    return means.merge(mean_intervals(table, by, "shd"), on=by)
+
+
+def _can_say(spec: LearnerSpec) -> bool:
+    """Whether a learner is installed and says what it believes; no code of results runs."""
+    if ":" in spec.learner:
+        return False
+    try:
+        kind = learner_class(spec.learner)
+    except OpenLockError:
+        return False
+    return issubclass(kind, Learner) and kind.structure is not Learner.structure
+
+
+def _own(
+    results: Material, spec: LearnerSpec, condition: Condition, most: int | None
+) -> pd.DataFrame:
+    """The attempts of a learner in a condition, in the order of time."""
+    import pyarrow.compute as pc
+
+    record = results.record
+    here = pc.and_(
+        pc.equal(pc.cast(record["learner"], "string"), spec.name),
+        pc.equal(pc.cast(record["condition"], "string"), condition.name),
+    )
+    columns = ["experiment", "seed", "subject", "phase", "loop", "trial", "layout", "attempt"]
+    table = record.filter(here).select([*columns, "actions"]).to_pandas()
+    table["visit"] = table["phase"].astype(str).map({"train": 0, "test": 1})
+    table = table.sort_values(["subject", "visit", "loop", "trial", "attempt"], kind="stable")
+    kept = table["subject"].unique()[:most]
+    return table[table["subject"].isin(kept)]
+
+
+def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterator[dict[str, Any]]:
+    """Let some subjects play again, and ask each when it leaves a room."""
+    seed, numbers = own["seed"].iloc[0], own["subject"].unique().tolist()
+    reward = PAPER_REWARD if spec.reward.depends_on_everything else spec.reward
+    session = Session(
+        condition, spec.protocol, numbers, seed=int(seed), reward=reward, learner=spec.name
+    )
+    found: dict[int, list[dict[str, Any]]] = {row: [] for row in range(len(numbers))}
+    with failures_of(spec.name):
+        learner = create(spec.learner, spec.parameters)
+        session.begin(learner)
+        now = session.truth
+        for step in session.steps(learner):
+            for row in np.flatnonzero(step.trial_over & step.view.playing).tolist():
+                room = now.rooms[now.room[row]]
+                if (believed := _believed(learner, row, spec.name, room.layout.positions)) is None:
+                    continue
+                known: dict[str, Any] = {"learner": spec.name, "condition": condition.name}
+                known |= {"protocol": spec.protocol.name, "subject": numbers[row]}
+                known |= {"visit": int(step.view.trial[row]), "schema": room.schema.name}
+                found[row].append(
+                    {**known, **structure_distance(believed, room.schema, room.layout)}
+                )
+            now = session.truth
+    again = session.record().to_pandas()
+    for row, number in enumerate(numbers):
+        then, today = (one.loc[one["subject"] == number, "actions"] for one in (own, again))
+        if list(map(list, then)) == list(map(list, today)):
+            yield from found[row]
+
+
+def _believed(learner: Learner, row: int, name: str, positions: int) -> Structure | None:
+    """What a subject takes the structure to be, if the learner can say."""
+    found = learner.structure(row)
+    if found is not None and not is_structure(found, positions):
+        raise LearnerError(
+            f"the structure of {name} is no Structure of probabilities for {positions} positions: "
+            f"edges [{positions}, {positions + 1}] and gates [{positions + 1}]; return None where "
+            "the learner cannot say"
+        )
+    return found
+
+
+def _answered(results: Material, answer: Answer) -> dict[str, Any] | None:
+    """What a person said of a room, compared with it."""
+    table = results.trials
+    own = table[
+        (table["learner"].astype(str) == answer.learner)
+        & (table["condition"].astype(str) == answer.condition)
+        & (table["subject"] == answer.subject)
+    ].sort_values(["phase", "loop", "trial"])
+    if not 1 <= answer.visit <= len(own):
+        return None
+    row = own.iloc[answer.visit - 1]
+    (condition,) = (o for o in results.experiment.conditions if o.name == answer.condition)
+    schema = next(one for one in condition.schemas if one.name == row["schema"])
+    layout = recorded_layout(schema, row["layout"], max(map(positions_for, condition.schemas)))
+    believed = Structure(_edges(answer, layout.positions), np.full(layout.positions + 1, np.nan))
+    return {
+        **{name: getattr(answer, name) for name in ("learner", "condition", "subject", "visit")},
+        "protocol": row["protocol"],
+        "schema": schema.name,
+        **structure_distance(believed, schema, layout),
+    }
+
+
+def _edges(answer: Answer, positions: int) -> FloatArray:
+    edges = np.zeros((positions, positions + 1))
+    for cause, effect in answer.edges:
+        if cause < positions and effect <= positions:
+            edges[cause, effect] = 1.0
+    return edges
+
+
+def plot_structure_recovery(
+    results: Material,
+    *,
+    learners: Names = None,
+    conditions: Names = None,
+    subjects: int | None = ASKED,
+    ax: Any = None,
+) -> Any:
+    """How many edges of each room's graph subjects had wrong when they left it, trial by trial.
+
+    That is the structural Hamming distance between what they take the structure to be and the
+    schema (:func:`~causal_openlock.analysis.topics.structure_recovery.structure_recovery`); 0 is
+    perfect. A panel for each condition, a line for each learner; with at most four learners a band
+    is the 95% bootstrap interval over subjects. Learners play again what is on record, which takes
+    as long as it took then, so that of each condition the first ``subjects`` do; None stands for
+    all.
+
+    >>> import causal_openlock as ol
+    >>> bayes = ol.compare("CC3", ["bayes", "ideal"], subjects=2, workers=1)
+    >>> [line.get_label() for line in ol.plot_structure_recovery(bayes).lines]
+    ['bayes', 'ideal']
+
+    The other arguments, what is returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
+    """
+    table = structure_recovery(results, subjects=subjects)
+    return draw_structure_recovery(results, table, learners=learners, conditions=conditions, ax=ax)
+
+
+def draw_structure_recovery(
+    results: Material,
+    table: pd.DataFrame,
+    *,
+    learners: Names = None,
+    conditions: Names = None,
+    ax: Any = None,
+) -> Any:
+    """Draw a table of :func:`structure_recovery`."""
+    table = rows_of(results, recovered(table), learners, conditions)
+    if table.empty:
+        raise NothingToDrawError("nobody said what they take the structure of a room to be")
+    names = ordered(table["learner"].unique(), results.learners)
+    top = max(1.0, 1.04 * float(table[["shd", "ci_high"]].max(axis=None)))
+    looks = {name: style.current().line(number) for number, name in enumerate(names)}
+    shown = ordered(table["condition"].unique(), results.conditions)
+    with panels(ax, len(shown), in_rows(len(shown), 3, 2.0)) as at:
+        for axes, condition in zip(at.axes, shown, strict=True):
+            here = table[table["condition"] == condition]
+            for name in names:
+                own = here[here["learner"] == name]
+                look = looks[name]
+                axes.plot(own["visit"], own["shd"], marker="o", ms=3, label=name, **look)
+                if len(names) <= style.MOST_BANDS:
+                    ends = own["ci_low"], own["ci_high"]
+                    axes.fill_between(own["visit"], *ends, color=look["color"], alpha=0.15, lw=0)
+            style.panel_title(axes, condition, style.sizes(here))
+            axes.set(xlabel="Trial", ylim=(-0.1, top))
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        at.label_y("Edges wrong")
+        keys = [Line2D([], [], label=style.label(name, 24), **looks[name]) for name in names]
+        at.legend(keys, columns=min(len(names), 4))
+    return at.returned
+
+
+def section(material: Material, _: Decided) -> Section | None:
+    """Edges that subjects had wrong; None where nobody says what they take the structure to be."""
+    record = material.record
+    if not 0 < record.num_rows <= MOST or "actions" not in record.column_names:
+        return None
+    table = structure_recovery(material, subjects=ASKED)
+    if table.empty:
+        return None
+    rows = _first_and_last(recovered(table))
+    call = "results.plot.structure_recovery()"
+    plot = _PROSE.plot(
+        "structure_recovery", draw_structure_recovery, material, {"table": table}, call=call
+    )
+    return _PROSE.section(
+        "structure_recovery",
+        [_PROSE.table("structure_recovery", rows, _FORMATS)],
+        [plot],
+        learners=list(dict.fromkeys(rows["learner"])),
+        most=ASKED,
+    )
+
+
+def _first_and_last(table: pd.DataFrame) -> pd.DataFrame:
+    """A row for each learner in a condition: its first room, and its last."""
+    by = ["learner", "condition", "protocol"]
+    first, last = (
+        getattr(table.groupby(by, observed=True, sort=False), at)() for at in ("first", "last")
+    )
+    rows = pd.DataFrame(
+        {
+            "subjects": last["subjects"], "rooms": last["visit"], "first room": first["shd"],
+            "last room": last["shd"], "low": last["ci_low"], "high": last["ci_high"],
+            "F1": last["f1"], "Brier": last["brier"],
+        }
+    ).reset_index()  # fmt: skip
+    return rows.drop(columns="protocol") if rows["protocol"].nunique() == 1 else rows
+
+
+TOPIC = Topic("structure_recovery", 40, section, columns=("actions",))

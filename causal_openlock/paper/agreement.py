@@ -1,0 +1,374 @@
+"""Where a learner agrees with the paper's own DDQN, point by point (Figures 6 and 7).
+
+The paper's counts are known for each category and block, but not how many agents they add up, so
+they are taken as exact, and only the learner's subjects have uncertainty. Two shares *agree* if the
+whole bootstrap interval of ours lies within a margin of the paper's, they *disagree* if all of it
+lies outside, and otherwise it is *undecided*. Of orders and of growth the sign is judged.
+
+Figure 6 has five blocks of 30,000 attempts. The paper does not say whether one agent made them all,
+in 100 loops, or ten made them in 10 loops each: ours are cut into five blocks in any case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.decisions import Decided
+from causal_openlock.analysis.measures import BASELINES, SUBJECT, TRANSFERS
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.visits import (
+    ELSE,
+    FINDS_ALL,
+    LEAST_SUBJECTS,
+    OPENS,
+    PARTS,
+    Group,
+    each_group,
+    going_on,
+    interval,
+    matrix,
+    shares,
+)
+from causal_openlock.analysis.section import Section, SectionTable
+from causal_openlock.analysis.statistics import SEED, bootstrap_interval
+from causal_openlock.analysis.topic import Topic
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.paper_conditions import paper_conditions
+from causal_openlock.experiment.protocol import PROTOCOLS, Protocol
+from causal_openlock.paper.published import paper_ddqn
+from causal_openlock.schemas.fsm import FloatArray
+
+AGREES, DISAGREES, UNDECIDED = "agrees", "disagrees", "undecided"
+MARGIN = 0.05
+"""Cases that the paper calls nearly the same differ by .017, those it calls different by .118."""
+ATTEMPTS_OF_VISIT = 300
+POINT_COLUMNS = [*Group._fields, "point", "ours", "ci_low", "ci_high", "paper", "margin", "verdict"]
+ORDER_COLUMNS = ["learner", "protocol", "pair", "ours", "ci_low", "ci_high", "paper", "verdict"]
+_PROSE = Prose(__name__)
+_SIZES = [
+    field.name
+    for field in fields(Protocol)
+    if field.name.endswith(("attempt_limit", "_loops", "_trials"))
+]
+_POINTS = dict.fromkeys(("ours", "ci_low", "ci_high", "paper", "margin"), ".3f")
+_COURSE = {**{f"block{number}": ".1%" for number in range(1, PARTS + 1)}, "attempts": ",.0f"}
+_ORDER = dict.fromkeys(("ours", "ci_low", "ci_high", "paper"), "+.3f")
+
+
+def published_shares(counts: Mapping[str, int]) -> dict[str, float]:
+    """Counts of categories as shares: ``opens`` and ``else`` of attempts, ``finds_all`` of visits.
+
+    The counts are of visits of 300 attempts to rooms of three solutions.
+    """
+    total = sum(counts.values())
+    return {
+        OPENS: (counts["open1"] + counts["open2"] + counts["open3"]) / total,
+        ELSE: counts["else"] / total,
+        # The third new solution is the last, and a visit can have it once.
+        FINDS_ALL: counts["open3"] / (total / ATTEMPTS_OF_VISIT),
+    }
+
+
+def margin_of(measure: str, share: float, visits: float) -> float:
+    """How far from the paper's share of so many visits counts as the same.
+
+    For ``finds_all`` visits are independent draws at best, so the margin is at least the 95%
+    interval of so many.
+    """
+    noise = 1.96 * np.sqrt(share * (1 - share) / visits) if measure == FINDS_ALL else 0.0
+    return max(MARGIN, float(noise))
+
+
+def _published(phase: str) -> dict[str, list[dict[str, int]]]:
+    """The paper's counts by condition, of each block."""
+    table = paper_ddqn().query("phase == @phase")
+    found: dict[str, list[dict[str, int]]] = {}
+    for (condition, _), rows in table.groupby(["condition", "block"]):
+        found.setdefault(condition, []).append(rows.set_index("category")["count"].to_dict())
+    return found
+
+
+def same(
+    values: FloatArray, paper: float, margin: float, visits: int = 0
+) -> tuple[float, float, float, str]:
+    """Whether subjects come to the paper's number.
+
+    Args:
+        values: ``[n]`` one number for each subject.
+        paper: The paper's number.
+        margin: How far from it counts as the same.
+        visits: If the numbers are shares of visits, of how many in all. Where all subjects are
+            equal, as with no success in few visits, the bootstrap interval has no width; so the
+            interval is at least Wilson's for so many visits.
+
+    Returns:
+        Their mean, the ends of its interval, and the verdict.
+    """
+    from scipy.stats import binomtest
+
+    low, high = interval(values)
+    if visits:
+        wilson = binomtest(round(values.mean() * visits), visits).proportion_ci(method="wilson")
+        low, high = min(low, float(wilson.low)), max(high, float(wilson.high))
+    verdict = UNDECIDED
+    if len(values) >= LEAST_SUBJECTS:
+        if paper - margin <= low and high <= paper + margin:
+            verdict = AGREES
+        elif high < paper - margin or low > paper + margin:
+            verdict = DISAGREES
+    return float(values.mean()), low, high, verdict
+
+
+def grows(gain: FloatArray) -> str:
+    """Whether ``[n]`` gains of a share from the first block to the last are as the paper says.
+
+    They agree if they are surely above 0 and :data:`MARGIN` at least on average.
+    """
+    low, high = interval(gain)
+    if len(gain) < LEAST_SUBJECTS:
+        return UNDECIDED
+    if low > 0 and gain.mean() >= MARGIN:
+        return AGREES
+    return DISAGREES if high < MARGIN else UNDECIDED
+
+
+def _beside_paper(
+    group: Group, mine: pd.DataFrame, measures: Sequence[str], blocks: Sequence[int]
+) -> Iterator[tuple[str, int, tuple[float, float, float, float, float, str]]]:
+    """Of each measure in each block what stands in :data:`POINT_COLUMNS` from ``ours`` on."""
+    published = _published(mine["phase"].iloc[0])[group.condition]
+    for measure in measures:
+        values = matrix(mine, measure)
+        for block in blocks:
+            paper = published_shares(published[block])[measure]
+            visits = sum(published[block].values()) / ATTEMPTS_OF_VISIT
+            margin = margin_of(measure, paper, visits)
+            of = mine.loc[mine["part"] == block + 1, "visits"]
+            made = int(of.sum()) if measure == FINDS_ALL else 0
+            ours, low, high, verdict = same(values[:, block], paper, margin, made)
+            yield measure, block, (ours, low, high, paper, margin, verdict)
+
+
+def transfer_points(tested: pd.DataFrame) -> pd.DataFrame:
+    """Figure 7: what share of test attempts has a solution, and of visits all, in each case.
+
+    Tested are :func:`~causal_openlock.analysis.results.visits.shares` with one part.
+
+    Returns:
+        Rows of :data:`POINT_COLUMNS`; ``point`` is ``opens`` or ``finds_all``.
+    """
+    rows = [
+        (*group, measure, *found)
+        for group, mine in each_group(tested, "test")
+        if group.condition in TRANSFERS
+        for measure, _, found in _beside_paper(group, mine, (OPENS, FINDS_ALL), [0])
+    ]
+    return pd.DataFrame(rows, columns=POINT_COLUMNS)
+
+
+def transfer_order(tested: pd.DataFrame) -> pd.DataFrame:
+    """The order of the transfer cases by share of attempts with a solution.
+
+    Kendall's tau of the four means is recomputed in every resample of the subjects, and so is the
+    difference of each pair of cases. Where the paper's shares differ by less than :data:`MARGIN`, a
+    pair agrees if ours surely do so too.
+
+    Returns:
+        For each learner and protocol that has all four cases, a row ``tau`` (agrees if its whole
+        interval is above 0, disagrees if none of it is) and one for each pair, such as
+        ``CC3-CC4 − CE3-CC4``, with the columns :data:`ORDER_COLUMNS`.
+    """
+    published = _published("test")
+    paper = np.array([published_shares(published[case][0])[OPENS] for case in TRANSFERS])
+    played: dict[tuple[str, str], dict[str, FloatArray]] = {}
+    for group, mine in each_group(tested, "test"):
+        cases = played.setdefault((group.learner, group.protocol), {})
+        cases[group.condition] = matrix(mine, OPENS)[:, 0]
+    pairs = list(combinations(range(len(TRANSFERS)), 2))
+
+    def order(*cases: FloatArray) -> FloatArray:
+        means = [values.mean(axis=-1) for values in cases]
+        return np.stack([kendall(means, paper), *(means[a] - means[b] for a, b in pairs)])
+
+    rows: list[tuple[Any, ...]] = []
+    for names, cases in played.items():
+        if not all(case in cases for case in TRANSFERS):
+            continue
+        samples = [cases[case] for case in TRANSFERS]
+        few = min(map(len, samples)) < LEAST_SUBJECTS
+        ends = bootstrap_interval(order, samples, np.random.default_rng(SEED))
+        (tau, *ours), (low, *lows), (high, *highs) = order(*samples), *ends
+        verdict = AGREES if low > 0 else DISAGREES if high <= 0 else UNDECIDED
+        rows.append((*names, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
+        for (a, b), value, low, high in zip(pairs, ours, lows, highs, strict=True):
+            gap = paper[a] - paper[b]
+            if abs(gap) < MARGIN:
+                alike = low >= -MARGIN and high <= MARGIN
+                apart = low > MARGIN or high < -MARGIN
+            else:
+                alike, apart = (low > 0, high < 0) if gap > 0 else (high < 0, low > 0)
+            verdict = AGREES if alike else DISAGREES if apart else UNDECIDED
+            pair = f"{TRANSFERS[a]} − {TRANSFERS[b]}"
+            rows.append((*names, pair, value, low, high, gap, UNDECIDED if few else verdict))
+    return pd.DataFrame(rows, columns=ORDER_COLUMNS)
+
+
+def kendall(values: Sequence[FloatArray], paper: FloatArray) -> FloatArray:
+    """``[...]`` Kendall's tau (a) of k values ``[...]`` with the paper's ``[k]``, all different."""
+    pairs = list(combinations(range(len(paper)), 2))
+    signs = [np.sign(values[a] - values[b]) * np.sign(paper[a] - paper[b]) for a, b in pairs]
+    tau: FloatArray = np.sum(signs, axis=0) / len(pairs)
+    return tau
+
+
+def baseline_course(parts: pd.DataFrame) -> pd.DataFrame:
+    """Figure 6 as shares of five parts: block by block, the paper's first.
+
+    Returns:
+        ``learner`` (the paper's DDQN is ``paper``), ``condition``, ``protocol``, ``measure``,
+        ``block1`` to ``block5``, and ``attempts``, how many each subject made.
+    """
+    measures = (OPENS, FINDS_ALL, ELSE)
+    rows: list[tuple[Any, ...]] = []
+    for condition, counts in _published("train").items():
+        blocks = [published_shares(block) for block in counts]
+        total = round(sum(sum(block.values()) for block in counts), -3)
+        for measure in measures:
+            rows.append(("paper", condition, "", measure, *(b[measure] for b in blocks), total))
+    for group, mine in _baselines(parts):
+        attempts = mine["attempts"].sum() / mine.groupby(SUBJECT, observed=True).ngroups
+        for measure in measures:
+            rows.append((*group, measure, *matrix(mine, measure).mean(axis=0).tolist(), attempts))
+    blocks_named = [f"block{number}" for number in range(1, PARTS + 1)]
+    return pd.DataFrame(rows, columns=[*Group._fields, "measure", *blocks_named, "attempts"])
+
+
+def baseline_points(parts: pd.DataFrame) -> pd.DataFrame:
+    """Figure 6: whether ``else`` grows, and what the first and the last block come to.
+
+    Returns:
+        Rows of :data:`POINT_COLUMNS`; ``point`` is ``else grows`` or a share with its block, such
+        as ``opens, block 1``.
+    """
+    published = _published("train")
+    rows: list[tuple[Any, ...]] = []
+    for group, mine in _baselines(parts):
+        first, *_, last = (published_shares(block)[ELSE] for block in published[group.condition])
+        other = matrix(mine, ELSE)
+        gain = other[:, -1] - other[:, 0]
+        growth = (float(gain.mean()), *interval(gain), last - first, MARGIN, grows(gain))
+        rows.append((*group, "else grows", *growth))
+        ends = _beside_paper(group, mine, (OPENS, FINDS_ALL, ELSE), (0, PARTS - 1))
+        for measure, block, found in ends:
+            rows.append((*group, f"{measure}, block {block + 1}", *found))
+    return pd.DataFrame(rows, columns=POINT_COLUMNS)
+
+
+def _baselines(parts: pd.DataFrame) -> list[tuple[Group, pd.DataFrame]]:
+    """Baselines whose course is long enough for as many blocks as the paper's."""
+    return [
+        (group, mine)
+        for group, mine in each_group(parts, "train")
+        if group.condition in BASELINES and matrix(mine, ELSE).shape[1] == PARTS
+    ]
+
+
+def section(material: Material, _: Decided) -> Section | None:
+    """Ours against the paper's counts: Figures 6 and 7, point by point.
+
+    Returns:
+        None if no learner played what they are about, or baselines alone and those under a shorter
+        protocol, which have no course to compare.
+    """
+    visited = going_on(material.trials, material.experiment)
+    going = set(visited["protocol"])
+    visited = visited[
+        visited["condition"].isin(list(paper_conditions(material.experiment)))
+        & ~visited["learner"].isin(material.experiment.random_learners)
+    ]
+    if visited.empty:
+        return None
+    tested = shares(visited[visited["phase"] == "test"], parts=1)
+    trained = shares(visited[visited["phase"] == "train"])
+    points = transfer_points(tested)
+    order = transfer_order(tested)
+    course = baseline_course(trained)
+    growth = baseline_points(trained)
+    if points.empty and (growth.empty or all(_short(material.experiment, going).values())):
+        return None
+    short = _short(material.experiment, going & set(visited["protocol"]))
+    tables: list[SectionTable] = []
+    if len(growth):
+        tables.append(_PROSE.table("figure6_course", course, _COURSE, parts=PARTS))
+        tables.append(_PROSE.table("figure6_agreement", growth, _POINTS, margin=MARGIN))
+    if len(points):
+        tables.append(_PROSE.table("figure7_agreement", points, _POINTS, margin=MARGIN))
+    if len(points) and len(order):
+        tables.append(_PROSE.table("figure7_order", order, _ORDER, margin=MARGIN))
+    return _PROSE.section(
+        "agreement",
+        tables,
+        learners=findings(points, order, growth),
+        short=[name for name, less in short.items() if less],
+    )
+
+
+def findings(
+    points: pd.DataFrame, order: pd.DataFrame, growth: pd.DataFrame
+) -> list[dict[str, Any]]:
+    """What agrees and what does not, of each learner under each protocol.
+
+    Returns:
+        ``learner``, ``protocol``; of each condition whether “else” ``grows``, with its ``first``
+        and ``last`` block; the points of each ``measure`` by verdict; Kendall's ``tau`` of the
+        order, if it is known, and how many ``pairs`` have each verdict.
+    """
+    key = ["learner", "protocol"]
+    found = []
+    for learner, protocol in (
+        pd.concat([growth[key], points[key]]).drop_duplicates().itertuples(index=False)
+    ):
+        mine, at, ranks = (
+            table[(table["learner"] == learner) & (table["protocol"] == protocol)]
+            for table in (growth, points, order)
+        )
+        by_point = {(row["point"], row.get("condition")): row for row in mine.to_dict("records")}
+        grows = [
+            {
+                **row,
+                "first": by_point["else, block 1", condition],
+                "last": by_point[f"else, block {PARTS}", condition],
+            }
+            for (point, condition), row in by_point.items()
+            if point == "else grows"
+        ]
+        verdicts = (AGREES, DISAGREES, UNDECIDED)
+        measures = {
+            measure: {name: rows[rows["verdict"] == name].to_dict("records") for name in verdicts}
+            for measure in (OPENS, FINDS_ALL)
+            for rows in [at[at["point"] == measure]]
+        }
+        tau = ranks[ranks["pair"] == "tau"].to_dict("records")
+        pairs = ranks.loc[ranks["pair"] != "tau", "verdict"].value_counts().to_dict()
+        about = {"learner": learner, "protocol": protocol, "grows": grows, "measures": measures}
+        found.append({**about, "tau": tau[0] if tau else None, "pairs": pairs})
+    return found
+
+
+def _short(experiment: Experiment, protocols: set[str]) -> dict[str, bool]:
+    """Of each protocol, whether some budget of it is below the paper's."""
+    return {
+        one.name: any(getattr(one, size) < getattr(PROTOCOLS["rl"], size) for size in _SIZES)
+        for one in sorted(experiment.protocols, key=lambda one: one.name)
+        if one.name in protocols
+    }
+
+
+TOPIC = Topic("agreement", 110, section)

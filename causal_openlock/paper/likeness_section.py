@@ -1,0 +1,132 @@
+"""How like people each learner is, at the points where people's means are published."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.decisions import Decided
+from causal_openlock.analysis.effects import ALPHA
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.topic import Topic
+from causal_openlock.paper.likeness import (
+    EFFECTS,
+    PUBLISHED_MODEL,
+    Likeness,
+    distance,
+    effects_of,
+    likeness,
+    points_of_people,
+    published_points,
+)
+from causal_openlock.paper.likeness_figure import plot_likeness
+from causal_openlock.paper.noise_ceiling import (
+    beside_yardsticks,
+    chosen_settings,
+    noise_ceiling,
+    null_curves,
+)
+from causal_openlock.paper.references import people_beside
+
+_PROSE = Prose(__name__)
+
+
+def compute(material: Material) -> Likeness | None:
+    """How near learners come to people."""
+    return likeness(material.trials, people_beside(material), material.learners)
+
+
+def tests(computed: Likeness | None) -> dict[Hashable, float]:
+    """The p of every effect of a learner, by learner and effect."""
+    return {
+        (name, effect.effect): effect.p
+        for name, own in (computed.effects if computed else {}).items()
+        for effect in own.itertuples()
+        if name != PUBLISHED_MODEL
+    }
+
+
+def section(material: Material, decided: Decided) -> Section | None:
+    """Of the learners that played all six conditions as people did; None if there are none."""
+    like: Likeness | None = decided.computed
+    if like is None:
+        return None
+    table, found = like.table, like.effects
+    order = ["people", *table["learner"]]
+    tests = {"people": effects_of(points_of_people()), **found}
+    each = pd.concat([tests[name].assign(learner=name) for name in order], ignore_index=True)
+    each["p_corrected"] = [
+        decided.p((row.learner, row.effect)) if row.learner in material.learners
+        else np.nan
+        for row in each.itertuples()
+    ]  # fmt: skip
+    clear = each["like_people"] & (each["p_corrected"] < ALPHA)
+    table["clear"] = table["learner"].map(clear.groupby(each["learner"]).sum())
+    table.loc[table["learner"] == PUBLISHED_MODEL, "clear"] = pd.NA
+    published = table["learner"] == PUBLISHED_MODEL
+    beside = beside_yardsticks(like, material.trials, chosen_settings(material.experiment.learners))
+    return _PROSE.section(
+        "human_likeness",
+        [
+            _PROSE.table("human_likeness_distances", _shown(beside), _FORMATS),
+            _PROSE.table("human_likeness", _differences(table), _FORMATS, effects=EFFECTS),
+            _PROSE.table("human_likeness_tests", each[_TESTED], _FORMATS),
+        ],
+        [_PROSE.plot("human_likeness", plot_likeness, material)],
+        points=len(published_points()),
+        effects=len(EFFECTS),
+        nearest=table[~published].iloc[0],
+        published=table[published].iloc[0],
+        ceiling=noise_ceiling(points_of_people()),
+        curves={name: distance(curve.points)[0] for name, curve in null_curves().items()},
+        # Of those that come out no farther than the nearest one beyond people's sampling error.
+        alike=beside.loc[beside["verdict"] == "not ranked", "learner"].tolist(),
+    )
+
+
+_TESTED = ["learner", "effect", "difference", "t", "df", "p", "p_corrected"]
+_HEADS = {
+    "learner": "learner",
+    "rmse": "RMSE",
+    "ceiling": "perfect",
+    "difference": "difference",
+    "low": "low",
+    "high": "high",
+    "verdict": "verdict",
+    "settings": "settings",
+    "spreads": "spreads",
+    "all": "training, all",
+    "first": "training, first",
+    "second": "training, second",
+}
+_FORMATS: Mapping[str, str] = {
+    **{head: ".2f" for head in _HEADS.values() if head not in ("learner", "verdict", "settings")},
+    **{"difference": "+.2f", "low": "+.2f", "high": "+.2f", "t": ".2f", "p": ".3f"},
+}
+
+
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    """The distances, without those of parts of the points."""
+    return table[list(_HEADS)].rename(columns=_HEADS)
+
+
+def _differences(table: pd.DataFrame) -> pd.DataFrame:
+    """Differences as they are, with a tick or a cross, the nearest learner first."""
+    ticks = {
+        effect.name: [
+            "" if np.isnan(value) else f"{'✓' if value > 0 else '✗'} {value:+.1f}"
+            for value in table[effect.name]
+        ]
+        for effect in EFFECTS
+    }
+    frame = table.assign(**ticks).rename(columns={"shown": "signs"})
+    frame = frame.drop(columns=["points", "rmse", "rmse_se"])
+    frame.insert(frame.columns.get_loc("signs") + 1, "found", frame.pop("clear"))
+    return frame
+
+
+TOPIC = Topic("human_likeness", 60, section, compute, tests)

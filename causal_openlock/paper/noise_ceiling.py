@@ -1,0 +1,287 @@
+"""What a distance from people is worth: sampling error, and curves that know nothing of levers.
+
+Fourteen means of forty people each are not what people do, but a measurement of it. So a distance
+is read beside three others:
+
+* The *noise ceiling*: how far a perfect model would be, because people's means are off by their
+  standard errors. A learner's own means are off as well, the more so the fewer its subjects are.
+* *Null curves*: three or four numbers fitted to the same fourteen means. Attempts fall
+  exponentially with the number of rooms that were played before:
+  ``last + gain · exp(-rooms / rate)``; the fourth number is added in common effect rooms and, once
+  more, in tests after training with the other structure. A model that is no nearer than such a
+  curve explains no more than it, with as many numbers.
+* *The difference of two models* with its interval. Where that includes zero, people's own sampling
+  error could have put the models in the other order, and they are not ranked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.measures import SUBJECT, by_subject
+from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED
+from causal_openlock.contract.registry import changed_parameters, is_ours
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.paper.likeness import (
+    TRAINING_MODEL,
+    Likeness,
+    distance,
+    points_of_people,
+    spread_distance,
+    training_points_of,
+    training_points_of_model,
+)
+from causal_openlock.schemas.fsm import FloatArray
+
+PERFECT = "perfect model"
+NULL_CURVES = {
+    "curve of 3 numbers, no schema effect": (6.0, 14.0, 2.0),
+    "curve of 4 numbers": (6.0, 14.0, 2.0, 2.0),
+}
+"""The null curves, each with the values from which its numbers are fitted."""
+
+VERDICTS = ("nearer", "farther", "not ranked")
+
+
+class Ceiling(NamedTuple):
+    """The distance of a perfect model from people, in attempts (root mean square).
+
+    Attributes:
+        people: What people's sampling error makes of it.
+        low: Between this and ``high`` it is in 95 of 100 such studies of people.
+        high: See there.
+        own: What the sampling error of the learner's own means adds, if it were alone.
+        both: What both come to.
+    """
+
+    people: float
+    low: float
+    high: float
+    own: float
+    both: float
+
+
+def noise_ceiling(points: pd.DataFrame) -> Ceiling:
+    """How far a perfect model would be from people's means.
+
+    >>> from causal_openlock.paper.likeness import points_of_model
+    >>> found = noise_ceiling(points_of_model())
+    >>> f"{found.people:.2f}, with 40 subjects of its own {found.both:.2f}"
+    '1.21, with 40 subjects of its own 1.34'
+
+    The interval treats trials as independent; how one person's trials vary together is not known.
+
+    Args:
+        points: Of one learner, from
+            :func:`~causal_openlock.paper.likeness.points_of`; all is NaN
+            without points.
+    """
+    if points.empty:
+        return Ceiling(*[float("nan")] * 5)
+    theirs, own = _error(points, "people_"), _error(points)
+    drawn = np.random.default_rng(SEED).normal(0.0, theirs, (RESAMPLES, len(points)))
+    low, high = np.quantile(np.sqrt((drawn**2).mean(axis=1)), _TAILS)
+    people, learner = float((theirs**2).mean()), float((own**2).mean())
+    sizes = np.sqrt([people, learner, people + learner]).tolist()
+    return Ceiling(sizes[0], float(low), float(high), *sizes[1:])
+
+
+_TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
+
+
+def _error(points: pd.DataFrame, whose: str = "") -> FloatArray:
+    """``[N]`` standard errors with n − 1 in the denominator; error bars have n."""
+    number = points[f"{whose}subjects"].to_numpy(float)
+    found: FloatArray = points[f"{whose}se"].to_numpy(float) * np.sqrt(
+        number / np.maximum(number - 1, 1)
+    )
+    return found
+
+
+class Curve(NamedTuple):
+    """A null curve, fitted.
+
+    Attributes:
+        numbers: ``last``, ``gain`` and ``rate``, and in the second curve ``cost``.
+        points: In the form of
+            :func:`~causal_openlock.paper.likeness.points_of`.
+    """
+
+    numbers: tuple[float, ...]
+    points: pd.DataFrame
+
+
+def null_curves() -> dict[str, Curve]:
+    """The null curves by name, fitted to people's fourteen means by least squares.
+
+    >>> [f"{distance(curve.points)[0]:.2f}" for curve in null_curves().values()]
+    ['2.06', '0.68']
+    """
+    from scipy.optimize import curve_fit
+
+    points = points_of_people()
+    test = points["phase"] == "test"
+    common_effect = points["condition"].str.endswith("CE4")
+    other = test & (points["condition"].str[:2] != points["condition"].str[4:6])
+    rooms = np.where(test, 6, points["trial"] - 1)
+    x = np.array([rooms, common_effect.astype(int) + other], float)
+    found = {}
+    for name, start in NULL_CURVES.items():
+        numbers, _ = curve_fit(_curve, x, points["people_mean"].to_numpy(), start)
+        own = points.assign(learner=name, mean=_curve(x, *numbers), se=np.nan)
+        found[name] = Curve(tuple(numbers.tolist()), own)
+    return found
+
+
+def _curve(x: FloatArray, last: float, gain: float, rate: float, cost: float = 0.0) -> FloatArray:
+    rooms, harder = x
+    attempts: FloatArray = last + gain * np.exp(-rooms / rate) + cost * harder
+    return attempts
+
+
+class Difference(NamedTuple):
+    """How much farther from people one model is than another.
+
+    Attributes:
+        rmse: Difference of their RMSEs, in attempts; negative if the first is nearer.
+        low: Lower end of its 95% interval.
+        high: Upper end.
+        verdict: One of :data:`VERDICTS`, about the first: not ranked if the interval includes 0.
+    """
+
+    rmse: float
+    low: float
+    high: float
+    verdict: str
+
+
+def drawn_means(
+    points: pd.DataFrame, trials: pd.DataFrame | None, rng: np.random.Generator
+) -> FloatArray:
+    """``[R, N]`` a learner's means at its N points, as other subjects might have given them.
+
+    Args:
+        points: From :func:`~causal_openlock.paper.likeness.points_of`.
+        trials: What its subjects did; they are resampled. Without it, means are drawn from normal
+            distributions with their standard errors.
+        rng: Generator of the resampling.
+    """
+    if trials is None:
+        error = _error(points)
+        return rng.normal(points["mean"].to_numpy(float), error, (RESAMPLES, len(points)))
+    drawn = np.empty((RESAMPLES, len(points)))
+    each = by_subject(trials, ["phase", "trial"])
+    for condition, own in points.reset_index(drop=True).groupby("condition", sort=False):
+        wide = each[each["condition"] == condition].pivot_table(
+            index=SUBJECT, columns=["phase", "trial"], values="attempts", observed=True
+        )
+        values = wide[list(zip(own["phase"], own["trial"], strict=True))].to_numpy(float)
+        subjects = rng.integers(len(values), size=(RESAMPLES, len(values)))
+        drawn[:, own.index] = values[subjects].mean(axis=1)
+    return drawn
+
+
+def rmse_difference(
+    points: tuple[pd.DataFrame, pd.DataFrame],
+    drawn: tuple[FloatArray, FloatArray],
+    rng: np.random.Generator,
+) -> Difference:
+    """The difference of two models' distances from people, with a verdict.
+
+    People's means are drawn anew from normal distributions with their standard errors, the same
+    for both models, and so are the models' means. In the difference of mean squares people's
+    sampling error has no bias, as it is in both terms; the interval is computed there and divided
+    by the sum of the two RMSEs.
+
+    Args:
+        points: Of the two models, in the same order.
+        drawn: :func:`drawn_means` of each.
+        rng: Generator of people's means.
+    """
+    people = rng.normal(points[0]["people_mean"], _error(points[0], "people_"), drawn[0].shape)
+    squares = [((own - people) ** 2).mean(axis=1) - own.var(axis=0).mean() for own in drawn]
+    rmse = [distance(own)[0] for own in points]
+    scale = max(sum(rmse), np.finfo(float).tiny)
+    low, high = (np.quantile(squares[0] - squares[1], _TAILS) / scale).tolist()
+    nearer, farther, undecided = VERDICTS
+    verdict = nearer if high < 0 else farther if low > 0 else undecided
+    return Difference(rmse[0] - rmse[1], low, high, verdict)
+
+
+def chosen_settings(learners: Iterable[LearnerSpec]) -> dict[str, int]:
+    """How many settings of each of the toolkit's learners differ from the learner's defaults.
+
+    Learners of others are left out: showing results runs no code that they name.
+    """
+    return {
+        spec.name: len(changed_parameters(spec.learner, spec.parameters))
+        for spec in learners
+        if is_ours(spec.learner)
+    }
+
+
+def beside_yardsticks(
+    like: Likeness, trials: pd.DataFrame, settings: Mapping[str, int]
+) -> pd.DataFrame:
+    """Distances from people, beside what they are worth.
+
+    Args:
+        like: The learners, from
+            :func:`~causal_openlock.paper.likeness.likeness`.
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+        settings: How many settings were chosen, of those learners of which it is known.
+
+    Returns:
+        A row for each learner, the published models, the null curves and a perfect model, the
+        nearest first. All are in attempts, and NaN where there is nothing to compare: ``learner``,
+        ``rmse`` over all points, ``baselines``, ``tests``, ``ceiling`` (of a perfect model with as
+        many subjects), ``spreads``, ``settings`` (a number), ``all``, ``first`` and ``second`` (in
+        training in three-lever rooms), and ``difference``, ``low``, ``high`` and ``verdict``,
+        against the nearest learner.
+    """
+    rng = np.random.default_rng(SEED)
+    played = {str(name): own for name, own in trials.groupby("learner", observed=True)}
+    drawn = {name: drawn_means(own, played.get(name), rng) for name, own in like.points.items()}
+    nearest = next(name for name in like.points if name in played)
+    beside = like.points[nearest], drawn[nearest]
+    rows = []
+    for name, points in like.points.items():
+        row = _row(name, points, training_points_of(played[name]) if name in played else None)
+        row |= {"ceiling": noise_ceiling(points).both, "spreads": spread_distance(points),
+                "settings": settings.get(name)}  # fmt: skip
+        if name != nearest:
+            found = rmse_difference((points, beside[0]), (drawn[name], beside[1]), rng)
+            row |= dict(zip(("difference", "low", "high", "verdict"), found, strict=True))
+        rows.append(row)
+    for name, curve in null_curves().items():
+        rows.append(_row(name, curve.points) | {"settings": len(curve.numbers)})
+    rows.append(_row(TRAINING_MODEL, None, training_points_of_model()))
+    # A perfect model deviates by people's standard errors alone.
+    perfect, trained = (
+        own.assign(mean=own["people_mean"] + _error(own, "people_"))
+        for own in (points_of_people(), training_points_of_model())
+    )
+    rows.append(_row(PERFECT, perfect, trained))
+    table = pd.DataFrame(rows).sort_values("rmse", kind="stable", ignore_index=True)
+    return table.astype({"settings": "Int64"})
+
+
+def _row(
+    name: str, points: pd.DataFrame | None, training: pd.DataFrame | None = None
+) -> dict[str, object]:
+    """Distances over all points and parts of them; of training by solution."""
+    row: dict[str, object] = {"learner": name}
+    if points is not None:
+        test = points["phase"] == "test"
+        parts = {"rmse": points, "baselines": points[~test], "tests": points[test]}
+        row |= {part: distance(own)[0] for part, own in parts.items()}
+    if training is not None:
+        row |= {
+            str(solution): distance(own)[0]
+            for solution, own in training.groupby("solution", sort=False)
+        }
+    return row

@@ -1,0 +1,478 @@
+"""The paper's tests, in the paper's order, for every learner that did what people did.
+
+The paper tests whether people learn over the baseline trials, and which structure is the harder
+one; whether the groups that are trained learn alike; and whether training with one structure helps
+more with the same structure than with the other. The same tests are run on learners here, and what
+the paper prints stands beside them. Their p values are not corrected; a report corrects all that it
+has (:mod:`~causal_openlock.analysis.decisions`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.decisions import Decided
+from causal_openlock.analysis.effects import (
+    ALPHA,
+    POWER,
+    contrast_subjects_needed,
+    hedges_g,
+    partial_eta_squared,
+    power_of_contrast,
+    power_of_t,
+    subjects_needed,
+)
+from causal_openlock.analysis.measures import SUBJECT, by_subject
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import Section, SectionTable
+from causal_openlock.analysis.topic import Topic
+from causal_openlock.paper.published import people
+from causal_openlock.paper.references import people_beside
+from causal_openlock.paper.significance import (
+    INTERACTION,
+    SignificanceTest,
+    contrast_test,
+    t_test,
+    trial_test,
+)
+from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.world import reference
+
+TEST_COLUMNS = (
+    *("learner", "family", "test", "subjects", "difference", "statistic", "df", "value"),
+    *("p", "effect", "effect_size", "hedges_g", "paper", "note"),
+)
+"""Columns of the tables of this module; see :func:`paper_tests`."""
+PEOPLE = "People"
+_PRINTED_OF_TRAINING = {
+    # The paper draws no training trials: these four stand in its text alone.
+    "training trial effect": "F(5,152)=56.02,p<.001",
+    "training CC3 vs CE3": "F(1,158)=0.11",
+    "final training CC3-CC4 vs CC3-CE4": "t(78)=0.87",
+    "final training CE3-CC4 vs CE3-CE4": "t(78)=0.48",
+}
+_CC3, _CE3 = ("CC3-CC4", "CC3-CE4"), ("CE3-CC4", "CE3-CE4")
+FAMILIES = {
+    "baseline": "Baseline trials",
+    "training": "Training trials",
+    "transfer": "Transfer test",
+}
+_SUBJECTS_OF_PEOPLE = 40
+_PROSE = Prose(__name__)
+_NUMBERS = {
+    **dict.fromkeys(("p", "p_corrected"), ".2g"),
+    **dict.fromkeys(("value", "hedges_g", "effect_size"), ".2f"),
+    **{"difference": "+.2f", "subjects": ","},
+}
+
+
+@dataclass(frozen=True)
+class PaperTest:
+    """One of the paper's tests.
+
+    Attributes:
+        family: What it belongs to: ``baseline``, ``training`` or ``transfer``.
+        name: What is compared; a difference of two is the first minus the second.
+        key: Name of what the paper prints of it.
+        kind: ``trials``, ``one-way``, ``t`` or ``interaction``.
+        sides: Conditions that are compared; those of a side are one group.
+        phase: Of the trials: ``train`` or ``test``.
+        last: Whether the last trial alone is compared, and not the mean of all.
+        claim: What it tests, as the end of a sentence about people or learners.
+        directed: Whether only a difference above zero confirms it.
+    """
+
+    family: str
+    name: str
+    key: str
+    kind: str
+    sides: tuple[tuple[str, ...], ...]
+    phase: str
+    last: bool
+    claim: str
+    directed: bool = True
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """All conditions that it needs."""
+        return tuple(name for side in self.sides for name in side)
+
+    def run(self, attempts: Mapping[str, FloatArray]) -> SignificanceTest:
+        """Run it on ``[n, T]`` attempts of the n subjects of each condition in its T trials."""
+        if self.kind == "trials":
+            return trial_test([attempts[name] for name in self.conditions])
+        groups = [
+            np.concatenate([self._values(attempts[name]) for name in side]) for side in self.sides
+        ]
+        if self.kind == "t":
+            return t_test(*groups)
+        return contrast_test(groups, INTERACTION if self.kind == "interaction" else (1, -1))
+
+    def _values(self, attempts: FloatArray) -> FloatArray:
+        return attempts[:, -1] if self.last else attempts.mean(axis=1)
+
+
+TESTS = (
+    PaperTest("baseline", "trials", "trial effect", "trials", (("CC4",), ("CE4",)), "train", False,
+        "need fewer attempts in later baseline trials"),
+    PaperTest("baseline", "CE4 − CC4", "structure effect baseline", "one-way",
+        (("CE4",), ("CC4",)), "train", False, "find CE4 harder than CC4 over all baseline trials"),
+    PaperTest("baseline", "CE4 − CC4, last", "trial5 CE4 vs CC4", "t",
+        (("CE4",), ("CC4",)), "train", True, "find CE4 harder than CC4 in the last baseline trial"),
+    PaperTest("training", "trials", "training trial effect", "trials", (_CC3, _CE3), "train", False,
+        "need fewer attempts in later training trials"),
+    PaperTest("training", "CE3 − CC3", "training CC3 vs CE3", "one-way", (_CE3, _CC3), "train",
+        False, "find CE3 harder than CC3 in training"),
+    PaperTest("training", "CC3, last: CC4 − CE4", "final training CC3-CC4 vs CC3-CE4", "t",
+        (_CC3[:1], _CC3[1:]), "train", True,
+        "differ in the last CC3 training trial by the test that awaits them", False),
+    PaperTest("training", "CE3, last: CC4 − CE4", "final training CE3-CC4 vs CE3-CE4", "t",
+        (_CE3[:1], _CE3[1:]), "train", True,
+        "differ in the last CE3 training trial by the test that awaits them", False),
+    PaperTest("transfer", "interaction", "transfer interaction", "interaction",
+        (("CE3-CC4",), ("CC3-CC4",), ("CE3-CE4",), ("CC3-CE4",)), "test", False,
+        "gain more from training with the structure of the test than with the other"),
+    PaperTest("transfer", "CC4: CE3 − CC3", "CC4: CC3 vs CE3 training", "t",
+        (("CE3-CC4",), ("CC3-CC4",)), "test", False,
+        "solve CC4 in fewer attempts after CC3 than after CE3"),
+    PaperTest("transfer", "CE4: CC3 − CE3", "CE4: CE3 vs CC3 training", "t",
+        (("CC3-CE4",), ("CE3-CE4",)), "test", False,
+        "solve CE4 in fewer attempts after CE3 than after CC3"),
+    PaperTest("transfer", "CE4 − CC4", "transfer test structure", "one-way",
+        (("CC3-CE4", "CE3-CE4"), ("CC3-CC4", "CE3-CC4")), "test", False,
+        "find CE4 harder than CC4 in the transfer test"),
+)  # fmt: skip
+"""The paper's tests in the paper's order; every difference is positive in people where they show
+the effect."""
+
+
+@cache
+def printed_tests() -> pd.DataFrame:
+    """What the paper prints, in the form of :func:`paper_tests`.
+
+    p values and sizes of effects follow from the printed statistics and their degrees of freedom,
+    differences from the published means. Training trials are not published: there differences are
+    NaN, and t has no sign.
+    """
+    rows = []
+    means = people()
+    size = int(means["subjects"].iloc[0])
+    for test in TESTS:
+        text = _printed()[test.key]
+        outcome = _parsed(text)
+        drawn = means[(means["phase"] == test.phase) & means["condition"].isin(test.conditions)]
+        if len(drawn):  # the difference needs the means alone
+            by_condition = drawn.groupby("condition", sort=False)["mean"]
+            one = test.run({str(name): row.to_numpy()[None] for name, row in by_condition})
+            outcome = replace(outcome, difference=one.difference)
+        rows.append(_row(PEOPLE, test, size * len(test.conditions), outcome, text, ""))
+    return _table(rows)
+
+
+def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
+    """Every test of the paper: people's as printed, then those of each learner.
+
+    Subjects that have not played every trial of a condition are left out of it; the loops of a
+    subject are averaged first. Trials are those under the conditions that people had.
+
+    Returns:
+        A row for each test of the paper's conditions that a learner played, in the paper's order
+        (nothing at all if none did), with the columns :data:`TEST_COLUMNS`:
+
+        - ``learner``, ``family``, ``test``; ``subjects``: in all groups together.
+        - ``difference``: of means, in attempts: the first minus the second of ``test``; of trials
+          the first minus the last; of the interaction what training with the structure of the
+          test saves, the mean over both structures.
+        - ``statistic`` (t or F), ``df`` (such as ``1, 78``), ``value`` and ``p``.
+        - ``effect`` (``d`` or ``ηp²``), ``effect_size`` and, of d, ``hedges_g``.
+        - ``paper``: what the paper prints of people.
+        - ``note``: why the test is not defined; then its numbers are NaN. Empty otherwise.
+    """
+    means = by_subject(trials, ["phase", "trial"])
+    own = [table for name in learners if len(table := _tests_of(means, name))]
+    return pd.concat([printed_tests(), *own], ignore_index=True) if own else _table([])
+
+
+def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
+    printed = _printed()
+    mine = means[means["learner"] == learner]
+    played = {phase: _matrices(mine[mine["phase"] == phase]) for phase in ("train", "test")}
+    rows = []
+    for test in TESTS:
+        held = played[test.phase]
+        if not all(name in held for name in test.conditions):
+            continue
+        attempts = {name: held[name][0] for name in test.conditions}
+        if len({one.shape[1] for one in attempts.values()}) > 1:
+            continue  # groups that played different trials
+        outcome = test.run(attempts)
+        note = str(outcome) if outcome.undefined else ""
+        if note and not any(held[name][1] for name in test.conditions):
+            limit = max(float(one.max()) for one in attempts.values())
+            note = f"not defined: no subject solved a trial within {limit:g} attempts"
+        subjects = sum(map(len, attempts.values()))
+        rows.append(_row(learner, test, subjects, outcome, printed[test.key], note))
+    return _table(rows)
+
+
+def outcome_text(row: Mapping[Any, Any], corrected: float = np.nan) -> str:
+    """A row as a paper prints it, with the corrected p, if there is one, and the effect's size."""
+    if row["note"]:
+        return str(row["note"])
+    parts = [
+        f"{row['statistic']}({row['df']}) = {_number(row['value'])}",
+        _p("p", row["p"]),
+        *([] if np.isnan(corrected) else [_p("corrected", corrected)]),
+        f"{row['effect']} = {_number(row['effect_size'])}",
+    ]
+    return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.2f}".replace("-", "−")
+
+
+def _p(name: str, p: float) -> str:
+    if p < 0.001:
+        return f"{name} < .001"
+    return f"{name} = {p:.3f}".replace("= 0.", "= .").replace("= 1.000", "= 1")
+
+
+def _printed() -> dict[str, str]:
+    """What the paper prints of each test, as its text has it."""
+    return {**_PRINTED_OF_TRAINING, **reference.results()["cogsci2018"]["human"]["statistics"]}
+
+
+def _parsed(text: str) -> SignificanceTest:
+    """``F(4,75)=40.16,p<.001`` as the outcome of a test of groups of equal size."""
+    from scipy.stats import f, t
+
+    found = re.match(r"([tF])\(([\d,]+)\)=([\d.]+)", text.replace(" ", ""))
+    assert found is not None
+    df = tuple(int(one) for one in found[2].split(","))
+    value = float(found[3])
+    if found[1] == "F":
+        p, effect = float(f.sf(value, *df)), partial_eta_squared(value, df[0], df[1])
+    else:  # n + n − 2 = df
+        p, effect = 2 * float(t.sf(value, *df)), value * float(np.sqrt(4 / (df[0] + 2)))
+    return SignificanceTest(found[1], df, np.nan, value, p, effect)
+
+
+def _matrices(means: pd.DataFrame) -> dict[str, tuple[FloatArray, bool]]:
+    """By condition, ``[n, T]`` attempts of its subjects, and whether any trial was solved."""
+    held = {}
+    for name, rows in means.groupby("condition", observed=True, sort=False):
+        wide = rows.set_index([*SUBJECT, "trial"])["attempts"].unstack("trial")
+        held[str(name)] = (wide.dropna().to_numpy(float), bool((rows["solved"] > 0).any()))
+    return {name: found for name, found in held.items() if len(found[0])}
+
+
+def _row(
+    learner: str, test: PaperTest, subjects: int, outcome: SignificanceTest, paper: str, note: str
+) -> dict[str, object]:
+    d = outcome.effect if outcome.statistic == "t" else None
+    return {
+        "learner": learner,
+        "family": test.family,
+        "test": test.name,
+        "subjects": subjects,
+        "difference": outcome.difference + 0.0,  # no minus zero
+        "statistic": outcome.statistic,
+        "df": ", ".join(map(str, outcome.df)),
+        "value": outcome.value,
+        "p": outcome.p,
+        "effect": "d" if outcome.statistic == "t" else "ηp²",
+        "effect_size": outcome.effect,
+        "hedges_g": None if d is None else hedges_g(d, outcome.df[0]),
+        "paper": paper,
+        "note": note,
+    }
+
+
+def _table(rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
+    numbers = ["difference", "value", "p", "effect_size", "hedges_g"]
+    table = pd.DataFrame(list(rows), columns=list(TEST_COLUMNS))
+    return table.astype(dict.fromkeys(numbers, float))
+
+
+def compute(material: Material) -> pd.DataFrame:
+    """All tests of the paper, of people and of learners."""
+    chosen = material.trials[people_beside(material).stands(material.trials)]
+    return paper_tests(chosen, material.learners)
+
+
+def tests(computed: pd.DataFrame) -> dict[Hashable, float]:
+    """The p of every test of a learner, by learner, family and test."""
+    own = computed[computed["learner"] != PEOPLE]
+    return {(row.learner, row.family, row.test): row.p for row in own.itertuples()}
+
+
+def section(material: Material, decided: Decided) -> Section | None:
+    """The paper's tests of every learner that did what people did; None if there is none."""
+    tests: pd.DataFrame = decided.computed.copy()
+    if tests.empty:
+        return None
+    corrected = [
+        np.nan if row.learner == PEOPLE else decided.p((row.learner, row.family, row.test))
+        for row in tests.itertuples()
+    ]
+    tests.insert(tests.columns.get_loc("p") + 1, "p_corrected", corrected)
+    own = tests[tests["learner"] != PEOPLE]
+    undefined, defined = _split(own)
+    families, tables = [], []
+    for family, title in FAMILIES.items():
+        if not (own["family"] == family).any():
+            continue
+        asked = [test for test in TESTS if test.family == family]
+        without, rows = _split(defined[defined["family"] == family])
+        found = [finding(test, rows[rows["test"] == test.name]) for test in asked]
+        families.append(
+            {
+                "title": title,
+                "tests": [one for one in found if one["total"]],
+                "undefined": _reasons(without),
+            }
+        )
+        tables.append(_family_table(family, tests[tests["family"] == family], asked, material))
+    conditions = {(test.family, test.name): len(test.conditions) for test in TESTS}
+    played = own[["family", "test", "subjects"]].itertuples(index=False)
+    subjects = max(2, round(min(n / conditions[family, name] for family, name, n in played)))
+    power = power_table(subjects)
+    tables += [_power_table(power, subjects), _PROSE.table("paper_tests_all", tests, _NUMBERS)]
+    return _PROSE.section(
+        "paper_tests",
+        tables,
+        families=families,
+        undefined=_reasons(undefined),
+        alpha=ALPHA,
+        subjects=subjects,
+        weak=int((power["power_here"] < POWER).sum()),
+        effects=len(power),
+        power=POWER,
+    )
+
+
+def power_table(subjects: int) -> pd.DataFrame:
+    """How likely the paper's tests are to find in a learner what they find in people.
+
+    The learner has so many subjects in each condition, at least 2.
+
+    Returns:
+        A row for each test of two groups or of the interaction that the paper prints of baseline
+        and transfer: ``test``, ``effect``, ``effect_size`` (of people), ``power_here`` (with so
+        many subjects), ``power_of_paper`` (with the paper's 40) and ``subjects_needed`` (in each
+        condition, for a power of 0.8).
+    """
+    of_people = printed_tests().set_index(["family", "test"])
+    rows = []
+    for test in TESTS:
+        if test.kind == "trials" or test.family == "training":
+            continue
+        row = of_people.loc[(test.family, test.name)]
+        if test.kind == "interaction":
+            each = row["value"] / _SUBJECTS_OF_PEOPLE
+            powers = [power_of_contrast(each, n, 4) for n in (subjects, _SUBJECTS_OF_PEOPLE)]
+            needed = contrast_subjects_needed(each, 4)
+            effect, size = "ηp²", row["effect_size"]
+        else:  # two groups of one or more conditions; F of two groups is t squared
+            t = row["value"] if test.kind == "t" else np.sqrt(row["value"])
+            merged = len(test.sides[0])
+            effect, size = "d", float(t * np.sqrt(2 / (merged * _SUBJECTS_OF_PEOPLE)))
+            powers = [power_of_t(size, merged * n) for n in (subjects, _SUBJECTS_OF_PEOPLE)]
+            both = subjects_needed(size)
+            needed = None if both is None else -(-both // merged)
+        rows.append((f"{FAMILIES[test.family]}: {test.name}", effect, size, *powers, needed))
+    columns = ["test", "effect", "effect_size", "power_here", "power_of_paper", "subjects_needed"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _family_table(
+    family: str, rows: pd.DataFrame, asked: Sequence[PaperTest], material: Material
+) -> SectionTable:
+    shown = []
+    for name in (PEOPLE, *material.learners):
+        cells = {row["test"]: row for row in rows[rows["learner"] == name].to_dict("records")}
+        if not cells:
+            continue
+        played = [test for test in asked if test.name in cells]
+        n = sorted({round(cells[test.name]["subjects"] / len(test.conditions)) for test in played})
+        outcomes = {test.name: "not played" for test in asked}
+        outcomes |= {
+            test.name: outcome_text(cells[test.name], cells[test.name]["p_corrected"])
+            for test in played
+        }
+        shown.append(
+            {
+                "learner": f"{PEOPLE} (printed)" if name == PEOPLE else name,
+                "n": " to ".join(dict.fromkeys(map(str, (n[0], n[-1])))),
+                **outcomes,
+            }
+        )
+    about = {"family": family, "title": FAMILIES[family]}
+    return _PROSE.table("family", pd.DataFrame(shown), {}, f"paper_tests_{family}", **about)
+
+
+def finding(test: PaperTest, rows: pd.DataFrame) -> dict[str, Any]:
+    """What came of a test in people, and in which learners, of which rows are given.
+
+    Returns:
+        What the test claims of people (``claim``), what the ``paper`` prints, whether it is found
+        ``in_people``, and of the ``total`` of learners those in which it is ``shown``, its
+        ``opposite``, or is ``absent`` or ``undefined``.
+    """
+    defined = rows[rows["note"] == ""]
+    significant = defined["p_corrected"] < ALPHA
+    with_sign = (defined["difference"] > 0) | (not test.directed)
+    people = printed_tests().set_index(["family", "test"]).loc[(test.family, test.name)]
+    return {
+        "claim": test.claim,
+        "paper": people["paper"],
+        "in_people": bool(people["p"] < ALPHA),
+        "total": len(rows),
+        "shown": list(defined.loc[significant & with_sign, "learner"]),
+        "opposite": list(defined.loc[significant & ~with_sign, "learner"]),
+        "absent": list(defined.loc[~significant, "learner"]),
+        "undefined": list(rows.loc[rows["note"] != "", "learner"]),
+    }
+
+
+def _split(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The rows of learners for which no test among them is defined, and those of the others."""
+    silent = (rows["note"] != "").groupby(rows["learner"]).transform("all").astype(bool)
+    return rows[silent], rows[~silent]
+
+
+def _reasons(rows: pd.DataFrame) -> dict[str, list[str]]:
+    """By reason, the learners that have no test at all."""
+    why: dict[str, list[str]] = {}
+    for name, notes in rows.groupby("learner", sort=False)["note"]:
+        reasons = list(dict.fromkeys(notes.str.removeprefix("not defined: ")))
+        alike = all(reason.startswith("every subject needed") for reason in reasons)
+        several = "subjects do not differ" if alike else "for reasons given in the tables"
+        why.setdefault(reasons[0] if len(reasons) == 1 else several, []).append(str(name))
+    return why
+
+
+def _power_table(power: pd.DataFrame, subjects: int) -> SectionTable:
+    needed = f"n for a power of {POWER:g}"
+    names = {
+        "effect_size": "size in people",
+        "power_here": f"power with n = {subjects}",
+        "power_of_paper": f"power of the paper, n = {_SUBJECTS_OF_PEOPLE}",
+        "subjects_needed": needed,
+    }
+    if subjects == _SUBJECTS_OF_PEOPLE:
+        power = power.drop(columns="power_of_paper")
+    formats = {**dict.fromkeys(names.values(), ".2f"), needed: ",.0f"}
+    return _PROSE.table("paper_tests_power", power.rename(columns=names), formats, alpha=ALPHA)
+
+
+TOPIC = Topic("paper_tests", 70, section, compute, tests)

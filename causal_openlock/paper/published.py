@@ -1,0 +1,139 @@
+"""What is published: means of people and of models, and counts of the paper's DDQN.
+
+Only means and error bars are published, of the same trials: the baseline trials, and the test after
+training. People are those of the paper (Figures 3 and 4). The published model is the theory-based
+causal model of a later paper, *Theory-based Causal Transfer* (Edmonds et al., AAAI 2020, Figure 5),
+whose agents played as people had. Which learners they stand beside is said by
+:mod:`causal_openlock.paper.references`.
+
+Of the paper's own DDQN the categories of attempts are published (Figures 6 and 7).
+
+Of the learners by reinforcement of AAAI 2020 the curves of attempts are published (its Figure 4).
+
+How people trained in three-lever rooms before the test is published in a third paper, *Decomposing
+Human Causal Learning* (Edmonds et al., CogSci 2019, Figure 4), with a model of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from causal_openlock.world import reference
+
+POINT = ["condition", "phase", "trial"]
+"""What identifies the trials of which means are published."""
+
+AGENTS = 40
+"""Number of agents behind each published mean of the model."""
+
+TRAINING_POINT = ["schema", "solution", "trial"]
+"""What identifies the training trials of which means are published."""
+
+
+def people() -> pd.DataFrame:
+    """What people did, as published.
+
+    >>> people().query("condition == 'CC4'")["mean"].tolist()
+    [19.375, 12.825, 8.525, 7.225, 6.45]
+
+    Returns:
+        One row for each ``condition``, ``phase`` and ``trial`` that the paper reports, with
+        ``subjects``, ``mean`` (attempts) and ``se`` (the error bar: population SD / √40).
+    """
+    human = reference.results()["cogsci2018"]["human"]
+    return _means(human, int(human["n_per_condition"]))
+
+
+def model() -> pd.DataFrame:
+    """What the theory-based model did, in the form of :func:`people`; ``se`` as drawn."""
+    return _means(reference.results()["aaai2020"]["model"], AGENTS)
+
+
+def _means(source: Mapping[str, Any], subjects: int) -> pd.DataFrame:
+    rows = [
+        (condition, "train", trial, subjects, mean, se)
+        for condition, values in source["baseline"].items()
+        for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
+    ]
+    rows += [
+        (condition, "test", 1, subjects, values["mean"], values["se"])
+        for condition, values in source["transfer"].items()
+    ]
+    return pd.DataFrame(rows, columns=[*POINT, "subjects", "mean", "se"])
+
+
+def people_in_training() -> pd.DataFrame:
+    """What people did in the six training trials before the test, by the schema of the rooms.
+
+    >>> people_in_training().query("schema == 'CC3' and solution == 'second'")["mean"].tolist()
+    [4.9, 2.68, 2.23, 1.54, 1.31, 1.23]
+
+    Returns:
+        One row for each ``schema`` (CC3, CE3), ``solution`` and ``trial``, with ``subjects``,
+        ``mean`` and ``se``. ``all`` counts attempts until both solutions are found, a trial that
+        is not solved as 30; ``first`` those until the first is found, and ``second`` those from
+        there to the second, in people who solved every trial (which is inferred: the paper does
+        not say who is left out).
+    """
+    return _training("human")
+
+
+def model_in_training() -> pd.DataFrame:
+    """What the model of CogSci 2019 did, in the form of :func:`people_in_training`."""
+    return _training("model")
+
+
+def _training(who: str) -> pd.DataFrame:
+    facts = reference.results()["cogsci2019"]
+    rows = [
+        (schema, solution, trial, facts["subjects"][who][solution], mean, se)
+        for solution, by_schema in facts[who].items()
+        for schema, values in by_schema.items()
+        for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
+    ]
+    return pd.DataFrame(rows, columns=[*TRAINING_POINT, "subjects", "mean", "se"])
+
+
+def paper_ddqn() -> pd.DataFrame:
+    """What attempts of the paper's DDQN came to: five blocks of the baselines, and the tests.
+
+    Returns:
+        One row for each ``condition``, ``phase``, ``block`` (from 1) and ``category``, with
+        ``count`` and ``until``, the attempts up to the end of the block.
+    """
+    ddqn = reference.results()["cogsci2018"]["ddqn"]
+    courses = [(name, "train", list(own.values())) for name, own in ddqn["baseline_counts"].items()]
+    courses += [(name, "test", [own]) for name, own in ddqn["transfer_counts"].items()]
+    rows = [
+        (condition, phase, number, category, count, number * round(sum(block.values()), -3))
+        for condition, phase, blocks in courses
+        for number, block in enumerate(blocks, 1)
+        for category, count in block.items()
+    ]
+    return pd.DataFrame(rows, columns=["condition", "phase", "block", "category", "count", "until"])
+
+
+def rl_2020() -> pd.DataFrame:
+    """Attempts in a trial of AAAI 2020's learners by reinforcement (protocol ``rl_2020``).
+
+    >>> rl_2020().query("learner == 'A2C' and condition == 'CC3-CC4'")["mean"].tolist()
+    [120, 61, 58, 40, 33, 36, 34]
+
+    Returns:
+        One row for each ``learner``, ``condition``, ``phase`` and ``trial`` (from 1: the first of
+        the fifty trials that the value seems to be the ``mean`` of). That rooms of the same
+        kind of schema came before a transfer is inferred.
+    """
+    facts = reference.results()["aaai2020"]["rl"]
+    rows = [
+        (learner, f"{schema[:2]}3-{schema}" if phase == "transfer" else schema,
+         "test" if phase == "transfer" else "train", trial + 1, mean)
+        for learner, by_phase in facts["curves"].items()
+        for phase, by_schema in by_phase.items()
+        for schema, values in by_schema.items()
+        for trial, mean in zip(facts["trials"], values["mean"], strict=True)
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=["learner", *POINT, "mean"])

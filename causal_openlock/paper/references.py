@@ -1,0 +1,85 @@
+"""The paper's people, the published model and the DDQN of 2018 as references.
+
+People and the model stand beside learners that played under the same protocol, ``human``, in the
+same rooms: a schema of one's own may be called ``CC4`` too, so rooms and budgets are compared with
+the paper's, and where they differ, nothing published is shown. The DDQN stands beside learners in
+the paper's rooms under protocols with many attempts in a trial.
+"""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.references import POINT_COLUMNS, Beside, Reference
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.paper_conditions import is_of_paper
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, PROTOCOLS, Condition
+from causal_openlock.paper import published
+
+PEOPLE = "people"
+
+
+def people() -> Reference:
+    """Return the paper's people."""
+    return Reference(
+        PEOPLE,
+        published.people(),
+        did_what_people_did,
+        title="People",
+        detail="published",
+        prefix="human",
+    )
+
+
+def published_model() -> Reference:
+    """Return the theory-based model of AAAI 2020."""
+    return Reference(
+        "published model",
+        published.model(),
+        did_what_people_did,
+        title="Published model",
+        detail="theory-based",
+        prefix="model",
+        in_leaderboard=False,
+    )
+
+
+def ddqn_2018() -> Reference:
+    """Return the paper's DDQN, of which the categories of attempts are published."""
+    return Reference(
+        "DDQN of the paper",
+        pd.DataFrame(columns=POINT_COLUMNS),
+        _in_the_papers_rooms,
+        detail="published counts",
+        in_leaderboard=False,
+        categories=published.paper_ddqn(),
+        protocol="",
+    )
+
+
+def people_beside(results: Material) -> Beside:
+    """Return the paper's people, with the learners that did what they did."""
+    beside = (one for one in results.references if one.reference.name == PEOPLE)
+    return next(beside, Beside(people(), frozenset()))
+
+
+def did_what_people_did(spec: LearnerSpec, condition: Condition) -> bool:
+    """Whether a learner plays as people did: their rooms, as many of them, in random order."""
+    human = PROTOCOLS[HUMAN_PROTOCOL]
+    train = human.training_trials if condition.test else human.baseline_trials
+    return (
+        spec.protocol == human
+        and is_of_paper(condition)
+        and all(
+            trials.layouts in (None, "published")
+            and trials.number in (None, number)
+            and trials.shuffle
+            for group, number in ((condition.train, train), (condition.test, human.test_trials))
+            for trials in group
+        )
+    )
+
+
+def _in_the_papers_rooms(spec: LearnerSpec, condition: Condition) -> bool:
+    return spec.protocol.name != HUMAN_PROTOCOL and is_of_paper(condition)
