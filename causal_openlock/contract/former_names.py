@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from causal_openlock.files.module_source import module_source
+from causal_openlock.usercode.module_source import module_source
 from causal_openlock.files.plugins import LEARNERS, registered
 
 PACKAGE, FORMER_PACKAGE = "openlock_learners", "learners"

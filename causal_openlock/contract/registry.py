@@ -29,19 +29,19 @@ from typing import Any, NamedTuple, get_type_hints
 from causal_openlock.contract.former_names import FORMER_PACKAGE, PACKAGE, TOOLKIT
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
-from causal_openlock.contract.session_code import is_of_session, session_source
 from causal_openlock.errors import LearnerError
-from causal_openlock.files.code_digest import code_digest, imported_digest
 from causal_openlock.files.digest import digest
-from causal_openlock.files.misspelt import misspelt
-from causal_openlock.files.module_source import (
+from causal_openlock.files.plugins import LEARNERS, registered
+from causal_openlock.files.validation import plain
+from causal_openlock.usercode.code_digest import code_digest, imported_digest
+from causal_openlock.usercode.misspelt import misspelt
+from causal_openlock.usercode.module_source import (
     MODULE_AND_NAME,
     is_installed,
     look_beside,
     module_source,
 )
-from causal_openlock.files.plugins import LEARNERS, registered
-from causal_openlock.files.validation import plain
+from causal_openlock.usercode.session_code import is_of_session, session_source
 from causal_openlock.wording import nearest
 
 

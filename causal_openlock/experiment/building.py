@@ -47,12 +47,12 @@ from causal_openlock.experiment.protocol import (
     find_protocol,
     plan,
 )
-from causal_openlock.files.module_source import look_beside
 from causal_openlock.files.validation import plain, sentence
 from causal_openlock.files.yaml_file import Document, Where
 from causal_openlock.schemas.declared import schema
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import NAME, Schema
+from causal_openlock.usercode.module_source import look_beside
 from causal_openlock.wording import joined
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.world.room import Layout

@@ -40,20 +40,20 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Template
 
 from causal_openlock.analysis.report.writing import files_of
-from causal_openlock.contract.session_code import is_of_session
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import PERSON, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.export.croissant import as_json, croissant, data_card
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.atomic import replacing, write_bytes
-from causal_openlock.files.code_digest import code_digest
 from causal_openlock.files.digest import digest
-from causal_openlock.files.local_modules import local_modules
-from causal_openlock.files.module_source import module_source
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.containment import check_inside
 from causal_openlock.storage.stored import StoredExperiment, Versions
+from causal_openlock.usercode.code_digest import code_digest
+from causal_openlock.usercode.local_modules import local_modules
+from causal_openlock.usercode.module_source import module_source
+from causal_openlock.usercode.session_code import is_of_session
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward

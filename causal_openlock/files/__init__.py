@@ -8,9 +8,6 @@
 by hand, with the line of each fault),
 :mod:`~causal_openlock.files.decoding` and :mod:`~causal_openlock.files.json_text` (text and JSON of
 other programs),
-:mod:`~causal_openlock.files.escaping` (untrusted text in terminals and CSV),
-:mod:`~causal_openlock.files.module_source` (source files of modules, without importing them),
-:mod:`~causal_openlock.files.local_modules` (the files of the user that a module imports),
-:mod:`~causal_openlock.files.code_digest` (the hash of these) and
+:mod:`~causal_openlock.files.escaping` (untrusted text in terminals and CSV), and
 :mod:`~causal_openlock.files.compiling` (the folder for what numba compiles).
 """

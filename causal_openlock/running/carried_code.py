@@ -15,13 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from causal_openlock.contract import registry
-from causal_openlock.contract.session_code import is_of_session
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.digest import digest
-from causal_openlock.files.local_modules import local_modules
-from causal_openlock.files.module_source import is_users_own, module_source
+from causal_openlock.usercode.local_modules import local_modules
+from causal_openlock.usercode.module_source import is_users_own, module_source
+from causal_openlock.usercode.session_code import is_of_session
 from causal_openlock.world import reward_code
 from causal_openlock.world.reward_code import OwnReward, source_of
 

@@ -23,7 +23,6 @@ from pathlib import Path
 from uuid import uuid4
 
 from causal_openlock.contract.registry import is_ours
-from causal_openlock.contract.session_code import is_of_session, packed, session_source
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.files.atomic import write_text
@@ -41,6 +40,7 @@ from causal_openlock.storage.running_files import (
 )
 from causal_openlock.storage.shard import Shard
 from causal_openlock.storage.store import Store
+from causal_openlock.usercode.session_code import is_of_session, packed, session_source
 
 LOOK_EVERY = 1.0
 """Seconds between two looks at the progress of the cells."""

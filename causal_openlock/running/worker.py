@@ -17,7 +17,6 @@ from pathlib import Path
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create, is_ours, origin
-from causal_openlock.contract.session_code import is_of_session, unpack
 from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
 from causal_openlock.experiment.experiment import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
@@ -27,6 +26,7 @@ from causal_openlock.running.learner_check import check_new_learner
 from causal_openlock.storage.running_files import remove_files_of, report_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
+from causal_openlock.usercode.session_code import is_of_session, unpack
 
 REPORT_EVERY = 1.0
 """Seconds between a worker's reports of its progress."""
@@ -60,7 +60,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         folder: Its results folder.
         watching: What to do besides.
         definitions: Classes of the running notebook, from
-            :func:`~causal_openlock.contract.session_code.packed`.
+            :func:`~causal_openlock.usercode.session_code.packed`.
 
     Returns:
         Problems that did not stop it, a sentence each.

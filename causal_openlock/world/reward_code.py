@@ -30,10 +30,10 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.errors import RewardError
-from causal_openlock.files.code_digest import code_digest, imported_digest
-from causal_openlock.files.misspelt import misspelt
-from causal_openlock.files.module_source import MODULE_AND_NAME, look_beside
 from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.usercode.code_digest import code_digest, imported_digest
+from causal_openlock.usercode.misspelt import misspelt
+from causal_openlock.usercode.module_source import MODULE_AND_NAME, look_beside
 from causal_openlock.world.reward_table import Events, RewardFunction
 
 

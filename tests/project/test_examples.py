@@ -32,7 +32,9 @@ def test_the_examples_of_a_module_come_out_as_shown(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shared = {}
-    if any(part in name for part in (".analysis.", ".paper.", ".plotting")):  # their examples are of results that are there
+    if any(
+        part in name for part in (".analysis.", ".paper.", ".plotting")
+    ):  # their examples are of results that are there
         for made in (played_results.results, played_results.trained, played_results.believed):
             shared[made.__name__] = made()
     failed, tried = doctest.testmod(importlib.import_module(name), extraglobs=shared)

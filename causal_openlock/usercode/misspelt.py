@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.files.module_source import is_installed
+from causal_openlock.usercode.module_source import is_installed
 from causal_openlock.wording import joined, nearest
 
 

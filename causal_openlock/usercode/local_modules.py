@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from causal_openlock.errors import OpenLockError, in_short
-from causal_openlock.files.module_source import file_of, is_users_own, module_source
+from causal_openlock.usercode.module_source import file_of, is_users_own, module_source
 
 
 @dataclass

@@ -29,8 +29,8 @@ from uuid import uuid4
 import numpy as np
 
 from causal_openlock.errors import LearnerError, in_short
-from causal_openlock.files.code_digest import digest_of
-from causal_openlock.files.local_modules import modules_of_text
+from causal_openlock.usercode.code_digest import digest_of
+from causal_openlock.usercode.local_modules import modules_of_text
 from causal_openlock.wording import joined
 
 SESSION = "__main__"

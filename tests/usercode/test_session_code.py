@@ -16,11 +16,11 @@ from types import ModuleType
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.contract import session_code
 from causal_openlock.contract.registry import learner_class, name_of, origin, parameter_table
-from causal_openlock.contract.session_code import packed, session_source, unpack
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.export.bundle import write_bundle
+from causal_openlock.usercode import session_code
+from causal_openlock.usercode.session_code import packed, session_source, unpack
 
 HEAD = """\
 import numpy as np

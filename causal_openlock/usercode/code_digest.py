@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from causal_openlock.files.digest import digest
-from causal_openlock.files.local_modules import local_modules
-from causal_openlock.files.module_source import is_users_own, module_source
+from causal_openlock.usercode.local_modules import local_modules
+from causal_openlock.usercode.module_source import is_users_own, module_source
 
 
 class _Imported(NamedTuple):

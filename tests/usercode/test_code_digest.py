@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.code_digest import code_digest, imported_digest
 from causal_openlock.files.digest import digest
-from causal_openlock.files.module_source import module_source
+from causal_openlock.usercode.code_digest import code_digest, imported_digest
+from causal_openlock.usercode.module_source import module_source
 from support.command import modules_of
 
 
