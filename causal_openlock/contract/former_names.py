@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from functools import cache
 
-from causal_openlock.usercode.module_source import module_source
 from causal_openlock.files.plugins import LEARNERS, registered
+from causal_openlock.usercode.module_source import module_source
 
 PACKAGE, FORMER_PACKAGE = "openlock_learners", "learners"
 TOOLKIT = "causal-openlock"

@@ -452,7 +452,8 @@ def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> N
     names = [f"learner_{number}" for number in range(3)]
     row = {
         "protocol": "human", "conditions": 6, "subjects": 40, "limit": 30, "solved": 0.0,
-        "informed": False, "reference": False, "found": 0.25, "solutions": 3.0, "median": float("nan"),
+        "informed": False, "reference": False, "found": 0.25, "solutions": 3.0,
+        "median": float("nan"),
         "attempts": 30.0, "score": 0.5, "best": names[0], "to_best": 26.25, "to_best_low": 25.5,
         "to_best_high": 27.5, "to_people": 21.25, "to_people_low": 20.5,
         "to_people_high": 22.5,
