@@ -16,11 +16,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from causal_openlock.analysis.results.references import ReferenceForm, find_references
 from causal_openlock.comparison.progress import Show, shown_here
-from causal_openlock.comparison.results import Results, open_results
 from causal_openlock.errors import CellsFailed, ExperimentError, Interrupted, OpenLockError
 from causal_openlock.experiment.building import (
     Changes,
@@ -41,6 +39,10 @@ from causal_openlock.storage.remote import kept
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.world.rewards import RewardForm
+
+if TYPE_CHECKING:
+    from causal_openlock.analysis.results.references import ReferenceForm
+    from causal_openlock.comparison.results import Results
 
 
 def compare(
@@ -107,6 +109,10 @@ def compare(
         >>> results.headline[["learner", "condition", "attempts"]].head(1).values.tolist()
         [['oracle', 'CC3-CC4', 3.0]]
     """
+    # Results load pandas, half a second, which declaring an experiment does not need.
+    from causal_openlock.analysis.results.references import find_references
+    from causal_openlock.comparison.results import open_results
+
     changes = {"subjects": subjects, "protocol": protocol, "seed": seed}
     declared = {"reward": reward, "name": name, "title": title, "cell_size": cell_size}
     given = {key: one for key, one in {**changes, **declared}.items() if one is not None}

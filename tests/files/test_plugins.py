@@ -62,8 +62,8 @@ def test_a_name_that_two_packages_register_is_an_error(guests: Path) -> None:
 def test_the_core_is_loaded_without_its_guests() -> None:
     code = (
         "import sys, causal_openlock as ol; ol.compare\n"
-        "guests = ('fitting', 'scoring', 'play', 'importing', 'evidence')\n"
-        "heavy = ('torch', 'pgmpy', 'matplotlib', 'scipy.stats', 'statsmodels')\n"
+        "guests = ('paper', 'fitting', 'scoring', 'play', 'importing', 'evidence')\n"
+        "heavy = ('torch', 'pgmpy', 'matplotlib', 'pandas', 'scipy.stats', 'statsmodels')\n"
         "names = [f'causal_openlock.{one}' for one in guests] + [*heavy]\n"
         "print([name for name in names if name in sys.modules])\n"
     )

@@ -7,6 +7,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+
 from support.places import ROOT
 
 LINT = [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"]
@@ -22,3 +24,21 @@ def test_the_declaration_covers_local_and_type_checking_imports() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
     assert "exclude_type_checking_imports" not in declared
     assert not any("ignore_imports" in contract for contract in declared["contracts"])
+
+
+@pytest.mark.parametrize(
+    "opened", ["gymnasium.make('causal_openlock/OpenLock-v0').reset(seed=0)", "ol.room('CC4')"]
+)
+def test_opening_a_room_loads_few_packages(opened: str) -> None:
+    code = (
+        "import sys; before = {*sys.modules}\n"
+        f"import gymnasium, causal_openlock as ol; {opened}\n"
+        "tops = {name.partition('.')[0] for name in {*sys.modules} - before}\n"
+        "files = {name: getattr(sys.modules.get(name), '__file__', None) for name in tops}\n"
+        "ours = {'causal_openlock', *sys.stdlib_module_names}\n"
+        "print(*sorted(name for name in tops - ours if files[name] and name[0] != '_'))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    packages = done.stdout.split()
+    assert "torch" not in packages
+    assert 3 < len(packages) <= 12, packages
