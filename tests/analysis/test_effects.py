@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.effects import (
+    ALPHA,
     Group,
     contrast_subjects_needed,
     hedges_g,
@@ -129,3 +130,19 @@ def test_no_effect_needs_more_subjects_than_there_are() -> None:
     assert contrast_subjects_needed(float("nan"), 4) is None
     assert contrast_subjects_needed(24.94 / 40, 4) == 14
     assert power_of_contrast(24.94 / 40, 14, 4) >= 0.8 > power_of_contrast(24.94 / 40, 13, 4)
+
+
+def test_correction_and_power_are_those_of_statsmodels() -> None:
+    from statsmodels.stats.multitest import multipletests
+    from statsmodels.stats.power import TTestIndPower, ftest_power_f2
+
+    p = np.random.default_rng(0).random(40) ** 3
+    assert np.array_equal(holm(p), multipletests(p, method="holm")[1])
+    for n in (2, 5, 40, 10_000):
+        for effect in (0.0, 0.2, 1.5):
+            expected = TTestIndPower().power(effect, n, ALPHA)
+            assert power_of_t(-effect, n) == pytest.approx(expected, abs=1e-12)
+            error = 4 * (n - 1)
+            f2 = effect * n / (error + 2)
+            expected = ftest_power_f2(f2, 1, error, ALPHA, ncc=1)
+            assert power_of_contrast(effect, n, 4) == pytest.approx(expected, abs=1e-12)
